@@ -60,13 +60,9 @@ module's. Ours follows the hand at the rate of the control loop, so ``loop_hz`` 
 
 
 def duration(key: str, value: object) -> float:
-    """Read a duration [s].
+    """Read a duration [s]: text has units (``"1m30s"``), a number is in seconds.
 
-    Text has units: ``"5s"``, ``"500ms"``, ``"1m30s"``. A number is in seconds; a huge one is in
-    nanoseconds, because the published module took nothing else.
-
-    Raises:
-        ConfigError: It is neither, or not positive.
+    A huge number is in nanoseconds, because the published module took nothing else.
     """
     if isinstance(value, str):
         parts = _PART.findall(value.strip())
@@ -82,15 +78,9 @@ def duration(key: str, value: object) -> float:
 
 
 def compliance(given: Attributes, otherwise: Compliance | None = None) -> Compliance:
-    """Read the settings of manual mode.
+    """Read the settings of manual mode; ``otherwise`` is used for keys that are not given.
 
-    Args:
-        given: With any of the keys of ``MANUAL_RANGES``; 0 counts as not given, as in the published
-            module, but for ``wall_torque_limit``.
-        otherwise: Used for keys that are not given; the defaults if None.
-
-    Raises:
-        ConfigError: A value is outside its range.
+    0 counts as not given, as in the published module, but for ``wall_torque_limit``.
     """
     asked = {
         key: given.number(key, 0.0, lower=0.0, upper=upper) for key, upper in MANUAL_RANGES.items()
@@ -247,7 +237,6 @@ class PortConfig(Config):
     )  # fmt: skip
 
     def servo_settings(self) -> ServoSettings:
-        """The settings of the port for ``rig``."""
         file = self.calibration_file
         return ServoSettings(
             port=self.port,
@@ -276,7 +265,6 @@ class SensesConfig(Config):
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        """Refuse a vision service without a camera."""
         if self.vision and not self.camera:
             raise ConfigError("vision", self.vision, 'needs a camera; name it in "camera"')
 

@@ -17,18 +17,7 @@ from so101_motion.viam.component_config import MANUAL_RANGES
 def without_ignored(
     attributes: Mapping[str, object], rows: tuple[Attribute, ...]
 ) -> tuple[Mapping[str, object], tuple[str, ...]]:
-    """Leave out what has no meaning.
-
-    Args:
-        attributes: As configured.
-        rows: Those of the model.
-
-    Returns:
-        What the model knows, and the names of the rest.
-
-    Raises:
-        ConfigError: One looks misspelt; the message suggests the nearest.
-    """
+    """Leave out what has no meaning."""
     names = [row.name for row in rows]
     known = {key: value for key, value in attributes.items() if key in names}
     ignored: tuple[str, ...] = ()

@@ -34,16 +34,7 @@ PUBLISHED = "devrel:so101-arm"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MigratedResource:
-    """A component or service of the family.
-
-    Attributes:
-        kind: ``"components"`` or ``"services"``.
-        name: As configured.
-        model: As configured.
-        problem: Why it cannot be used as it is; empty if it can.
-        notes: What becomes of its attributes, where that is not the same as before; a line each.
-        config: The resource's configuration for this module.
-    """
+    """A component or service of the family; ``problem`` tells why it cannot be used as it is."""
 
     kind: str
     name: str
@@ -55,20 +46,13 @@ class MigratedResource:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Migration:
-    """The result of migrating a configuration.
-
-    Attributes:
-        parts: Its components and services of the family.
-        old_modules: The entries of the published module, without what is not needed to go back.
-        notes: Further hints for the user.
-    """
+    """The result of migrating a configuration; ``old_modules`` is what is needed to go back."""
 
     parts: tuple[MigratedResource, ...]
     old_modules: tuple[Mapping[str, Any], ...]
     notes: tuple[str, ...]
 
     def configuration(self) -> dict[str, list[object]]:
-        """The parts and this module, ready to paste."""
         whole: dict[str, list[object]] = {}
         for kind in ("components", "services"):
             found = [dict(part.config) for part in self.parts if part.kind == kind]
@@ -79,7 +63,6 @@ class Migration:
         return whole
 
     def steps_back(self) -> tuple[str, ...]:
-        """The steps that bring the published module back, a line each."""
         added = sorted({key for part in self.parts for key in part.config["attributes"]} & OURS)
         back = ["use the published module again: names, models and attributes are the same"]
         if self.old_modules:
@@ -94,14 +77,7 @@ class Migration:
 
 
 def migrate(content: object) -> Migration:
-    """Migrate a machine's configuration.
-
-    Args:
-        content: A whole configuration, or a component or a list of components out of one.
-
-    Raises:
-        ConfigError: It is not a configuration, or has no model of the family.
-    """
+    """Migrate a whole configuration, or a component or a list of components out of one."""
     whole = _whole(content)
     old_modules = tuple(_old_modules(whole))
     zero = _zero_there(old_modules)

@@ -10,7 +10,6 @@ from so101_motion.setup.port_report import Frame, PortReport
 
 
 def configuration(reports: Iterable[PortReport]) -> dict[str, list[object]]:
-    """The configuration for viam-server: the arms with their frames, and this module."""
     components: list[object] = []
     for report in reports:
         for one in report.suggestions:
@@ -27,7 +26,6 @@ def configuration(reports: Iterable[PortReport]) -> dict[str, list[object]]:
 
 
 def frame_json(frame: Frame) -> dict[str, object]:
-    """A frame for viam-server's configuration, in millimetres."""
     if not frame.y:
         return {"parent": frame.parent}
     return {"parent": frame.parent, "translation": {"x": 0.0, "y": to_mm(frame.y), "z": 0.0}}

@@ -57,14 +57,7 @@ _LOOK = 0.03
 
 
 class MachineExecutor(MotionRunner):
-    """Makes a machine move its arm.
-
-    Args:
-        link: The connection to the machine.
-        find: Returns the arm's client; raises ``MachineUnavailable`` while there is none.
-        state: Returns the newest snapshot.
-        look: Updates it.
-    """
+    """Makes a machine move its arm."""
 
     dt = TICK
     is_resting = False  # other clients may move it at any time
@@ -82,19 +75,17 @@ class MachineExecutor(MotionRunner):
 
     @property
     def state(self) -> JointState:
-        """The newest snapshot; never waits."""
         return self._state()
 
     def execute(self, trajectory: Trajectory, *, channel: Channel = Channel.ARM) -> Future[None]:
-        """See ``Executor.execute``."""
         return self.begin(lambda: self._execute(trajectory))
 
     def stop_limits(self, channel: Channel) -> MotionLimits:
-        """See ``Executor.stop_limits``; the limits of our own arms."""
+        """The limits of our own arms."""
         return HARD_STOP
 
     def turn(self, following: Following, *, channel: Channel = Channel.ARM) -> Future[None]:
-        """See ``Executor.turn``; the machine itself smooths the motion and guards it."""
+        """The machine itself smooths the motion and guards it."""
         q_goal, limits = following.target, following.limits
         assert q_goal is not None, "it is made with a target"
 
@@ -121,18 +112,12 @@ class MachineExecutor(MotionRunner):
         return self.begin(move)
 
     def play(self, source: S) -> S:
-        """Not possible with the arm of a machine.
-
-        Raises:
-            MotionError: Always; says what to do instead.
-        """
         raise MotionError(
             "the arm of a machine cannot be jogged, streamed to or made to follow targets over the"
             " network; plan a motion, or send goals with retarget"
         )
 
     def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
-        """See ``Executor.stop``."""
         return self.bring_to_rest(by)
 
     def hold(self) -> Future[None]:
@@ -192,7 +177,6 @@ class MachineExecutor(MotionRunner):
         self._check_arrival(trajectory.q[-1])
 
     async def _rest(self) -> None:
-        """Wait until the arm rests."""
         while True:
             await self._refresh()
             if not self.state.arm_moving:
@@ -210,7 +194,6 @@ class MachineExecutor(MotionRunner):
 
 
 async def _stream(arm: Arm, trajectory: Trajectory) -> None:
-    """Send all setpoints; returns when the arm has arrived."""
     q_deg = to_deg(trajectory.q)
 
     async def batches() -> AsyncIterator[list[Arm.TrajectoryPoint]]:
@@ -229,7 +212,6 @@ async def _stream(arm: Arm, trajectory: Trajectory) -> None:
 
 
 async def _corner_by_corner(arm: Arm, trajectory: Trajectory) -> None:
-    """Send the corners of the path one after the other; returns when the arm has arrived."""
     options = convert.to_move_options(_peaks(trajectory.qd), _peaks(trajectory.qdd))
     for q in trajectory.q[corners_of(trajectory.q, OFF_PATH)[1:]]:
         await arm.move_through_joint_positions([convert.to_joint_positions(q)], options)

@@ -51,13 +51,7 @@ _numbers = itertools.count(1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Access:
-    """A machine's address and credentials.
-
-    Attributes:
-        address: As on the machine's CONNECT page, or host and port.
-        api_key_id: The key's id; None for a machine that needs no key.
-        api_key: The key.
-    """
+    """A machine's address, or host and port, and its API key; None for one that needs none."""
 
     address: str
     api_key_id: str | None = None
@@ -71,11 +65,6 @@ class Access:
             raise ConfigError(missing, None, "is missing; a key and its id belong together")
 
     def options(self) -> RobotClient.Options:
-        """The credentials for the SDK.
-
-        Raises:
-            ConfigError: The id is not valid.
-        """
         if self.api_key is None or self.api_key_id is None:
             dialling = DialOptions(disable_webrtc=True, insecure=True)
         else:
@@ -98,12 +87,8 @@ class Access:
 class Link:
     """A thread with an event loop, and the machine's client while it is connected.
 
-    Args:
-        access: Which machine.
-        clock: What time it is.
-        poll: Reads the machine as long as it answers, then raises one of ``LOSSES``. Calls its
-            second argument after the first complete reading.
-        lost: Called on the loop's thread with the reason when the machine stops answering.
+    ``poll`` reads the machine as long as it answers, then raises one of ``LOSSES``; it calls its
+    second argument after the first complete reading. ``lost`` is called on the loop's thread.
     """
 
     def __init__(
@@ -131,12 +116,7 @@ class Link:
     # Any thread
 
     def open(self) -> None:
-        """Connect; returns when the machine has been read once.
-
-        Raises:
-            MachineUnavailable: It cannot be reached.
-            So101Error: ``poll`` cannot use the machine.
-        """
+        """Connect; returns when the machine has been read once."""
         self._thread.start()
         try:
             self._ready.result()
@@ -150,11 +130,7 @@ class Link:
             self._loop.call_soon_threadsafe(call)
 
     def run(self, work: Coroutine[Any, Any, T]) -> Future[T]:
-        """Run ``work`` on the loop and return its result.
-
-        Raises:
-            MachineUnavailable: The link has been closed.
-        """
+        """Run ``work`` on the loop and return its result; refused after ``close``."""
         try:
             return asyncio.run_coroutine_threadsafe(work, self._loop)
         except RuntimeError as error:
@@ -169,26 +145,14 @@ class Link:
     # The loop's thread
 
     def client(self) -> RobotClient:
-        """The machine's client.
-
-        Raises:
-            MachineUnavailable: It is not connected at the moment.
-        """
+        """The machine's client; ``MachineUnavailable`` while it is not connected."""
         if self._client is None:
             raise MachineUnavailable(self.access.address, self.connection.problem or "closed")
         return self._client
 
     @contextmanager
     def asking(self, what: str) -> Iterator[None]:
-        """Turn the SDK's errors in this block into ours.
-
-        Args:
-            what: Names the request in the error message.
-
-        Raises:
-            MachineRefused: The machine answered that it will not or cannot.
-            MachineUnavailable: It does not answer.
-        """
+        """Turn the SDK's errors in this block into ours; ``what`` names the request."""
         try:
             yield
         except GRPCError as error:
@@ -282,7 +246,6 @@ def _hush_the_sdk() -> None:
 
 
 def _why(error: BaseException) -> str:
-    """Why a machine cannot be reached, and what to do about it."""
     if type(error) is ConnectionError and error.__context__ is not None:
         error = error.__context__  # the SDK's general word hides what happened
     if isinstance(error, GRPCError) and error.status is Status.UNAUTHENTICATED:

@@ -41,12 +41,7 @@ MARK = "calibration_state"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resource:
-    """A resource of a machine.
-
-    Attributes:
-        name: Its name in the configuration.
-        api: Type and subtype, such as ``"component:arm"``.
-    """
+    """A resource of a machine; its ``api`` is type and subtype, such as ``"component:arm"``."""
 
     name: str
     api: str
@@ -83,29 +78,18 @@ class Machine:
 
     @property
     def connection(self) -> ArmConnection:
-        """The state of the connection."""
         return self._link.connection
 
     @property
     def resources(self) -> tuple[Resource, ...]:
-        """The machine's resources.
-
-        Raises:
-            MachineUnavailable: It is not connected at the moment.
-        """
+        """The machine's resources."""
         return tuple(
             Resource(name=each.name, api=f"{each.type}:{each.subtype}")
             for each in self._link.client().resource_names
         )
 
     def do_command(self, resource: str, command: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Send a DoCommand to a component or service by its name; returns the answer.
-
-        Raises:
-            ConfigError: The machine has no such resource.
-            MachineRefused: It refused.
-            MachineUnavailable: It does not answer.
-        """
+        """Send a DoCommand to a component or service by its name; returns the answer."""
 
         async def send() -> Mapping[str, Any]:
             client = self._client_of(resource)
@@ -116,13 +100,7 @@ class Machine:
         return self._link.run(send()).result()
 
     def readings(self, sensor: str) -> Mapping[str, Any]:
-        """Read a sensor, such as the calibration sensor.
-
-        Raises:
-            ConfigError: The machine has no such resource.
-            MachineRefused: It refused.
-            MachineUnavailable: It does not answer.
-        """
+        """Read a sensor, such as the calibration sensor."""
 
         async def read() -> Mapping[str, Any]:
             client = self._client_of(sensor)
@@ -135,12 +113,7 @@ class Machine:
         return self._link.run(read()).result()
 
     def calibration_sensor(self) -> str:
-        """The name of the machine's calibration sensor.
-
-        Raises:
-            ConfigError: It has none.
-            MachineUnavailable: It does not answer.
-        """
+        """The name of the machine's calibration sensor; ``ConfigError`` without one."""
         for resource in self.resources:
             if resource.api == "component:sensor":
                 with suppress(MachineRefused):
@@ -154,13 +127,7 @@ class Machine:
         )
 
     def picture(self, camera: str) -> bytes:
-        """The newest picture of a camera, as JPEG or PNG.
-
-        Raises:
-            ConfigError: The machine has no such camera, or its pictures are neither.
-            MachineRefused: It refused.
-            MachineUnavailable: It does not answer.
-        """
+        """The newest picture of a camera, as JPEG or PNG; ``ConfigError`` if it sends neither."""
 
         async def look() -> bytes:
             client = self._client_of(camera)
@@ -172,7 +139,6 @@ class Machine:
         return self._link.run(look()).result()
 
     def close(self) -> None:
-        """Disconnect. May be called twice."""
         self._link.close()
 
     def __enter__(self) -> Self:
@@ -184,7 +150,6 @@ class Machine:
     # The loop's thread
 
     async def _poll(self, client: RobotClient, connected: Callable[[], None]) -> None:
-        """Read the machine as long as it answers; see ``Link``."""
         while True:
             await is_there(client)
             connected()
@@ -209,11 +174,6 @@ class Machine:
 
 
 async def picture_of(camera: Camera) -> bytes:
-    """The newest picture of a camera, as JPEG or PNG.
-
-    Raises:
-        ConfigError: It sends neither.
-    """
     images, _ = await camera.get_images(timeout=LOOKING)
     for image in images:
         if image.mime_type in (CameraMimeType.JPEG, CameraMimeType.PNG):

@@ -33,13 +33,7 @@ far if nothing corrects it."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmReport:
-    """The state that an arm reported.
-
-    Attributes:
-        q: Measured joint angles, shape (5,), [rad].
-        mode: Its mode.
-        status: Its whole status, as received.
-    """
+    """The measured joint angles [rad], mode and whole status that an arm reported."""
 
     q: Array
     mode: Mode
@@ -48,13 +42,7 @@ class ArmReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperReport:
-    """The state that a gripper reported.
-
-    Attributes:
-        aperture: 0 closed, 1 open.
-        is_moving: Whether it is under way.
-        is_holding: Whether it holds something.
-    """
+    """The state that a gripper reported; an aperture is 0 closed, 1 open."""
 
     aperture: float = 0.0
     is_moving: bool = False
@@ -62,12 +50,6 @@ class GripperReport:
 
 
 async def ask_arm(arm: Arm) -> ArmReport:
-    """Read the state of an arm.
-
-    Raises:
-        GRPCError: It refused.
-        ConfigError: It does not report five joints, or a value is not an angle.
-    """
     try:
         status = await arm.get_status()
     except GRPCError:  # many modules have none
@@ -131,14 +113,7 @@ async def ask_gripper(
 
 
 def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: float) -> JointState:
-    """Make the next snapshot.
-
-    Args:
-        last: The one before; None for the first.
-        arm: The arm's report.
-        jaw: The gripper's report.
-        t: When they were read, on our clock [s].
-    """
+    """Make the next snapshot from reports that were read at ``t``, on our clock [s]."""
     status = arm.status
     moving = bool(status.get("is_moving", arm.mode in (Mode.MOVING, Mode.STOPPING)))
     here, limits = _outside(status)

@@ -55,15 +55,7 @@ _LOOK = 0.05
 
 
 class MachineGripper(MotionRunner):
-    """Opens and closes the jaw. A new motion takes over from the one under way.
-
-    Args:
-        link: The connection to the machine.
-        find: Returns the gripper's client; raises ``MachineUnavailable`` or ``ConfigError`` without
-            one.
-        newest_report: Returns its last report.
-        look: Updates that.
-    """
+    """Opens and closes the jaw. A new motion takes over from the one under way."""
 
     def __init__(
         self,
@@ -87,7 +79,6 @@ class MachineGripper(MotionRunner):
 
     @property
     def is_moving(self) -> bool:
-        """Whether the jaw is moving."""
         return self._newest_report().is_moving
 
     @property
@@ -96,29 +87,21 @@ class MachineGripper(MotionRunner):
         return self._newest_report().is_holding
 
     def angle_of(self, aperture: float) -> float:
-        """The jaw angle [rad] that an aperture stands for, over the jaw's full travel."""
         return JAW_CLOSED + aperture * (JAW_OPEN - JAW_CLOSED)
 
     def move(self, aperture: float, *, wait: bool = True) -> Motion:
-        """Open or close to ``aperture``.
-
-        Raises:
-            ConfigError: Outside 0 to 1.
-        """
+        """Open or close to ``aperture``, 0 to 1."""
         checked_number("aperture", aperture, lower=0.0, upper=1.0)
         return self._send({"command": "set_position", "percentage": 100.0 * aperture}, wait)
 
     def grab(self, aperture: float = 0.0, *, wait: bool = True) -> Motion:
         """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
 
-        Args:
-            aperture: Ignored, because the machine decides itself what counts as closed.
-            wait: As for ``move``.
+        ``aperture`` is ignored, because the machine decides itself what counts as closed.
         """
         return self._send(None, wait)
 
     def stop(self) -> None:
-        """Slow to rest; returns when the jaw is at rest. The arm is left alone."""
         self.bring_to_rest("stop").result()
 
     def _send(self, command: Mapping[str, Any] | None, wait: bool) -> Motion:
@@ -169,13 +152,11 @@ class MachineArm(Arm):
     ``attached`` as in a scene file, its other ``arms``, or why that is not known (``unknown``)."""
 
     def set_speed(self, speed: float) -> None:
-        """See ``Arm.set_speed``; if the machine refuses, nothing changes."""
         before = self._caps
         super().set_speed(speed)
         self._pass_on({"set_speed": in_deg(speed)}, before)
 
     def set_acceleration(self, acceleration: float) -> None:
-        """See ``Arm.set_acceleration``; if the machine refuses, nothing changes."""
         before = self._caps
         super().set_acceleration(acceleration)
         self._pass_on({"set_acceleration": in_deg(acceleration)}, before)
@@ -187,11 +168,6 @@ class MachineArm(Arm):
         *,
         limits: MotionLimits | None = None,
     ) -> Motion:
-        """Not possible over the network.
-
-        Raises:
-            MotionError: Always; says what to do instead.
-        """
         raise MotionError(
             "a motion is planned again only where the arm is; send its machine"
             ' MoveToPosition with {"replan": true} in extra'
@@ -351,16 +327,10 @@ class MachineRig(Machine):
 
     @property
     def has_gripper(self) -> bool:
-        """Whether a gripper was named or found."""
         return self._gripper is not None
 
     def refresh(self) -> JointState:
-        """Read the machine's state now.
-
-        Raises:
-            MachineRefused: It refused.
-            MachineUnavailable: It does not answer.
-        """
+        """Read the machine's state now."""
         self._link.run(self._refresh()).result()
         return self.state
 
@@ -489,11 +459,7 @@ class MachineRig(Machine):
         return self._gripper
 
     def _pick(self, client: RobotClient, what: str) -> Any:
-        """The named arm or gripper, or the only one; None if there is none.
-
-        Raises:
-            ConfigError: There is none of that name, or it has to be named.
-        """
+        """The named arm or gripper, or the only one; None if there is none."""
         there = {each.name: each for each in client.resource_names if each.subtype == what}
         wanted = self._wanted[what]
         if wanted is not None and wanted not in there:

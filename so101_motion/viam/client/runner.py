@@ -37,12 +37,7 @@ class _Job:
 
 
 class MotionRunner(ABC):
-    """Runs one motion at a time of a component on a machine. Any thread may call.
-
-    Args:
-        link: The connection to the machine.
-        refresh: Reads the machine's state now.
-    """
+    """Runs one motion at a time of a component on a machine. Any thread may call."""
 
     def __init__(self, link: Link, refresh: Work) -> None:
         self._link, self._refresh = link, refresh
@@ -53,11 +48,7 @@ class MotionRunner(ABC):
         """Stop the machine; returns at rest."""
 
     def begin(self, work: Work) -> Future[None]:
-        """Run ``work``, which raises our errors; it replaces the motion under way.
-
-        Returns:
-            A future that raises what ``work`` raised, or ``Interrupted``.
-        """
+        """Run ``work``, which raises our errors; it replaces the motion under way."""
         job = _Job(work=work)
         self._link.post(lambda: self._start(job))
         return job.future
@@ -75,10 +66,7 @@ class MotionRunner(ABC):
         return over
 
     def bring_to_rest(self, by: str) -> Future[None]:
-        """Stop the machine, also a motion that another client began; done at rest.
-
-        The future raises ``MachineUnavailable`` when the machine could not be reached.
-        """
+        """Stop the machine, also a motion that another client began; done at rest."""
         return self._link.run(self._stop(by))
 
     def close(self) -> None:

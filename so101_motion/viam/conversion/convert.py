@@ -65,11 +65,7 @@ def to_pose(T: SE3) -> Pose:
 
 
 def from_pose(pose: Pose) -> SE3:
-    """Viam's pose as a transform.
-
-    Raises:
-        ConfigError: A number is not finite.
-    """
+    """Viam's pose as a transform."""
     values = {key: getattr(pose, key) for key in ("x", "y", "z", "o_x", "o_y", "o_z", "theta")}
     units = {"x": "mm", "y": "mm", "z": "mm", "theta": "deg"}
     for key, value in values.items():
@@ -84,11 +80,7 @@ def to_joint_positions(q: Array) -> JointPositions:
 
 
 def from_joint_values(values: Sequence[float], *, what: str = "positions") -> Array:
-    """Joint angles, shape (5,), [rad], from Viam's degrees.
-
-    Raises:
-        ConfigError: Not one value for each joint, or one that is not finite.
-    """
+    """Joint angles, shape (5,), [rad], from Viam's degrees."""
     if len(values) != len(ARM_JOINTS):
         raise ConfigError(
             what,
@@ -110,14 +102,6 @@ def from_move_options(options: MoveOptions | None, base: MotionLimits) -> Motion
     A cap that is given replaces the arm's own for this move; the per-joint lists win over the
     single numbers. Zero counts as not given, because viam-server sends limits that nobody set as
     zeros. What exceeds the range of ``set_speed`` and ``set_acceleration`` is lowered to it.
-
-    Args:
-        options: The request's.
-        base: The arm's own caps.
-
-    Raises:
-        ConfigError: A number is negative, not finite, or too small to be a speed.
-        OutsideLimits: A per-joint list that has not one entry for each joint.
     """
     if options is None:
         return base
@@ -191,9 +175,6 @@ def from_goal_metric(extra: Mapping[str, object]) -> GoalMetric:
 
     Position only by default, because five joints cannot reach most full poses. ``squared_norm``,
     the builtin motion service's name for the full pose, is accepted too.
-
-    Raises:
-        ConfigError: The metric is not known.
     """
     value = extra.get("goal_metric_type", GoalMetric.POSITION_ONLY.value)
     if value == "squared_norm":
@@ -206,11 +187,6 @@ def from_goal_metric(extra: Mapping[str, object]) -> GoalMetric:
 
 
 def flag(extra: Mapping[str, object], key: str, default: bool) -> bool:
-    """Read a boolean from ``extra``.
-
-    Raises:
-        ConfigError: It is something else.
-    """
     value = extra.get(key, default)
     if not isinstance(value, bool):
         raise ConfigError(key, value, "must be true or false")
@@ -306,7 +282,6 @@ def on_the_wire(message: str) -> str:
 
 
 def _valid(line: str) -> str:
-    """Replace lone surrogates, which cannot be encoded."""
     return line.encode("utf-8", "replace").decode()
 
 

@@ -40,8 +40,6 @@ _PAUSE = 0.05  # [s] between two tries
 
 
 class _Here:
-    """The machine of this process; there is at most one."""
-
     machine: Callable[[], RobotClient | None] = staticmethod(lambda: None)
 
 
@@ -56,11 +54,7 @@ def machine_here() -> RobotClient | None:
 
 
 async def asked(ask: Callable[[], Awaitable[T]]) -> T:
-    """Ask the machine, and again while the SDK connects anew; return its answer.
-
-    Raises:
-        MachineUnavailable: The connection was lost and is not back.
-    """
+    """Ask the machine, and again while the SDK connects anew."""
     loop = asyncio.get_running_loop()
     end = loop.time() + CONNECTED_WITHIN
     while True:
@@ -75,11 +69,7 @@ async def asked(ask: Callable[[], Awaitable[T]]) -> T:
 
 
 async def parents() -> Mapping[str, str]:
-    """The parent of each frame of the machine; empty if there is no machine.
-
-    Raises:
-        MachineUnavailable: The connection to it was lost.
-    """
+    """The parent of each frame of the machine; empty if there is no machine."""
     machine = machine_here()
     parts = await asked(machine.get_frame_system_config) if machine is not None else []
     return {
@@ -94,17 +84,7 @@ async def carrier(
     transforms: Iterable[Transform] = (),
     above: Callable[[], Awaitable[Mapping[str, str]]] = parents,
 ) -> str | None:
-    """The arm to which ``frame`` is attached; None if to none.
-
-    Args:
-        frame: A frame of the machine or of the request; an arm's own frame gives that arm.
-        arms: The arms in question.
-        transforms: Those of the request.
-        above: Gives the parent of each frame of the machine; called only if that is needed.
-
-    Raises:
-        ConfigError: Frames are attached to each other, or too many.
-    """
+    """The arm to which ``frame`` is attached; None if to none."""
     brought = {each.reference_frame: each.pose_in_observer_frame for each in transforms}
     trail: list[str] = []
     known: Mapping[str, str] = {}
@@ -134,20 +114,8 @@ def _note(frame: str, trail: list[str]) -> None:
 class Frames:
     """The frames around one arm, for one request.
 
-    Attributes:
-        arm: The arm's short name.
-        tool: Where the arm's tool is, in its base frame.
-
-    Args:
-        arm: The arm's short name.
-        T_base_tool: Where its tool is.
-        transforms: Those of the request.
-        placed: Gives the pose of a frame of the machine in the base frame, or None if it does not
-            know it; then the machine is asked.
-        parents: The parent of each frame of the machine; None to ask the machine.
-
-    Raises:
-        ConfigError: A transform has no name, no pose, or the name of another frame.
+    ``placed`` gives the pose of a frame of the machine in the base frame; None for one that the
+    machine must be asked for.
     """
 
     def __init__(
@@ -173,11 +141,7 @@ class Frames:
             self._brought[name] = transform
 
     async def T_base(self, frame: str) -> SE3:
-        """The pose of ``frame`` now, in the arm's base frame.
-
-        Raises:
-            ConfigError: There is no such frame, or it cannot be asked for.
-        """
+        """The pose of ``frame`` now, in the arm's base frame."""
         trail: list[str] = []
         while frame in self._brought and frame not in self._known:
             _note(frame, trail)
@@ -192,11 +156,7 @@ class Frames:
         return T_base_frame
 
     async def T_tool(self, frame: str) -> SE3:
-        """The pose of ``frame`` in the arm's tool frame.
-
-        Raises:
-            ConfigError: There is no such frame, or it does not move with the tool.
-        """
+        """The pose of ``frame`` in the arm's tool frame."""
         if not await self.is_held(frame):
             raise ConfigError(
                 "component_name", frame, f"is not attached to {self.arm}, so it cannot be moved"
@@ -207,11 +167,7 @@ class Frames:
         return SE3.identity() if frame == self.arm else await self._ask(frame, self.arm)
 
     async def is_held(self, frame: str) -> bool:
-        """Whether ``frame`` moves with the arm's tool.
-
-        Raises:
-            ConfigError: There is no such frame.
-        """
+        """Whether ``frame`` moves with the arm's tool."""
         arms, brought = (self.arm, f"{self.arm}_origin"), self._brought.values()
         return await carrier(frame, arms, brought, self._machine_parents) == self.arm
 

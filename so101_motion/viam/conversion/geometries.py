@@ -26,11 +26,7 @@ LONGEST_LABEL = 200
 
 
 def from_geometry(geometry: Geometry) -> Shape | ShapeFile:
-    """The shape of a geometry, around its own centre; a mesh or a cloud as a file.
-
-    Raises:
-        ConfigError: It has no shape, or one that is not valid; the message has its label.
-    """
+    """The shape of a geometry, around its own centre; a mesh or a cloud as a file."""
     label = geometry.label or "a geometry without a label"
     if len(label) > LONGEST_LABEL:
         raise ConfigError("label", label, f"is longer than {LONGEST_LABEL} characters")
@@ -44,9 +40,6 @@ def to_geometry(shape: Shape | ShapeFile, label: str) -> Geometry:
     """A shape as Viam draws it, around its own centre; every mesh as PLY text.
 
     viam-server refuses a geometry without a centre, and reads no binary PLY.
-
-    Raises:
-        ConfigError: A file cannot be read.
     """
     geometry = Geometry()
     json_format.ParseDict(geometry_json(read_shape(shape), label, SE3.identity()), geometry)

@@ -41,12 +41,7 @@ _ROUND = 9  # decimals written; a nanometre
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Box:
-    """An axis-aligned box.
-
-    Attributes:
-        center: In the frame of its part, shape (3,), [m].
-        size: Lengths of its edges, shape (3,), [m].
-    """
+    """An axis-aligned box in the frame of its part; both shape (3,), [m]."""
 
     center: Array
     size: Array
@@ -54,17 +49,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Segment:
-    """One link of the chain: from its own frame to the next joint.
-
-    Attributes:
-        link: The published module's name.
-        xyz: Where the next joint is in the link's frame [m].
-        rpy: How it is turned, roll, pitch, yaw [rad].
-        joint: Name of the joint at its end, or None for the last.
-        lower: Smallest angle of that joint [rad].
-        upper: Largest angle [rad].
-        box: Encloses the link, in the link's frame; None for a bare frame.
-    """
+    """One link of the chain, from its own frame to the next joint [m, rad]; ``joint`` ends it."""
 
     link: str
     xyz: tuple[float, float, float]
@@ -125,7 +110,6 @@ def part_boxes(part: str) -> tuple[Box, ...]:
 
 
 def link_box(part: str) -> Box:
-    """The one box that encloses a part, in its link's frame."""
     boxes = part_boxes(part)
     lower = np.min([box.center - box.size / 2 for box in boxes], axis=0)
     upper = np.max([box.center + box.size / 2 for box in boxes], axis=0)
@@ -158,10 +142,7 @@ def arm_sva(name: str) -> bytes:
 def gripper_sva(name: str, kind: str, parts: Iterable[tuple[str, SE3, Box]]) -> bytes:
     """A gripper: boxes that do not move, and the tool centre point as the leaf.
 
-    Args:
-        name: The component's.
-        kind: ``"follower"`` or ``"leader"``; decides where the tool centre point is.
-        parts: Label, placement in the tool frame, and box in the placed frame.
+    ``parts`` has label, placement in the tool frame, and box in the placed frame of each.
     """
     links: list[dict[str, Any]] = []
     parent = "world"

@@ -49,13 +49,7 @@ _URDF_LINK = {part: link for link, part in so101_description.PARTS.items()}
 def arm_geometries(
     name: str, T_base_links: Mapping[str, SE3], T_base_tool: SE3 | None
 ) -> list[Geometry]:
-    """The arm's parts as boxes where they are now.
-
-    Args:
-        name: The component's.
-        T_base_links: Placement of every link, by its URDF name.
-        T_base_tool: Where the tool marker goes; None for no marker.
-    """
+    """The arm's parts as boxes where they are now, and the tool marker if it has a place."""
     geometries = [
         _box(f"{name}:{part}", T_base_links[_URDF_LINK[part]], link_box(part)) for part in LINKS
     ]
@@ -90,11 +84,7 @@ def _centered_glb(part: str) -> bytes:
 
 
 def shifted_glb(data: bytes, shift: Array) -> bytes:
-    """Move everything in a binary glTF file.
-
-    Args:
-        data: A file whose nodes carry no transforms of their own.
-        shift: By how much, shape (3,), [m].
+    """Move everything in a binary glTF file, whose nodes have no transforms, by ``shift`` [m].
 
     Source: glTF 2.0 specification, section 4.4, binary glTF layout.
     """
@@ -120,14 +110,7 @@ _MOVING = {"follower": "jaw", "leader": "leader_trigger"}
 def gripper_geometries(
     kind: str, detail: str, T_tool_body: SE3, T_tool_moving: SE3
 ) -> list[Geometry]:
-    """The gripper's parts as meshes, in the tool frame of the arm it is fixed to.
-
-    Args:
-        kind: ``"follower"`` or ``"leader"``.
-        detail: ``"low"`` or ``"high"``.
-        T_tool_body: Placement of the parts that do not move.
-        T_tool_moving: Placement of the jaw or trigger.
-    """
+    """The gripper's parts as meshes, in the tool frame of the arm it is fixed to."""
     fixed = [
         Geometry(center=convert.to_pose(T_tool_body), mesh=mesh, label=f"gripper_body_{i}")
         for i, mesh in enumerate(_body_meshes(kind, detail))
@@ -142,7 +125,6 @@ def gripper_geometries(
 
 @cache
 def _body_meshes(kind: str, detail: str) -> tuple[Mesh, ...]:
-    """The meshes of the fixed parts: one for the follower, two for the leader."""
     if kind == "follower":
         return (_ply(so101_description.load_visual("gripper"), GRID[detail]),)
     return tuple(_ply(surfaces, GRID[detail]) for surfaces in _leader_body())
@@ -150,7 +132,6 @@ def _body_meshes(kind: str, detail: str) -> tuple[Mesh, ...]:
 
 @cache
 def _leader_body() -> tuple[tuple[Surface, ...], tuple[Surface, ...]]:
-    """The leader's handle, and the servo in it."""
     surfaces = so101_description.load_visual("leader_body")
     servo = tuple(surface for surface in surfaces if surface.name in ("servo", "horn"))
     return tuple(surface for surface in surfaces if surface not in servo), servo

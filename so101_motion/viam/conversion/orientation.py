@@ -23,22 +23,14 @@ POLE = 1e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrientationVector:
-    """A direction and the turn about it.
-
-    Attributes:
-        o: Direction of the third axis, unit length.
-        theta: Turn about it, -pi to pi [rad].
-    """
+    """The direction of the third axis, unit length, and the turn about it, -pi to pi [rad]."""
 
     o: tuple[float, float, float]
     theta: float
 
 
 def to_rotation(vector: OrientationVector) -> Array:
-    """The rotation matrix an orientation vector stands for, shape (3, 3).
-
-    ``o`` need not have unit length; zero length stands for +z.
-    """
+    """The rotation matrix of an orientation vector; zero length stands for +z."""
     x, y, z = vector.o
     length = math.sqrt(x * x + y * y + z * z)
     if length == 0.0:

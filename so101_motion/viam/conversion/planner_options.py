@@ -77,20 +77,7 @@ _MOST_LOOKED_AT = 20  # unknown options of a request that are compared with ours
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerOptions:
-    """The planner options of one request.
-
-    Attributes:
-        metric: How much of a pose counts.
-        position_tolerance: Largest error that counts as arrived [m]; None for the arm's own.
-        orientation_tolerance: Largest error of the direction, or of all of the orientation [rad];
-            None for the arm's own.
-        seed: Of the random choices.
-        time_budget: When to give up searching [s]; None for the planner's own.
-        route_effort: How many routes are compared where the straight one is blocked.
-        margin: How far bodies must stay apart [m]; None for the scene's own.
-        cloud: Poses that will do as well as the goal; it replaces metric and tolerances.
-        replan: Whether to plan again while it moves.
-    """
+    """The planner options of one request; None for the arm's, the planner's or the scene's own."""
 
     metric: GoalMetric = GoalMetric.POSITION_ONLY
     position_tolerance: float | None = None
@@ -104,11 +91,6 @@ class PlannerOptions:
 
     @classmethod
     def of(cls, extra: Mapping[str, object]) -> PlannerOptions:
-        """Read ``extra``.
-
-        Raises:
-            ConfigError: A value cannot be used.
-        """
         given = Attributes({key: extra[key] for key in _USED if key in extra}, _OPTIONS)
         return cls(
             metric=convert.from_goal_metric(extra),
@@ -124,7 +106,6 @@ class PlannerOptions:
         )
 
     def goal(self, goal: PoseGoal) -> PoseGoal:
-        """Add the requested tolerances to ``goal``."""
         return replace(
             goal,
             metric=self.metric,
@@ -134,7 +115,6 @@ class PlannerOptions:
         )
 
     def search(self, scene: Scene) -> Search:
-        """The options of the search; a requested margin replaces the scene's if it is wider."""
         if self.margin is not None and self.margin > scene.margin:  # a copy takes 0.2 ms and more
             scene = replace(scene, margin=self.margin)
         search = Search(scene=scene, seed=self.seed, route_effort=self.route_effort)
@@ -142,11 +122,7 @@ class PlannerOptions:
 
 
 def from_goal_cloud(cloud: ViamCloud) -> PoseCloud:
-    """Convert Viam's pose cloud to ours: metres and radians.
-
-    Raises:
-        ConfigError: A tolerance is negative or not finite.
-    """
+    """Convert Viam's pose cloud to ours: metres and radians."""
     names = ("x", "y", "z", "o_x", "o_y", "o_z", "theta")
     return _pose_cloud({name: getattr(cloud, name) for name in names})
 
@@ -159,11 +135,7 @@ def to_goal_cloud(cloud: PoseCloud) -> ViamCloud:
 
 
 def cloud_in(extra: Mapping[str, object]) -> PoseCloud | None:
-    """The ``pose_cloud`` of a request, if it has one.
-
-    Raises:
-        ConfigError: It is not valid, or a metric is named as well.
-    """
+    """The ``pose_cloud`` of a request, if it has one; refused beside a metric."""
     value = extra.get("pose_cloud")
     if value is None:
         return None
@@ -189,18 +161,13 @@ def _pose_cloud(values: Mapping[str, float]) -> PoseCloud:
 
 
 class OptionWarnings:
-    """Warns once of each option that has no effect, misspelt ones included.
-
-    Args:
-        logger: Gets the warnings.
-    """
+    """Warns once of each option that has no effect, misspelt ones included."""
 
     def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
         self._said: set[str] = set()
 
     def warn(self, extra: Mapping[str, object]) -> None:
-        """Log the ignored options of ``extra`` that were not logged before."""
         for key in sorted(_IGNORED & extra.keys() - self._said):
             self._said.add(key)
             self._logger.warning('planner option "%s" has no effect on our planner', key)

@@ -10,7 +10,6 @@ _NAMESPACE = uuid.UUID("8f3b1b5e-6a0c-4d8e-9d38-5a0f1f1c9a51")
 
 
 def shown_id(frame: str, label: str) -> bytes:
-    """The id of the transform shown under this label, in this frame."""
     return uuid.uuid5(_NAMESPACE, f"{frame}/{label}").bytes
 
 

@@ -26,16 +26,14 @@ _ROUNDING = 1e-4  # [m] and [rad] added to what is allowed: 0.1 mm, as for goals
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolConstraints:
-    """The path constraints of one request.
+    """The path constraints of one request; infinite where there is none.
 
     Attributes:
-        line: How far it may leave the straight line [m]; infinite for no such constraint.
+        line: How far it may leave the straight line [m].
         line_share: The same as a share of the distance.
-        turn: How far it may be turned from the steady turn between start and goal [rad]; infinite
-            for no such constraint.
+        turn: How far it may be turned from the steady turn between start and goal [rad].
         turn_share: The same as a share of the turn from start to goal.
         axis_only: Whether turns about its own z axis are free.
-        wants_line: Whether there is a line constraint.
     """
 
     line: float = math.inf
@@ -49,13 +47,7 @@ class ToolConstraints:
     def of(cls, constraints: Constraints | None, *, counts_turn: bool) -> ToolConstraints:
         """Read the constraints of a request; the tightest of each kind counts.
 
-        Args:
-            constraints: The request's.
-            counts_turn: Whether the goal has an orientation; if not, a line constraint leaves it
-                free.
-
-        Raises:
-            ConfigError: A tolerance is negative or no number.
+        A goal without an orientation (``counts_turn`` false) leaves it free on a line, too.
         """
         if constraints is None:
             return cls()
@@ -93,21 +85,12 @@ class ToolConstraints:
 
     @property
     def is_any(self) -> bool:
-        """Whether there is any constraint."""
         return not all(
             math.isinf(most) for most in (self.line, self.line_share, self.turn, self.turn_share)
         )
 
     def check(self, q: Array, component: Callable[[Array], SE3]) -> None:
-        """Refuse a motion that breaks a constraint.
-
-        Args:
-            q: Its setpoints, shape (n, 5), [rad].
-            component: Where the component is in the base frame, of joint angles.
-
-        Raises:
-            PlanningError: A constraint is broken; the message says where and by how much.
-        """
+        """Refuse a motion with setpoints ``q``, shape (n, 5), [rad], that breaks a constraint."""
         if not self.is_any:
             return
         chosen = np.unique(np.append(np.arange(0, len(q), _LOOK_EVERY), len(q) - 1))

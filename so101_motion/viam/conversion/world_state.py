@@ -28,16 +28,7 @@ MOST_THINGS = 1_000
 
 
 async def scene_with(scene: Scene, world: WorldState | None, frames: Frames) -> Scene:
-    """Add a request's world state to ``scene``.
-
-    Args:
-        scene: The known surroundings.
-        world: The request's.
-        frames: The frames of the request, with its transforms.
-
-    Raises:
-        ConfigError: Something is not valid, or its frame is not known.
-    """
+    """Add a request's world state to ``scene``."""
     if world is None:
         return scene
     bodies = [each for each in world.transforms if each.HasField("physical_object")]
@@ -78,14 +69,6 @@ async def allowing(scene: Scene, specifications: CollisionSpecification, frames:
 
     A part of the arm is called ``<arm>:<part>``. The name of the arm means all its parts; the name
     of a gripper, or of anything else attached to the tool, means the hand.
-
-    Args:
-        scene: The surroundings, those of the request included.
-        specifications: The pairs of frames that may touch.
-        frames: The frames of the request.
-
-    Raises:
-        ConfigError: A name is neither a frame nor a thing in the scene.
     """
     if len(specifications.allows) > MOST_THINGS:
         given = f"{len(specifications.allows)} pairs"
@@ -151,7 +134,6 @@ class UniqueNames:
         self._last: dict[str, int] = {}
 
     def new(self, wanted: str) -> str:
-        """``wanted``, with a number behind it if that name is taken."""
         base, name = wanted or "obstacle", wanted or "obstacle 1"
         number = self._last.get(base, 1)
         while name in self._taken:

@@ -26,12 +26,7 @@ _AT_ONCE = 1_000
 
 
 def world_state_json(scene: Scene, *, arm: str = "arm") -> Json:
-    """The WorldState for a scene.
-
-    Args:
-        scene: Obstacles and held objects.
-        arm: The arm's name on the machine.
-    """
+    """The WorldState for a scene."""
     world: Json = {}
     if scene.obstacles:
         geometries = [
@@ -51,13 +46,7 @@ def world_state_json(scene: Scene, *, arm: str = "arm") -> Json:
 
 
 def ply(vertices: Array, triangles: Array, *, digits: int = 6) -> bytes:
-    """A mesh as PLY text in metres; viam-server reads no binary PLY.
-
-    Args:
-        vertices: Shape (n, 3), [m].
-        triangles: Three vertices each, shape (m, 3).
-        digits: How many of a coordinate are written behind the point.
-    """
+    """A mesh as PLY text in metres; viam-server reads no binary PLY."""
     head = (
         f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\n"
         "property float x\nproperty float y\nproperty float z\n"
@@ -72,7 +61,6 @@ def ply(vertices: Array, triangles: Array, *, digits: int = 6) -> bytes:
 
 
 def _lines(form: str, rows: Array) -> Iterator[str]:
-    """Rows as text, some of them at a time."""
     for first in range(0, len(rows), _AT_ONCE):
         some = rows[first : first + _AT_ONCE]
         yield form * len(some) % tuple(some.ravel().tolist())

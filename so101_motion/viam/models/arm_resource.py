@@ -83,7 +83,6 @@ _BLIND = "how deep the arm was in contact is not known, so the way out may have 
 
 
 def scene_of(wanted: ArmConfig) -> Scene:
-    """What always stands around an arm; raises ``ConfigError`` for an invalid obstacle."""
     if len(wanted.obstacles) > MOST_THINGS:
         given = f"{len(wanted.obstacles)} obstacles"
         raise ConfigError("obstacles", given, f"are more than the {MOST_THINGS} that are read")
@@ -97,14 +96,7 @@ def _scene(floor_z: float | None, obstacles: str) -> Scene:
 
 
 class ArmResource(Configured, Arm):
-    """An arm component.
-
-    Args:
-        name: The component's name.
-        rig: The rig of the arm; closed with the component.
-        config: Its configuration.
-        dependencies: The clients of the resources that the configuration names.
-    """
+    """An arm component; its rig is closed with it."""
 
     NEEDS_SERVOS: ClassVar[frozenset[str]] = frozenset()
     """The commands that are refused until the servos have been found."""
@@ -151,24 +143,20 @@ class ArmResource(Configured, Arm):
     def _asked(
         self, name: str, operation: LocalOperation, published: Iterable[str]
     ) -> dict[str, Command]:
-        """The DoCommands of one more operation."""
         self._operations[name] = operation
         keys = {key: (name, key) for key in published}
         return operation_commands(self._operations, keys, arrived=self.arrived)
 
     @classmethod
     def needed(cls, wanted: ArmConfig) -> Sequence[str]:
-        """The motion service that plans for this arm, if one is named."""
         scene_of(wanted)  # refuses obstacles that are not valid
         return [motion_name(wanted.motion)] if wanted.motion else []
 
     @classmethod
     def used(cls, wanted: ArmConfig) -> Sequence[str]:
-        """The resources that report the surroundings."""
         return wanted.senses.resources
 
     def goal(self, T_base_goal: SE3) -> PoseGoal:
-        """A goal with this arm's tolerances."""
         goal = PoseGoal(T_base_tool=T_base_goal)
         return replace(
             goal,
@@ -179,25 +167,20 @@ class ArmResource(Configured, Arm):
     # Position
 
     async def get_end_position(self, **kwargs: Any) -> Pose:
-        """Pose of the tool frame in the arm's base frame, from the measured joints."""
         await self.found()
         return convert.to_pose(self._arm.T_base("tool"))
 
     async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
-        """Measured joint angles."""
         await self.found()
         return convert.to_joint_positions(self._arm.state.q)
 
     async def is_moving(self) -> bool:
-        """Whether a motion is being planned or is under way."""
         return self._arm.is_moving or not self._arm.newest_motion.future.done()
 
     def T_end(self) -> SE3:
-        """The pose of the tool in the base frame."""
         return self._arm.T_base("tool")
 
     def T_links(self) -> Mapping[str, SE3]:
-        """The poses of the links in the base frame, by their URDF names."""
         return self._arm.T_base_links()
 
     # Moving
@@ -205,7 +188,6 @@ class ArmResource(Configured, Arm):
     async def move_to_position(
         self, pose: Pose, *, extra: dict[str, Any] | None = None, **kwargs: Any
     ) -> None:
-        """Move the tool to a pose along a planned path; returns on arrival."""
         await self.ready()
         extra = extra or {}
         with grpc_statuses():
@@ -372,12 +354,10 @@ class ArmResource(Configured, Arm):
         return q
 
     async def stop(self, **kwargs: Any) -> None:
-        """Slow to rest and hold; returns when the arm is at rest."""
         with grpc_statuses():
             await self._at_rest(self._arm.start_stop())
 
     async def make_way(self) -> None:
-        """End the motion under way because a newer one replaces it; returns at rest."""
         await self._at_rest(self._arm.start_stop(by=SUPERSEDED))
 
     async def removed(self) -> None:
@@ -387,7 +367,6 @@ class ArmResource(Configured, Arm):
             await self._at_rest(self._arm.start_stop(by=self._ended_by))
 
     async def _at_rest(self, stop: Future[None]) -> None:
-        """Wait until a stop is over, even if the client disconnects."""
         stopping = asyncio.wrap_future(stop)
         await self._come_to_rest(stopping)
         stopping.result()
@@ -397,7 +376,6 @@ class ArmResource(Configured, Arm):
 
     @property
     def ignored(self) -> tuple[str, ...]:
-        """Components of the machine that are not planned around."""
         return self.config.ignored
 
     async def ready(self) -> None:
@@ -408,7 +386,6 @@ class ArmResource(Configured, Arm):
                 raise Interrupted(self._ended_by)
 
     async def ended(self, motion: Motion, by: str) -> None:
-        """End a motion of this arm, and wait until it is over."""
         over = asyncio.wrap_future(motion.future)
         motion.interrupt(by)
         await self._come_to_rest(over)
@@ -418,55 +395,46 @@ class ArmResource(Configured, Arm):
         await await_motion.wait_for_arrival(motion, self._come_to_rest)
 
     async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
-        """Wait until a motion that is being ended is over, also if it failed."""
         await await_motion.rest(over)
 
     # Manual mode
 
     def _set_manual(self, enabled: bool, enabled_for: float) -> None:
-        """Switch manual mode; for a thread that answers a request."""
         switching = self.set_manual_mode(enabled, enabled_for)
         asyncio.run_coroutine_threadsafe(switching, self._loop).result()
 
     async def set_manual_mode(
         self, manual_mode: bool, enabled_for: float = 0, **kwargs: Any
     ) -> None:
-        """Start manual mode, for ``enabled_for`` seconds or without end; or hold."""
         await self.ready()
         with grpc_statuses():
             await self._manual.set(manual_mode, enabled_for)
 
     async def get_manual_mode(self, **kwargs: Any) -> bool:
-        """Whether the arm can be moved by hand: in manual mode, or without torque."""
         await self.found()
         return self._arm.is_movable_by_hand
 
     # Description
 
     async def get_properties(self, **kwargs: Any) -> Arm.Properties:
-        """The arm's capabilities."""
         return Arm.Properties(support_manual_mode=True, support_cartesian_commands=True)
 
     async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
-        """The five-joint chain, as SVA or, if configured, as URDF."""
         name = self.short_name
         if self.config.use_urdf:
             return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_URDF, kinematics.arm_urdf(name)
         return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, kinematics.arm_sva(name)
 
     async def get_3d_models(self, **kwargs: Any) -> Mapping[str, Mesh]:
-        """The 3D models of the parts, keyed as in the labels of the geometries."""
         return meshes.arm_models(with_tool=self.config.visualize_ee_frame)
 
     async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
-        """The parts as boxes where they are now, labelled ``<name>:<part>``."""
         await self.found()
         marker = self._arm.T_base("tool") if self.config.visualize_ee_frame else None
         links = self._arm.T_base_links()
         return meshes.arm_geometries(self.short_name, links, marker)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """Mode, joints, and figures of the control loop."""
         state = self._arm.state
         status = {
             "mode": "manual" if self._arm.is_movable_by_hand else "auto",
@@ -483,7 +451,6 @@ class ArmResource(Configured, Arm):
     # Requests
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Carry out a command of the published module or of ours."""
         self._loop = asyncio.get_running_loop()
         with grpc_statuses():
             name = command.get("command")
@@ -514,7 +481,6 @@ class ArmResource(Configured, Arm):
         return {"mode": "auto"}
 
     async def close(self) -> None:
-        """Stop and release everything; may be called twice."""
         if self.here.get(self.short_name) is self:
             del self.here[self.short_name]
         self._manual.forget()

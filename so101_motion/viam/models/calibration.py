@@ -47,11 +47,6 @@ class So101Calibration(Configured, Sensor):
 
     It shares the port with an arm and a gripper and needs neither. It only reads the servos until
     a command needs the bus for itself.
-
-    Args:
-        name: The component's name.
-        calibrator: Does the work; closed with the component.
-        first_try: Done when the port has been tried once.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:calibration")
@@ -75,7 +70,6 @@ class So101Calibration(Configured, Sensor):
     def build(
         cls, name: str, wanted: CalibrationConfig, dependencies: Dependencies
     ) -> So101Calibration:
-        """Make the sensor of a port; needs no servo."""
         from so101_motion.setup.calibrator import Calibrator
 
         rig = open_without_waiting(_port_settings(wanted))
@@ -86,19 +80,16 @@ class So101Calibration(Configured, Sensor):
             raise
 
     async def get_readings(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The state of calibration and motor setup, and the joint angles."""
         await asyncio.shield(asyncio.wrap_future(self._first_try))  # a moment, once
         now = readings(self._calibrator.situation)
         return convert.to_result({**now, "last_save_error": self._calibration.last_save_error})
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Carry out a step of the calibration or of the motor setup."""
         with grpc_statuses():
             result = await answer(command, self._commands)
         return convert.to_result(result)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The state of the calibration, and whether the port is open."""
         now = self._calibrator.situation
         return {
             "calibration_state": now.view.state.value,
@@ -108,12 +99,10 @@ class So101Calibration(Configured, Sensor):
         }
 
     async def close(self) -> None:
-        """Undo a running calibration, and close the port."""
         await run_to_end(self._calibrator.close)
 
 
 def _port_settings(wanted: CalibrationConfig) -> ServoSettings:
-    """The settings for the port: the calibration file, and no servos."""
     file = wanted.connection.calibration_file
     return replace(
         wanted.connection.servo_settings(),

@@ -20,7 +20,7 @@ Dependencies = Mapping[ResourceName, ResourceBase]
 
 
 class Configured:
-    """A component or service that is built from its attributes; every model inherits it first."""
+    """The base of all models: checks a configuration and builds the resource; inherited first."""
 
     CONFIG: ClassVar[type[Config]]
     """The attributes that it knows; others are left out, see ``ignored_attributes``."""
@@ -29,13 +29,11 @@ class Configured:
 
     @classmethod
     def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes; return the required and the optional dependencies."""
         wanted = cls.CONFIG.from_attributes(cls._known(config)[0])
         return cls.needed(wanted), cls.used(wanted)
 
     @classmethod
     def new(cls, config: ComponentConfig, dependencies: Dependencies) -> Self:
-        """Build the resource from its configuration; nothing moves."""
         with grpc_statuses():
             known, ignored = cls._known(config)
             wanted = cls.CONFIG.from_attributes(known)
@@ -56,15 +54,14 @@ class Configured:
 
     @classmethod
     def needed(cls, wanted: Any) -> Sequence[str]:
-        """The required dependencies: resources that viam-server builds before this one."""
+        """The required dependencies."""
         return []
 
     @classmethod
     def used(cls, wanted: Any) -> Sequence[str]:
-        """The optional dependencies: resources that are used if the machine has them."""
+        """The optional dependencies."""
         return []
 
     @classmethod
     def build(cls, name: str, wanted: Any, dependencies: Dependencies) -> Self:
-        """Build the resource from its settings."""
         raise NotImplementedError

@@ -17,16 +17,10 @@ from so101_motion.viam.surroundings.surroundings import Source
 
 
 def motion_name(service: str) -> str:
-    """The full resource name of a motion service."""
     return service if "/" in service else f"rdk:service:motion/{service}"
 
 
 def motion_service(name: str | None, dependencies: Dependencies) -> MotionService | None:
-    """The motion service of that name; None when none is named.
-
-    Raises:
-        ConfigError: There is none of that name.
-    """
     if name is None:
         return None
     short_name = name.rpartition("/")[2]
@@ -39,10 +33,9 @@ def motion_service(name: str | None, dependencies: Dependencies) -> MotionServic
 def sources(
     senses: SensesConfig, dependencies: Dependencies, logger: logging.Logger
 ) -> Sequence[Source]:
-    """The store and the camera that report the surroundings. The caller closes them.
+    """The store and the camera that report the surroundings; the caller closes them.
 
-    A resource that the machine does not have makes a source too; planning with it fails with an
-    error that says so.
+    A resource that the machine does not have makes a source too; planning with it fails.
     """
     found: list[Source] = []
     if senses.store is not None:

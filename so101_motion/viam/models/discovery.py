@@ -26,12 +26,7 @@ from so101_motion.viam.suggested_config import frame_json
 
 
 class So101Discovery(Configured, DiscoveryService):
-    """Finds arms on the serial ports.
-
-    Args:
-        name: The service's name.
-        ports: Ports to search beyond those that the system lists.
-    """
+    """Finds arms on the serial ports."""
 
     MODEL: ClassVar = Model.from_string("devrel:so101:discovery")
     CONFIG = DiscoveryConfig
@@ -45,7 +40,6 @@ class So101Discovery(Configured, DiscoveryService):
     def build(
         cls, name: str, wanted: DiscoveryConfig, dependencies: Dependencies
     ) -> So101Discovery:
-        """Make the service; searches no port yet."""
         return cls(name, wanted.ports)
 
     async def discover_resources(self, **kwargs: Any) -> list[ComponentConfig]:
@@ -57,12 +51,10 @@ class So101Discovery(Configured, DiscoveryService):
         return [_config(one) for report in found.reports for one in report.suggestions]
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Answer ``report``: what was found on each port, or why nothing was found."""
         with grpc_statuses():
             return convert.to_result(await answer(command, self._commands))
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The further ports that are searched."""
         return {"ports": list(self._ports)}
 
     async def _look(self) -> Discovery:
@@ -111,6 +103,5 @@ def _config(one: Suggestion) -> ComponentConfig:
 
 
 def _about(report: PortReport) -> dict[str, Any]:
-    """A report as JSON; unknown values are left out."""
     values = {**report.to_json(), "names": [one.name for one in report.suggestions]}
     return {key: value for key, value in values.items() if value is not None}

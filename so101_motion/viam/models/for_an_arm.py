@@ -17,12 +17,7 @@ from so101_motion.viam.models.configured import Configured, Dependencies
 
 
 class ServiceForAnArm(Configured):
-    """A service whose only attribute is ``arm``, the name of the arm it serves.
-
-    Args:
-        name: The service's name.
-        arm: Name of the arm; None for the only one.
-    """
+    """A service for the arm that its configuration names, or for the only one."""
 
     CONFIG: ClassVar[type[Config]] = ForAnArmConfig
 
@@ -32,11 +27,9 @@ class ServiceForAnArm(Configured):
 
     @classmethod
     def build(cls, name: str, wanted: Any, dependencies: Dependencies) -> Self:
-        """Make the service for the named arm, which need not exist yet."""
         return cls(name, wanted.arm)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The name of the arm, or why there is none."""
         if self._arm_name is None and ArmResource.here:
             return {"arms": list(ArmResource.here)}
         try:
@@ -46,11 +39,7 @@ class ServiceForAnArm(Configured):
 
 
 def arm_here(name: str | None) -> ArmResource:
-    """The arm of this name, or without a name the only one.
-
-    Raises:
-        ConfigError: There is no such arm now; the message lists the arms.
-    """
+    """The arm of this name, or without a name the only one."""
     here = ArmResource.here
     if name is not None and name not in here:
         raise ConfigError("arm", name, f"is not an arm of this module now; {suggest(name, here)}")

@@ -22,19 +22,11 @@ from so101_motion.viam.requests.commands import Command, Request, answer, argume
 
 
 def clamped(percentage: float) -> float:
-    """A percentage limited to 0 .. 100."""
     return min(max(percentage, 0.0), 100.0)
 
 
 class GripperResource(Configured, Gripper):
-    """A gripper component.
-
-    Args:
-        name: The component's name.
-        rig: The rig of the gripper; its arm is not moved.
-        gripper_type: ``"follower"`` (moving jaw) or ``"leader"`` (handle and trigger).
-        mesh_detail: ``"low"`` or ``"high"``.
-    """
+    """A gripper component; the arm of its rig is not moved."""
 
     NEEDS_NO_SERVO: ClassVar[frozenset[str]] = frozenset()
     """The commands that are answered before the servo has been found."""
@@ -60,7 +52,6 @@ class GripperResource(Configured, Gripper):
         return motion
 
     async def stop(self, **kwargs: Any) -> None:
-        """Slow to rest and stay there; returns when the jaw is at rest. The arm is left alone."""
         with grpc_statuses():
             await self._stop()
 
@@ -70,7 +61,6 @@ class GripperResource(Configured, Gripper):
         stopping.result()
 
     async def is_moving(self) -> bool:
-        """Whether the jaw moves, or is about to."""
         latest = self._latest
         return self._gripper.is_moving or (latest is not None and not latest.future.done())
 
@@ -91,11 +81,9 @@ class GripperResource(Configured, Gripper):
         return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, sva
 
     async def get_current_inputs(self, **kwargs: Any) -> list[float]:
-        """An empty list: its kinematics have no joints."""
         return []
 
     async def go_to_inputs(self, values: list[float], **kwargs: Any) -> None:
-        """Refuse any inputs: its kinematics have no joints."""
         if len(values) > 0:
             raise GRPCError(
                 Status.OUT_OF_RANGE,
@@ -106,7 +94,6 @@ class GripperResource(Configured, Gripper):
     # Requests
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Carry out a command of the published module or of ours."""
         with grpc_statuses():
             if command.get("command") not in self.NEEDS_NO_SERVO:
                 await self.found()
@@ -129,7 +116,6 @@ class GripperResource(Configured, Gripper):
         return round(clamped(100.0 * self._gripper.aperture), 3)
 
     async def close(self) -> None:
-        """Stop and release everything; may be called twice."""
         if self.here.get(self.short_name) is self:
             del self.here[self.short_name]
         await in_own_thread(self.rig.close)

@@ -46,12 +46,6 @@ class HardwareArm(ArmResource):
 
     A fault (an unplugged cable, a servo that restarted) ends the motion under way. The next request
     to move makes the arm hold its position, if the servos answer, and moves it.
-
-    Args:
-        name: The component's name.
-        rig: The arm's part of the rig of its port.
-        config: Its configuration.
-        dependencies: The clients of the resources that the configuration names.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:arm")
@@ -85,7 +79,6 @@ class HardwareArm(ArmResource):
 
     @classmethod
     def build(cls, name: str, wanted: HardwareArmConfig, dependencies: Dependencies) -> HardwareArm:
-        """Make the component; nothing moves."""
         scene = scene_of(wanted)
         asked = replace(
             wanted.connection.servo_settings(),
@@ -108,7 +101,6 @@ class HardwareArm(ArmResource):
             raise
 
     async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
-        """Measured joint angles; one just outside the served limits is moved in."""
         await self.found()
         q = self._arm.state.q
         self._log_new(served_remarks(q))
@@ -130,7 +122,6 @@ class HardwareArm(ArmResource):
         return super()._is_here(q) or bool(np.max(np.abs(q - reported)) <= AT_START)
 
     def _log_new(self, remarks: list[str]) -> None:
-        """Log a remark on a joint when it first appears."""
         joints = {remark.partition(" ")[0] for remark in remarks}
         for remark in remarks:
             if remark.partition(" ")[0] not in self._remarked:
@@ -138,20 +129,11 @@ class HardwareArm(ArmResource):
         self._remarked = joints
 
     async def found(self) -> None:
-        """Wait until the servos have been found.
-
-        Raises:
-            GRPCError: Some are silent; the message names them.
-        """
         with grpc_statuses():
             await ready(self.rig)
 
     async def ready(self) -> None:
-        """Hold again after a fault and read the other arms' positions, before a move.
-
-        Raises:
-            GRPCError: The servos do not answer, or are being calibrated or set up.
-        """
+        """Hold again after a fault and read the other arms' positions, before a move."""
         with grpc_statuses():
             await out_of_fault(self.rig)
         await super().ready()
@@ -162,7 +144,6 @@ class HardwareArm(ArmResource):
         return {**await super()._enter_manual_mode(given), "servos": list(self._servo_ids)}
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """Mode, joints, figures of the control loop, and the servos' health."""
         status = dict(await super().get_status(**kwargs))
         status["not_ready"] = self.rig.not_ready
         status["connected"] = self.rig.servos.is_connected
@@ -183,7 +164,6 @@ class HardwareArm(ArmResource):
         return convert.to_result(status)
 
     async def close(self) -> None:
-        """Stop, hold, and close the port; may be called twice."""
         self._manual.forget()
         if self.here.get(self.short_name) is self:
             try:
@@ -214,7 +194,6 @@ def served_joints(q: Array) -> Array:
 
 
 def served_remarks(q: Array) -> list[str]:
-    """A note for each joint that is outside the served limits."""
     lower, upper = served_limits()
     found = []
     for i in np.flatnonzero((q < lower) | (q > upper)):

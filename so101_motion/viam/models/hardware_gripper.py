@@ -44,13 +44,7 @@ _SILENT = "its servo does not answer; check its cable and the arm's power supply
 
 
 class HardwareGripper(GripperResource):
-    """The SO-101 gripper.
-
-    Args:
-        name: The component's name.
-        rig: The gripper's part of the rig of its port.
-        config: Its servo id, type and mesh detail.
-    """
+    """The SO-101 gripper."""
 
     MODEL: ClassVar = Model.from_string("devrel:so101:gripper")
     CONFIG = HardwareGripperConfig
@@ -88,14 +82,12 @@ class HardwareGripper(GripperResource):
 
     @classmethod
     def needed(cls, wanted: HardwareGripperConfig) -> Sequence[str]:
-        """The gripper's arm, if one is named."""
         return [wanted.arm] if wanted.arm else []
 
     @classmethod
     def build(
         cls, name: str, wanted: HardwareGripperConfig, dependencies: Dependencies
     ) -> HardwareGripper:
-        """Make the component; nothing moves."""
         rig = open_without_waiting(_settings(wanted).with_gripper(wanted.servo_id))
         gripper = cls(name, rig, wanted)
         if wanted.arm and wanted.connection and not _same_port(rig, wanted):
@@ -109,16 +101,11 @@ class HardwareGripper(GripperResource):
     # Moving
 
     async def open(self, **kwargs: Any) -> None:
-        """Open to 95 %; returns when it is open."""
         with grpc_statuses():
             await wait_for_arrival(await self._start(self._open_percent))
 
     async def grab(self, **kwargs: Any) -> bool:
-        """Close until something stops the jaw, and hold the object gently.
-
-        Returns:
-            Whether an object is held.
-        """
+        """Close until something stops the jaw, and hold the object gently; whether one is held."""
         with grpc_statuses():
             await out_of_fault(self.rig)
             closed = self._closed_percent / 100.0
@@ -126,7 +113,6 @@ class HardwareGripper(GripperResource):
             return self._gripper.is_holding
 
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
-        """Whether the grabbed object is still held, with load, current and jaw position."""
         await self.found()
         load = health(self.rig.servos).get(GRIPPER_JOINT, {})
         meta = {key: load[key] for key in ("load_percent", "amps") if key in load}
@@ -162,11 +148,6 @@ class HardwareGripper(GripperResource):
             await asyncio.sleep(0.05)
 
     async def found(self) -> None:
-        """Wait until the servo has been found.
-
-        Raises:
-            GRPCError: It is silent.
-        """
         with grpc_statuses():
             await ready(self.rig)
 
@@ -259,7 +240,6 @@ class HardwareGripper(GripperResource):
     # State
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The jaw's position, whether it moves and holds, and its servo's health."""
         state, not_ready = self.rig.arm.state, self.rig.not_ready
         is_silent = not not_ready and self._gripper.is_silent
         status = {
@@ -293,7 +273,6 @@ class HardwareGripper(GripperResource):
         }
 
     async def close(self) -> None:
-        """Stop, hold, and close the port; may be called twice."""
         if not self._is_closed:
             self._is_closed = True
             try:
@@ -308,9 +287,6 @@ def _settings(wanted: HardwareGripperConfig) -> ServoSettings:
 
     Of the arm's settings only port and baudrate are taken: the others stay the arm's own, which may
     come back with different ones while the gripper stays.
-
-    Raises:
-        ConfigError: There is no such arm in this process.
     """
     if wanted.arm is None:
         assert wanted.connection is not None  # the configuration has one of the two

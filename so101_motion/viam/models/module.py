@@ -76,19 +76,15 @@ class So101Module(Module):
     async def add_resource(
         self, request: AddResourceRequest, *, deadline: Deadline | None = None
     ) -> None:
-        """Import the model in a thread, then build the resource."""
         await self._load(request.config)
         await super().add_resource(request, deadline=deadline)
         self._imports = self._imports or asyncio.create_task(_import_later())
 
     async def validate_config(self, request: ValidateConfigRequest) -> ValidateConfigResponse:
-        """Check a configuration.
+        """Check a configuration; a message has no Python type before it.
 
         A thousand obstacles take a tenth of a second, so they are checked in a thread first; the
         SDK's check on the event loop then uses the cached result.
-
-        Raises:
-            GRPCError: The configuration is not valid; the message has no Python type before it.
         """
         model = await self._load(request.config)
         with suppress(Exception):  # the SDK's own check raises it again
@@ -113,17 +109,12 @@ class So101Module(Module):
         await super().remove_resource(request)
 
     def end(self) -> None:
-        """End what was begun for arms that may come."""
         if self._imports is not None:
             self._imports.cancel()
         self._leave_planner()
 
     async def _load(self, config: ComponentConfig) -> RegisteredModel | None:
-        """Import a model in a thread, because the event loop answers Stop; None if unknown.
-
-        Raises:
-            GRPCError: Something that it needs is not installed.
-        """
+        """Import a model in a thread, because the event loop answers Stop; None if unknown."""
         model = registered(config.api, config.model)
         async with self._loading:
             if model is None or model in self._loaded:
@@ -141,7 +132,6 @@ class So101Module(Module):
         return model
 
     def _start_planner(self) -> None:
-        """Start the planning process, and keep it until an arm needs it."""
         if not self._keeps_planner:
             self._keeps_planner = True
             acquire_worker().start()
@@ -155,7 +145,6 @@ class So101Module(Module):
 
 
 async def run() -> None:
-    """Serve until the process is to end."""
     serve_get_pose()
     module = So101Module.from_args()
     set_machine(lambda: module.parent)

@@ -65,14 +65,7 @@ _COMPONENT = "component"  # the planner's name for the frame of a component that
 
 
 class So101Motion(ServiceForAnArm, MotionService):
-    """Plans and moves arms of this module.
-
-    Args:
-        name: The service's name.
-        arm: Name of the arm; None for the only one, or for the one that a request names.
-        senses: The resources that report the surroundings, besides the arm's own.
-        dependencies: The clients of these resources.
-    """
+    """Plans and moves arms of this module; its sources add to the arm's own."""
 
     MODEL: ClassVar = Model.from_string("devrel:so101:motion")
     CONFIG = MotionConfig
@@ -89,12 +82,10 @@ class So101Motion(ServiceForAnArm, MotionService):
 
     @classmethod
     def used(cls, wanted: MotionConfig) -> Sequence[str]:
-        """The resources that report the surroundings."""
         return wanted.senses.resources
 
     @classmethod
     def build(cls, name: str, wanted: MotionConfig, dependencies: Dependencies) -> So101Motion:
-        """Make the service; its arm need not exist yet."""
         return cls(name, wanted.arm, wanted.senses, dependencies)
 
     async def move(
@@ -107,7 +98,6 @@ class So101Motion(ServiceForAnArm, MotionService):
         extra: Mapping[str, Any] | None = None,
         **kwargs: Any,
     ) -> bool:
-        """Move a component to a pose around obstacles; returns on arrival."""
         with grpc_statuses():
             wanted = MoveArguments(
                 component=component_name,
@@ -140,7 +130,6 @@ class So101Motion(ServiceForAnArm, MotionService):
         supplemental_transforms: Sequence[Transform] | None = None,
         **kwargs: Any,
     ) -> PoseInFrame:
-        """The pose of a component in a frame."""
         with grpc_statuses():
             brought = supplemental_transforms or ()
             arm = await self._arm_for(component_name, brought)
@@ -223,7 +212,6 @@ class So101Motion(ServiceForAnArm, MotionService):
         return arm_here(name)
 
     async def _seen_through(self, resource: ArmResource, motion: Motion) -> None:
-        """Wait until a motion has arrived; ``close`` ends it if it is still running."""
         running = (resource, motion)
         self._running.add(running)
         try:
@@ -232,7 +220,6 @@ class So101Motion(ServiceForAnArm, MotionService):
             self._running.discard(running)
 
     async def close(self) -> None:
-        """End the motions of this service; may be called twice."""
         for resource, motion in tuple(self._running):
             await resource.ended(motion, "the removal of its motion service")
         for source in self._sources:
@@ -241,11 +228,8 @@ class So101Motion(ServiceForAnArm, MotionService):
     async def _refuse_hopeless(self, wanted: MoveArguments, around: Scene) -> None:
         """Refuse a request that fails from any start, before it ends the arm's present motion.
 
-        Store, camera and other arms are read later, when the arm rests.
-
-        Raises:
-            Interrupted: It was superseded or stopped meanwhile.
-            So101Error: Why it fails; a path that is not found from here is no reason.
+        Store, camera and other arms are read later, when the arm rests. A path that is not found
+        from here is no reason.
         """
         asked = await self._asked(wanted, around)
         considered, planning = asked.arm.consider(asked.goal, search=asked.search)
@@ -258,11 +242,7 @@ class So101Motion(ServiceForAnArm, MotionService):
             planning.result()
 
     async def _asked(self, wanted: MoveArguments, around: Scene) -> _PlanningTask:
-        """Read a request for the arm's present position and these surroundings.
-
-        Raises:
-            So101Error: The request is not valid.
-        """
+        """Read a request for the arm's present position and these surroundings."""
         await self._turns.passed()
         self._ignored.warn(wanted.extra)
         resource = await self._arm_for(wanted.component, wanted.transforms)
@@ -294,11 +274,6 @@ class So101Motion(ServiceForAnArm, MotionService):
     async def _replanned(
         self, wanted: MoveArguments, options: PlannerOptions, resource: ArmResource
     ) -> None:
-        """Move, and plan again whenever the arm's surroundings have changed.
-
-        Raises:
-            ConfigError: There is more to keep to than these.
-        """
         # Over gRPC neither is ever None; what was not given is empty.
         more = [each for each in (wanted.world, wanted.constraints) if each and each.ByteSize()]
         if more or self._sources:
@@ -342,7 +317,6 @@ class So101Motion(ServiceForAnArm, MotionService):
     # Methods for mobile bases
 
     async def _not_for_arms(self, *args: Any, **kwargs: Any) -> Any:
-        """Refuse: this is for mobile bases; the arm's own Stop ends a move of this service."""
         raise GRPCError(
             Status.UNIMPLEMENTED,
             "this method is for mobile bases, and this service moves an arm; use Move, and the"
@@ -354,15 +328,7 @@ class So101Motion(ServiceForAnArm, MotionService):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveArguments:
-    """The arguments of a Move request.
-
-    Attributes:
-        component: The arm, or a component attached to it.
-        destination: The goal pose.
-        world: The request's obstacles and frames.
-        constraints: Constraints of the path.
-        extra: Planner options.
-    """
+    """The arguments of a Move request."""
 
     component: str
     destination: PoseInFrame
@@ -372,16 +338,11 @@ class MoveArguments:
 
     @property
     def transforms(self) -> Sequence[Transform]:
-        """The frames of the request."""
         return self.world.transforms if self.world is not None else ()
 
     @classmethod
     def of_json(cls, key: str, value: object) -> MoveArguments:
-        """Read a MoveRequest from JSON, text or object.
-
-        Raises:
-            ConfigError: It is not a MoveRequest.
-        """
+        """Read a MoveRequest from JSON, text or object."""
         request = MoveRequest()
         try:
             if isinstance(value, str):
@@ -401,15 +362,7 @@ class MoveArguments:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _PlanningTask:
-    """A request in the planner's terms.
-
-    Attributes:
-        arm: The arm that moves.
-        goal: The goal.
-        search: Scene, frames and options of the search.
-        constraints: Constraints of the path.
-        T_tool_component: The pose of the moved component in the tool frame.
-    """
+    """A request in the planner's terms."""
 
     arm: Arm
     goal: PoseGoal

@@ -30,10 +30,7 @@ class RegisteredModel:
     """A model that is imported when it is first used.
 
     Attributes:
-        api: Its API.
-        model: Its name.
         file: The file in this folder that has it, without ending.
-        class_name: The class in that file.
         plans: Whether it has an arm, and so needs the planning process.
     """
 
@@ -50,11 +47,9 @@ class RegisteredModel:
         return found
 
     def validate_config(self, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """See ``Configured.validate_config``."""
         return self.load().validate_config(config)
 
     def new(self, config: ComponentConfig, dependencies: Dependencies) -> ResourceBase:
-        """See ``Configured.new``."""
         made = self.load().new(config, dependencies)
         assert isinstance(made, ResourceBase)
         return made
@@ -87,7 +82,6 @@ MODELS = (
 
 
 def register() -> None:
-    """Tell the SDK of all models."""
     for each in MODELS:
         Registry.register_resource_creator(
             each.api, each.model, ResourceCreatorRegistration(each.new, each.validate_config)
@@ -95,5 +89,4 @@ def register() -> None:
 
 
 def registered(api: str, model: str) -> RegisteredModel | None:
-    """The model of these names; None if there is none."""
     return next((m for m in MODELS if (str(m.api), str(m.model)) == (api, model)), None)

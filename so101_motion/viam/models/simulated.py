@@ -26,14 +26,7 @@ LONGEST_STEP = 3600.0
 
 
 class SimulatedArm(ArmResource):
-    """A simulated SO-101 arm.
-
-    Args:
-        name: The component's name.
-        rig: The rig of a simulated arm.
-        config: Its configuration.
-        dependencies: The clients of the resources that the configuration names.
-    """
+    """A simulated SO-101 arm."""
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated")
     CONFIG = SimulatedArmConfig
@@ -58,7 +51,6 @@ class SimulatedArm(ArmResource):
     def build(
         cls, name: str, wanted: SimulatedArmConfig, dependencies: Dependencies
     ) -> SimulatedArm:
-        """Make the component; it starts where the last one of this name was."""
         motion_service(wanted.motion, dependencies)  # refuses one that the machine does not have
         rig = open_simulated(
             speed=wanted.speed,
@@ -73,7 +65,6 @@ class SimulatedArm(ArmResource):
         return cls(name, rig, wanted, dependencies)
 
     async def close(self) -> None:
-        """Stop and release everything; the next arm of this name starts at these angles."""
         await super().close()
         self._time.shutdown(wait=False)
         self.left_at[self.short_name] = self._arm.state.q_ref

@@ -24,13 +24,7 @@ from so101_motion.viam.requests.commands import Taking
 
 
 class SimulatedGripper(GripperResource):
-    """A simulated SO-101 gripper; it never holds anything.
-
-    Args:
-        name: The component's name.
-        rig: The rig of a simulated arm and gripper; its arm is not moved.
-        config: Its type and mesh detail.
-    """
+    """A simulated SO-101 gripper; it never holds anything."""
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
     CONFIG = SimulatedGripperConfig
@@ -54,19 +48,16 @@ class SimulatedGripper(GripperResource):
     def build(
         cls, name: str, wanted: SimulatedGripperConfig, dependencies: Dependencies
     ) -> SimulatedGripper:
-        """Make the component; it starts where the last one of this name was."""
         q_jaw = cls.left_at.pop(name, JAW_CLOSED)
         return cls(name, open_simulated_gripper(q_jaw_start=q_jaw), wanted)
 
     # Moving
 
     async def open(self, **kwargs: Any) -> None:
-        """Open fully; returns when it is open."""
         with grpc_statuses():
             await wait_for_arrival(self._start(1.0))
 
     async def grab(self, **kwargs: Any) -> bool:
-        """Close fully; returns when it is closed. It never holds anything: False."""
         with grpc_statuses():
             await wait_for_arrival(self._start(0.0))
         return False
@@ -76,23 +67,19 @@ class SimulatedGripper(GripperResource):
         return self._watched(self._gripper.move(aperture, wait=False))
 
     async def stop(self, **kwargs: Any) -> None:
-        """Slow to rest and stay there; returns when the jaw is at rest."""
         await super().stop(**kwargs)
         self._target = self._gripper.aperture
 
     async def close(self) -> None:
-        """Stop and release everything; the next gripper of this name starts at this angle."""
         await super().close()
         self.left_at[self.short_name] = self._gripper.q_jaw
 
     # State
 
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
-        """Always False: a simulated gripper holds nothing."""
         return Gripper.HoldingStatus(is_holding_something=False)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The jaw's position and goal, and whether it moves."""
         return convert.to_result({**self._position(), "is_moving": await self.is_moving()})
 
     async def _set_position(self, given: Attributes) -> dict[str, Any]:
@@ -105,7 +92,6 @@ class SimulatedGripper(GripperResource):
         return self._position()
 
     async def _go(self, percentage: float, *, waits: bool = False) -> float:
-        """Start moving to a percentage; never waits."""
         percentage = clamped(percentage)
         log_failure_of(self._start(percentage / 100.0), self.logger)
         return percentage

@@ -61,13 +61,7 @@ chosen."""
 
 
 class So101Teleop(Configured, Generic):
-    """Makes one arm follow another.
-
-    Args:
-        name: The service's name.
-        config: Its settings.
-        dependencies: The clients of the arms and grippers.
-    """
+    """Makes one arm follow another."""
 
     MODEL: ClassVar = Model.from_string("devrel:so101:teleop")
     CONFIG = TeleopConfig
@@ -94,28 +88,23 @@ class So101Teleop(Configured, Generic):
 
     @classmethod
     def needed(cls, wanted: TeleopConfig) -> Sequence[str]:
-        """The arms and grippers that are named."""
         return list(wanted.dependencies)
 
     @classmethod
     def build(cls, name: str, wanted: TeleopConfig, dependencies: Dependencies) -> So101Teleop:
-        """Make the service; it starts by itself if ``auto_start`` is set."""
         service = cls(name, wanted, dependencies)
         if wanted.auto_start:
             service._starting = asyncio.ensure_future(service._start_alone())
         return service
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Answer ``start``, ``stop`` and ``status``."""
         with grpc_statuses():
             return convert.to_result(await answer(command, self._commands))
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The state of the session, as ``status`` answers."""
         return convert.to_result(await self._status())
 
     async def close(self) -> None:
-        """Stop; may be called twice."""
         if self._starting is not None:
             self._starting.cancel()
         async with self._one_at_a_time:
@@ -288,11 +277,7 @@ class So101Teleop(Configured, Generic):
 
 
 def _file_of(record: str, *, replace: bool) -> Path:
-    """The file of a recording.
-
-    Raises:
-        ConfigError: It cannot have that name, is there already, or its folder cannot be made.
-    """
+    """The file of a recording; refused if it is there already, unless it may be replaced."""
     if Path(record).name != record:
         raise ConfigError("record", record, "must be a file name without folders")
     file = store.resolve(f"{RECORDINGS}/{record}")

@@ -63,15 +63,7 @@ _TROUBLE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RemoteArm:
-    """An arm of another module or machine.
-
-    Attributes:
-        arm: Its client.
-        gripper: Its gripper's client; None to leave the gripper alone.
-        loop: The event loop that the clients belong to.
-        clock: The clock of the session.
-        rate: How often it is read [1/s].
-    """
+    """An arm of another module or machine, read ``rate`` times a second [1/s]."""
 
     arm: Arm
     gripper: Gripper | None
@@ -80,11 +72,7 @@ class RemoteArm:
     rate: float
 
     async def ask(self) -> tuple[float, Array, Array]:
-        """Read joint angles and aperture; returns the time [s], values, and which are valid.
-
-        Raises:
-            GRPCError: It does not answer.
-        """
+        """Read joint angles and aperture; returns the time [s], values, and which are valid."""
         begin = self.clock.now()
         x, heard = np.zeros(6), np.ones(6, dtype=bool)
         asked: list[Any] = [self.arm.get_joint_positions(timeout=PATIENCE)]
@@ -134,12 +122,7 @@ class RemoteArm:
 
 
 class RemoteLeader(Leader):
-    """A remote arm as leader.
-
-    Args:
-        arm: The arm.
-        lets_go: Whether its joints are released while it leads, and held again afterwards.
-    """
+    """A remote arm as leader; ``lets_go``: limp while it leads, held again afterwards."""
 
     def __init__(self, arm: RemoteArm, *, lets_go: bool = True) -> None:
         self._arm, self._lets_go = arm, lets_go
@@ -148,7 +131,6 @@ class RemoteLeader(Leader):
         self._asking: Future[None] | None = None
 
     def attach(self, predictor: Predictor) -> None:
-        """See ``Leader.attach``."""
         if self._lets_go:
             self._is_to_hold = True  # even if the answer is lost
             self._is_limp = bool(self._arm.run(self._arm.set_torque(False)))
@@ -164,7 +146,6 @@ class RemoteLeader(Leader):
         self._asking = self._arm.begin(ask)
 
     def detach(self) -> None:
-        """See ``Side.detach``."""
         if self._asking is not None:
             self._asking.cancel()
         if self._is_to_hold:
@@ -173,16 +154,12 @@ class RemoteLeader(Leader):
 
     @property
     def state(self) -> SideState:
-        """See ``Side.state``; it is limp if the request to release its joints succeeded."""
+        """It is limp if the request to release its joints succeeded."""
         return SideState(x=self._x, x_goal=self._x, is_limp=self._is_limp)
 
 
 class RemoteFollower(Follower):
-    """A remote arm as follower.
-
-    Args:
-        arm: The arm.
-    """
+    """A remote arm as follower."""
 
     def __init__(self, arm: RemoteArm) -> None:
         self._arm = arm
@@ -197,7 +174,6 @@ class RemoteFollower(Follower):
         self._stops: float | None = None
 
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
-        """See ``Follower.attach``."""
         self._stops = self._arm.run(self._arm.stops())
         self._approach = Approach(pilot.pace.full, pilot.pace.approach)
 
@@ -213,12 +189,10 @@ class RemoteFollower(Follower):
         self._going = self._arm.begin(go)
 
     def engage(self) -> None:
-        """See ``Follower.engage``."""
         self._x_goal, self._problem = None, None
         self._engaged = True
 
     def detach(self) -> None:
-        """See ``Side.detach``."""
         self._engaged = False
         if self._going is not None:
             self._going.cancel()
@@ -228,13 +202,11 @@ class RemoteFollower(Follower):
             raise MotionError(f"the follower could not be stopped: {error}") from error
 
     def ending(self) -> BaseException | None:
-        """See ``Follower.ending``."""
         problem, self._problem = self._problem, None
         return problem
 
     @property
     def state(self) -> SideState:
-        """See ``Side.state``."""
         return SideState(
             x=self._x,
             x_goal=self._x if self._x_goal is None else self._x_goal,

@@ -63,12 +63,7 @@ Shown = dict[bytes, Transform]
 
 
 class So101WorldState(ServiceForAnArm, WorldStateStore):
-    """Shows the scene and the newest plan of one arm of this module.
-
-    Args:
-        name: The service's name.
-        arm: Name of the arm; None for the only one.
-    """
+    """Shows the scene and the newest plan of one arm of this module."""
 
     MODEL: ClassVar = Model.from_string("devrel:so101:world-state")
 
@@ -87,7 +82,6 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
             return list(await asyncio.to_thread(self._now))
 
     async def get_transform(self, uuid: bytes, **kwargs: Any) -> Transform:
-        """The shown transform with this id."""
         with grpc_statuses():
             found = (await asyncio.to_thread(self._now)).get(uuid)
         if found is None:
@@ -125,7 +119,6 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
         return await asyncio.shield(self._looking)
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Refuse: the store has no commands."""
         raise GRPCError(
             Status.UNIMPLEMENTED,
             "this store has no commands; use ListUUIDs, GetTransform and StreamTransformChanges,"
@@ -144,12 +137,7 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
 
 
 def shown_of(name: str, arm: Arm) -> Iterator[Transform]:
-    """The transforms that show an arm's scene and newest plan.
-
-    Args:
-        name: The arm's short name.
-        arm: The arm.
-    """
+    """The transforms that show an arm's scene and newest plan."""
     scene, plan = (arm.scene, None) if arm.newest is None else (arm.newest[0].scene, arm.newest[1])
     yield from _things(name, scene)
     if plan is None or len(plan.trajectory) < 2:

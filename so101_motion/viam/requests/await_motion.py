@@ -26,16 +26,7 @@ Rest = Callable[[asyncio.Future[None]], Awaitable[None]]
 
 
 async def wait_for_arrival(motion: Moving, come_to_rest: Rest | None = None) -> None:
-    """Wait until the arm has arrived; when the wait is cancelled, stop this motion first.
-
-    Args:
-        motion: The motion.
-        come_to_rest: Waits until an interrupted motion is over; ``rest`` if not given.
-
-    Raises:
-        So101Error: Why it did not arrive.
-        asyncio.CancelledError: The wait was cancelled; this motion is at rest.
-    """
+    """Wait until the arm has arrived; when the wait is cancelled, stop this motion first."""
     future = asyncio.wrap_future(motion.future)
     try:
         await asyncio.shield(future)
@@ -59,24 +50,15 @@ async def rest(future: asyncio.Future[Any]) -> None:
 
 
 def in_own_thread(job: Callable[[], T]) -> asyncio.Future[T]:
-    """``own_thread`` for the event loop."""
     return asyncio.wrap_future(own_thread(job))
 
 
 async def run_to_end(job: Callable[[], T]) -> T:
-    """Run ``job`` in a thread to its end, even if the wait for it is cancelled.
-
-    A cancellation takes effect after the job, so that no other step starts before its end.
-
-    Raises:
-        Exception: As ``job`` raised it.
-        asyncio.CancelledError: The wait was cancelled; the job is over.
-    """
+    """Run ``job`` in a thread to its end; a cancelled wait takes effect after it."""
     return await wait_to_end(in_own_thread(job))
 
 
 async def wait_to_end(step: Awaitable[T]) -> T:
-    """Wait for a step to its end, even if the wait is cancelled."""
     future = asyncio.ensure_future(step)
     try:
         return await asyncio.shield(future)
@@ -96,7 +78,6 @@ class TurnQueue:
         self._one_at_a_time = asyncio.Lock()
 
     async def passed(self) -> None:
-        """Wait for a turn."""
         async with self._one_at_a_time:
             await asyncio.sleep(0)
 

@@ -80,18 +80,9 @@ async def answer(
     keys: Callable[[Request], Awaitable[dict[str, Any]]] | None = None,
     names: tuple[str, ...] = (),
 ) -> dict[str, Any]:
-    """Carry out ``request``.
+    """Carry out ``request``; ``keys`` answers one without ``command``, which may have ``names``.
 
     An unknown ``command`` beside one of ``names`` is ignored, as in the published module.
-
-    Args:
-        request: The request.
-        commands: The known commands.
-        keys: Answers a request without ``command``; None if it must have one.
-        names: The keys that such a request may have.
-
-    Raises:
-        ConfigError: The command, key or an argument is unknown; the message suggests a known one.
     """
     command = request.get("command")
     if isinstance(command, str) and command in commands:
@@ -123,11 +114,7 @@ def _given(
 
 
 def arguments(request: Request, names: tuple[str, ...]) -> Attributes:
-    """The arguments of a request; what else stands in it is ignored, and named in the log once.
-
-    Raises:
-        ConfigError: A key looks like a misspelt argument.
-    """
+    """The arguments of a request; what else stands in it is ignored, and named in the log once."""
     others = {key: value for key, value in request.items() if key != "command"}
     ignored = ignorable(others, names, kind="argument")
     command = request.get("command")
@@ -142,7 +129,6 @@ def arguments(request: Request, names: tuple[str, ...]) -> Attributes:
 
 
 def _suggestion(request: Request, commands: Collection[str], names: tuple[str, ...]) -> str:
-    """What to send instead of a request without a command or a known key."""
     first = next(iter(request), "")
     if first in commands:
         return f'"{first}" is a command, not a key: send {{"command": "{first}", ...}}'
@@ -153,12 +139,7 @@ def _suggestion(request: Request, commands: Collection[str], names: tuple[str, .
 def planning_commands(
     arm: Arm, standing: Callable[[Scene], Awaitable[Scene]]
 ) -> dict[str, Command]:
-    """What a planner outside this process asks for.
-
-    Args:
-        arm: The arm.
-        standing: Adds what the machine has around the arm to a scene.
-    """
+    """What a planner outside this process asks for."""
     return {
         "get_planning_setup": partial(_setup, arm),
         "get_surroundings": partial(_surroundings, arm, standing),
@@ -166,7 +147,6 @@ def planning_commands(
 
 
 async def _setup(arm: Arm) -> dict[str, Any]:
-    """The scene and the joint ranges."""
     lower, upper = arm.range
     setup = {
         "scene": scene_to(arm.scene),
@@ -205,11 +185,7 @@ def _others(arm: Arm) -> Iterator[StandingArm]:
 
 
 def motion_params(arm: Arm, request: Request) -> dict[str, Any]:
-    """Answer ``set_speed``, ``set_acceleration`` and ``get_motion_params``.
-
-    Raises:
-        ConfigError: A value is not valid; then nothing has changed.
-    """
+    """Answer ``set_speed``, ``set_acceleration`` and ``get_motion_params``; sets all or nothing."""
     given = arguments(request, KEYS)
     speed_deg = _wanted(request, "set_speed", SPEED_RANGE_DEG, "deg/s")
     acceleration_deg = _wanted(request, "set_acceleration", ACCELERATION_RANGE_DEG, "deg/s^2")

@@ -32,15 +32,7 @@ _LOOK = 0.02
 
 
 class JawServoCommands:
-    """Answers the ``servo_…`` commands.
-
-    Args:
-        rig: The arm's rig.
-        logger: Gets the errors of motions that no caller waits for.
-
-    Attributes:
-        commands: The method for each ``command``.
-    """
+    """Answers the ``servo_…`` commands."""
 
     def __init__(self, rig: HardwareRig, logger: logging.Logger) -> None:
         self._rig, self._logger = rig, logger
@@ -124,11 +116,6 @@ class JawServoCommands:
         return GRIPPER_JOINT in self._rig.servos.setups
 
     def _check_id(self, given: Attributes) -> None:
-        """Check that the request names the jaw's servo.
-
-        Raises:
-            ConfigError: It names a servo of the arm, or the jaw's does not answer.
-        """
         asked = given.required("servo_id", lower=1.0, upper=6.0)
         if asked != self._id:
             raise ConfigError(

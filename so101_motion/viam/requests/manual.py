@@ -27,14 +27,7 @@ LOOK_EVERY = 0.5
 class ManualMode:
     """Switches an arm between holding and hand guiding. Lives in the event loop.
 
-    Args:
-        arm: The arm.
-        logger: Gets a warning if the arm cannot hold when the time is up, and one for each thing
-            that a hand leads the arm into.
-        surroundings: Lets the arm know what is around it.
-
-    Attributes:
-        touching: What the guided arm touches, see ``Arm.touching``; empty if nothing.
+    ``touching`` is what the guided arm touches, see ``Arm.touching``; empty if nothing.
     """
 
     def __init__(self, arm: Arm, logger: logging.Logger, surroundings: GuardedScene) -> None:
@@ -50,14 +43,7 @@ class ManualMode:
     ) -> None:
         """Start or end manual mode; a switch that has begun is always finished.
 
-        Args:
-            enabled: Whether the arm yields to a hand.
-            enabled_for: For how long [s]; 0 for no end. Real seconds, even in simulated time.
-            compliance: How it yields; the arm's own setting by default.
-
-        Raises:
-            ConfigError: ``enabled_for`` is negative or more than ``LONGEST_GUIDING``.
-            So101Error: The joints could not be switched.
+        It ends after ``enabled_for`` real seconds, even in simulated time; 0 for no end.
         """
         checked_number("enabled_for", enabled_for, lower=0.0, upper=LONGEST_GUIDING, unit="s")
         async with self._one_at_a_time:
@@ -75,7 +61,6 @@ class ManualMode:
             self._timer = asyncio.create_task(self._hold_after(enabled_for))
 
     def forget(self) -> None:
-        """Cancel the time limit, and look no more."""
         for task in (self._timer, self._looking):
             if task is not None:
                 task.cancel()

@@ -33,13 +33,10 @@ def operation_commands(
     beside: Mapping[str, Any] | None = None,
     arrived: _Arrived = wait_for_arrival,
 ) -> dict[str, Command]:
-    """The DoCommands of operations.
+    """The DoCommands of operations; ``published`` has an operation's name and command for each key.
 
-    Args:
-        operations: The operations by name.
-        published: For each key an operation's name and its command.
-        beside: What the answers of published keys have as well.
-        arrived: Waits for a motion that a command has started; a cancelled wait ends the motion.
+    ``beside`` is added to the answers of published keys. ``arrived`` waits for a motion that a
+    command has started; a cancelled wait ends the motion.
     """
     answers: dict[str, Command] = {}
     for key, (name, command) in published.items():

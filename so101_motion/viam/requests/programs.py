@@ -31,15 +31,7 @@ async def run_program(
     arrived: Callable[[Moving], Awaitable[None]],
     given: Attributes,
 ) -> dict[str, Any]:
-    """Plan and run a program on an arm component.
-
-    Args:
-        rig: The arm's rig.
-        surroundings: Reads what is around it.
-        hold: Ends manual mode, and lets the arm hold again after a fault.
-        arrived: Waits until a motion of the arm has arrived.
-        given: The program's ``ENTRIES``.
-    """
+    """Plan and run a program; ``hold`` ends manual mode, and holds again after a fault."""
     from so101_motion.tasks.program import ARM, ProgramRun, Rehearsal, Solo, rehearse
     from so101_motion.tasks.program.files import program_from, rounds_to
 

@@ -125,14 +125,11 @@ def convert_answers_fast() -> None:
 
 
 class _Guard:
-    """Checks the calls of one server."""
-
     def __init__(self) -> None:
         self._turns = TurnQueue()
         self._open: WeakKeyDictionary[Connection, int] = WeakKeyDictionary()
 
     async def check(self, event: RecvRequest) -> None:
-        """Take a call, and put the checks around the method that answers it."""
         answer, path = event.method_func, event.method_name
 
         async def answered(stream: Stream[Any, Any]) -> None:
@@ -175,7 +172,6 @@ class _Guard:
 
 
 async def _at_most(receive: Callable[[int], Awaitable[bytes]], size: int) -> bytes:
-    """Receive ``size`` bytes of a message, unless it is too large."""
     if size > LARGEST:
         reason = f"is more than the {LARGEST} bytes that are read; send less"
         raise ConfigError("request", f"{size} bytes", reason)
@@ -183,11 +179,6 @@ async def _at_most(receive: Callable[[int], Awaitable[bytes]], size: int) -> byt
 
 
 async def _received(receive: Callable[[], Awaitable[Any]]) -> Any:
-    """The next message of a call.
-
-    Raises:
-        GRPCError: It is not valid, compressed, or too large.
-    """
     with grpc_statuses():
         try:
             message = await receive()
@@ -208,11 +199,6 @@ async def _received(receive: Callable[[], Awaitable[Any]]) -> Any:
 
 
 def check_size(message: Message | None) -> None:
-    """Refuse a request whose structs would take long to read.
-
-    Raises:
-        ConfigError: One has too many bytes or values.
-    """
     for field, value in message.ListFields() if message is not None else ():
         if not isinstance(value, Struct):
             continue

@@ -29,12 +29,7 @@ T = TypeVar("T")
 
 
 async def on_bus(rig: HardwareRig, job: Callable[[ServoDriver], T]) -> T:
-    """Run ``job`` with the servos on the I/O thread.
-
-    Raises:
-        MotionError: The arm moves.
-        So101Error: As ``job`` raised it.
-    """
+    """Run ``job`` with the servos on the I/O thread; refused while the arm moves."""
     return await asyncio.wrap_future(rig.executor.call(lambda _: job(rig.servos)))
 
 
@@ -42,10 +37,7 @@ async def ready(rig: HardwareRig) -> None:
     """Check that the servos have been found; tries a missing one again.
 
     A component starts before its servos are found. This waits for the first try, which takes a
-    moment; later calls return at once.
-
-    Raises:
-        NotReady: They have not been found; the message names the silent ones and since when.
+    moment; later calls return at once. ``NotReady`` names the silent ones and since when.
     """
     if not rig.first_try.done():
         await asyncio.shield(asyncio.wrap_future(rig.first_try))
@@ -55,13 +47,7 @@ async def ready(rig: HardwareRig) -> None:
 
 
 async def out_of_fault(rig: HardwareRig) -> None:
-    """Let the arm hold again after a fault, before a request that moves it.
-
-    Raises:
-        NotReady: The servos have not been found yet.
-        MotionError: The servos are being calibrated or set up.
-        So101Error: The cause of the fault is still there.
-    """
+    """Let the arm hold again after a fault, before a request that moves it."""
     state = rig.arm.state
     if state.lent_to is not None:
         raise MotionError(lent_out(state.lent_to))
@@ -73,7 +59,6 @@ async def out_of_fault(rig: HardwareRig) -> None:
 
 
 def controller(rig: HardwareRig) -> dict[str, Any]:
-    """The users of the port, and its state."""
     settings, servos = rig.servos.settings, rig.servos
     sources = sorted({setup.source for setup in servos.setups.values()})
     text = f"{settings.port}@{settings.baudrate}(refs:{rig.users},cal:{'/'.join(sources)})"
@@ -87,7 +72,6 @@ def controller(rig: HardwareRig) -> dict[str, Any]:
 
 
 def health(servos: ServoDriver) -> dict[str, Any]:
-    """The health figures of each servo, by joint."""
     return {
         joint.joint: {
             "servo_id": joint.servo_id,
@@ -117,16 +101,7 @@ def out_of_range(reading: JointReading) -> dict[str, dict[str, float]]:
 
 
 class ServoCommands:
-    """Answers the requests about servos.
-
-    Args:
-        rig: The arm's rig.
-        servo_ids: The arm's servos, base to wrist.
-        manual: Switches manual mode.
-
-    Attributes:
-        commands: The method for each ``command``.
-    """
+    """Answers the requests about servos."""
 
     def __init__(self, rig: HardwareRig, servo_ids: tuple[int, ...], manual: ManualMode) -> None:
         self._rig, self._ids, self._manual = rig, servo_ids, manual
@@ -279,7 +254,6 @@ class ServoCommands:
         return {"success": True, "calibration_file": str(file), "message": message}
 
     async def _write_calibration(self) -> dict[str, Any]:
-        """Store the calibration file in servos that hold another, as their user asks."""
         kept = await run_to_end(self._rig.write_calibration)
         return {"success": True, "kept": "" if kept is None else str(kept)}
 

@@ -36,17 +36,7 @@ async def played(
 ) -> AsyncGenerator[Arm.TrajectoryUpdate, None]:
     """Push batches into a stream as they arrive, and wait until the arm has arrived.
 
-    Args:
-        opening: The opening of the stream that takes the points.
-        batches: The client's batches.
-        read: Gives the joint angles of a point, shape (5,), [rad].
-        come_to_rest: Waits until an interrupted motion is over.
-
-    Yields:
-        An acknowledgement for each batch.
-
-    Raises:
-        So101Error: Why the arm did not arrive.
+    ``read`` gives the joint angles of a point [rad]. Yields an acknowledgement for each batch.
     """
     over, opened = (asyncio.wrap_future(f) for f in (opening.motion.future, opening.opened))
     opened.add_done_callback(lambda done: done.cancelled() or done.exception())  # retrieved

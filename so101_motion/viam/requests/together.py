@@ -44,18 +44,7 @@ _POSE = ("x", "y", "z", "o_x", "o_y", "o_z", "theta")
 async def move_together(
     asked: object, arms: Mapping[str, ArmResource], seen_through: SeenThrough
 ) -> None:
-    """Move several arms to goals in one motion; returns when all have arrived.
-
-    Args:
-        asked: Their goals by name, as in the request.
-        arms: The arms of this process.
-        seen_through: Waits for the motion of an arm, and ends it when the call is cancelled.
-
-    Raises:
-        ConfigError: A goal is not valid, or the arms do not share a cell.
-        OutsideLimits: A goal is outside an arm's joint limits.
-        So101Error: One of the motions failed.
-    """
+    """Move several arms to goals in one motion; returns when all have arrived."""
     goals = _goals(asked, arms)
     cell, scenes = await _cell_of("move_together", list(goals), arms)
     await _all_seen_through(cell.start_together(goals, scenes=scenes), arms, seen_through)
@@ -64,20 +53,7 @@ async def move_together(
 async def hand_over(
     asked: object, arms: Mapping[str, ArmResource], seen_through: SeenThrough
 ) -> Any:
-    """Pass an object from one hand to another; returns when it has been passed.
-
-    Args:
-        asked: The giving arm, the taking arm and the object, as in the request.
-        arms: The arms of this process.
-        seen_through: As for ``move_together``.
-
-    Returns:
-        The object in the hand of the taking arm, as an entry of ``holds``.
-
-    Raises:
-        ConfigError: The request is not valid, or the arms do not share a cell.
-        So101Error: One of the motions failed.
-    """
+    """Pass an object from one hand to another; returns it as an entry of ``holds``."""
     if not isinstance(asked, Mapping):
         raise ConfigError("handover", asked, 'must be {"from": ..., "to": ..., "object": ...}')
     given = Attributes(asked, ("from", "to", "object"), kind="key of a handover")
@@ -91,15 +67,7 @@ async def hand_over(
 
 
 async def set_held(asked: object, arms: Mapping[str, ArmResource]) -> None:
-    """Set the objects in the arms' hands.
-
-    Args:
-        asked: The objects by arm, as in the request.
-        arms: The arms of this process.
-
-    Raises:
-        ConfigError: The request is not valid; nothing has changed.
-    """
+    """Set the objects in the arms' hands, all or none."""
     if not isinstance(asked, Mapping):
         raise ConfigError("holds", asked, 'must be objects by arm: {"left": [...]}')
     scenes = {}
@@ -165,7 +133,6 @@ def _goals(asked: object, arms: Mapping[str, ArmResource]) -> dict[str, Goal]:
 
 @contextmanager
 def _about(arm: str) -> Iterator[None]:
-    """Put the name of an arm in front of the message of an error."""
     try:
         yield
     except So101Error as error:

@@ -47,15 +47,7 @@ _WHOLE = 0.9
 
 
 class CameraView:
-    """A camera, or a vision service that finds objects in its picture. Lives in the event loop.
-
-    Args:
-        camera: The name of the camera and of its frame.
-        client: The camera's client; None if the machine has no such camera.
-        vision: A vision service's name; None for the camera's points.
-        finder: The vision service's client; None if it is not used or the machine has none.
-        patience: How long it may take [s].
-    """
+    """A camera, or a vision service that finds objects in its picture; clients may be None."""
 
     is_steady = False
 
@@ -74,11 +66,6 @@ class CameraView:
         self._patience = patience
 
     async def added_to(self, scene: Scene, view: MachineView) -> Scene:
-        """``scene`` with the points or objects that the camera sees now.
-
-        Raises:
-            SurroundingsUnknown: The camera does not answer or sees nothing, or something moves.
-        """
         try:
             async with asyncio.timeout(self._patience):
                 seen, view, T_base_camera = await self._steady_look(view)

@@ -35,7 +35,6 @@ class ComponentGeometries:
         self._plain: dict[str, float] = {}  # whose answers added nothing, and when
 
     def forget(self) -> None:
-        """Ask all components again, because the configuration has changed."""
         self._plain.clear()
 
     def has_to_be_asked(self, name: str) -> bool:
@@ -44,15 +43,7 @@ class ComponentGeometries:
         return since is None or time.monotonic() - since >= _ASK_AGAIN
 
     async def geometries(self, name: str, own: list[Geometry]) -> list[Geometry]:
-        """The geometries in a component's answer and in its frame's configuration.
-
-        Args:
-            name: The component's.
-            own: Those of the configuration.
-
-        Raises:
-            SurroundingsUnknown: It does not answer, and nothing is configured.
-        """
+        """The geometries in a component's answer and in its frame's configuration, ``own``."""
         try:
             answer = await self._ask(name)
         except SurroundingsUnknown:
@@ -94,7 +85,6 @@ class ComponentGeometries:
 
 
 def words(error: GRPCError) -> str:
-    """The message of an error."""
     return error.message or ""
 
 
@@ -104,7 +94,6 @@ def _component(names: list[ResourceName], name: str) -> ResourceName | None:
 
 
 def _is_among(geometry: Geometry, others: Iterable[Geometry]) -> bool:
-    """Whether others have the same geometry under any label."""
     bare = Geometry()
     for each in others:
         bare.CopyFrom(each)

@@ -30,10 +30,7 @@ class Part:
     """One component in the frame system.
 
     Attributes:
-        name: The component's name.
-        parent: The frame it is attached to.
-        T_parent_origin: The pose of its origin in the parent.
-        geometry: The geometry in its frame's configuration; None without one.
+        geometry: That of its frame's configuration; None without one.
         has_end: Whether it has kinematics, so that its end may be elsewhere than its origin.
         has_joints: Whether that end moves.
         kinematics: The name in its kinematics; for an arm of this module the component's name, from
@@ -50,20 +47,7 @@ class Part:
 
 
 class FrameTree:
-    """The components of a frame system.
-
-    Args:
-        configs: The machine's frame system.
-        left_out: Components that are ignored; one of them is dropped if its parent is missing.
-
-    Attributes:
-        parts: The components by name.
-
-    Raises:
-        ConfigError: The frame system is not valid: too many components, a pose that is not finite,
-            a missing parent, or a circle.
-        SurroundingsUnknown: Two components have one name.
-    """
+    """The components of a frame system; one left out goes if its parent is missing."""
 
     def __init__(
         self, configs: Iterable[FrameSystemConfig], left_out: Collection[str] = ()
@@ -95,11 +79,7 @@ class FrameTree:
         return frame in self.parts or frame.removesuffix(_ORIGIN) in self.parts
 
     def above(self, name: str) -> Iterator[tuple[str, bool]]:
-        """The components that ``name`` is attached to, nearest first; True with one for its end.
-
-        Raises:
-            ConfigError: A parent is missing, or the chain is a circle.
-        """
+        """The components that ``name`` is attached to, nearest first; True with one for its end."""
         frame, steps = self.parts[name].parent, 0
         while frame != WORLD:
             holder = frame if frame in self.parts else frame.removesuffix(_ORIGIN)
@@ -129,12 +109,7 @@ class FrameTree:
         }
 
     def T_world(self, frame: str, ends: Mapping[str, SE3]) -> SE3:
-        """The pose of a frame in the world.
-
-        Args:
-            frame: The frame or origin of a component.
-            ends: The poses of components' ends in their origins; the origin if missing.
-        """
+        """The pose of a frame or origin; ``ends``: poses of components' ends in their origins."""
         if frame == WORLD:
             return SE3.identity()
         name = frame if frame in self.parts else frame.removesuffix(_ORIGIN)

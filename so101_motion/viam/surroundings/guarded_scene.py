@@ -38,12 +38,7 @@ KNOWN_FOR = 5.0
 class GuardedScene:
     """Keeps one arm's guard informed. Lives in the event loop; ``close`` it.
 
-    Args:
-        arm: The arm.
-        surroundings: Reads its surroundings.
-        logger: Gets a warning, once, if they cannot be read.
-        is_used: Whether the arm's own motions are guarded; else only ``read`` reads anything.
-        now: The time [s].
+    If it is not used, only ``read`` reads anything.
     """
 
     def __init__(
@@ -63,12 +58,7 @@ class GuardedScene:
         self._said = ""
 
     async def known(self) -> None:
-        """Make sure that the guard knows the surroundings; waits only if it does not.
-
-        Raises:
-            SurroundingsUnknown: They cannot be read.
-            Interrupted: A stop was asked for meanwhile.
-        """
+        """Make sure that the guard knows the surroundings; waits only if it does not."""
         if not self._is_used:
             return
         age = self._now() - self._t
@@ -80,9 +70,7 @@ class GuardedScene:
     async def read(self) -> None:
         """Read the surroundings and tell the guard, also that of a following under way.
 
-        Raises:
-            SurroundingsUnknown: They cannot be read; the guard goes on with the last ones.
-            Interrupted: A stop was asked for meanwhile.
+        If they cannot be read, the guard goes on with the last ones. A stop meanwhile interrupts.
         """
         stops = self._arm.stops
         while self._surroundings.is_asked():
@@ -123,13 +111,11 @@ class GuardedScene:
             await asyncio.wait([reading])
 
     async def close(self) -> None:
-        """End a reading; may be called twice."""
         if self._reading is not None:
             self._reading.cancel()
             await asyncio.wait([self._reading])
 
     def _begin(self) -> asyncio.Task[None]:
-        """The reading under way, or a new one."""
         if self._reading is None or self._reading.done():
             self._reading = asyncio.ensure_future(self._read())
             self._reading.add_done_callback(self._report)

@@ -52,18 +52,7 @@ _RUNS = (ResourceStatus.STATE_READY, ResourceStatus.STATE_UNSPECIFIED)
 
 
 async def missing_parts(machine: RobotClient, left_out: Collection[str]) -> Mapping[str, str]:
-    """The arms and gantries that do not run.
-
-    Args:
-        machine: The machine.
-        left_out: Components that are ignored.
-
-    Returns:
-        Why each has failed, by name; empty for one that is being configured.
-
-    Raises:
-        GRPCError: The machine does not answer.
-    """
+    """The arms and gantries that do not run: why each failed; empty for one being configured."""
     return {
         each.name.name: clipped(each.error, 300)
         for each in await _components(machine)
@@ -75,7 +64,6 @@ async def missing_parts(machine: RobotClient, left_out: Collection[str]) -> Mapp
 
 
 async def lost_part(machine: RobotClient, gone: Collection[str]) -> str | None:
-    """The first part of ``gone`` that is still a component of the machine; None without one."""
     listed = {each.name.name for each in await _components(machine)} if gone else set()
     return next((name for name in gone if name in listed), None)
 
@@ -116,18 +104,9 @@ class NeighbourArm(Protocol):
 
 
 class MachineBodies:
-    """Reads the machine's components for one arm.
+    """Reads the machine's components for one arm, which ignores those ``left_out`` (or ``ALL``).
 
-    Args:
-        arm: The arm's short name.
-        left_out: Components that are ignored; ``ALL`` to ignore every one.
-        arms: The arms of this process by name; arms come and go.
-        grippers: The names of the grippers of this process.
-        cell: Lets the arms of this process know each other's motions.
-        patience: How long the machine may take to answer [s].
-
-    Attributes:
-        without: Why the machine's components are unknown though there is no error; else empty.
+    ``without`` is why the components are unknown though there is no error; else empty.
     """
 
     def __init__(
@@ -160,7 +139,6 @@ class MachineBodies:
 
     @property
     def has_company(self) -> bool:
-        """Whether there may be other arms whose motions can be known."""
         return len(self._arms) > 1 and self.is_asked
 
     @property
@@ -170,15 +148,10 @@ class MachineBodies:
 
     @property
     def is_asked(self) -> bool:
-        """Whether there is a machine to read."""
         return ALL not in self._left_out and machine_here() is not None
 
     async def read(self) -> MachineView:
-        """Read the machine as it is now.
-
-        Raises:
-            SurroundingsUnknown: It does not answer in time, or an answer is not valid.
-        """
+        """Read the machine as it is now; ``SurroundingsUnknown`` if it does not answer in time."""
         if not self.is_asked:
             return self._view((), None, {})
         reason = f"the machine has not listed its components within {self._patience:g} s"
@@ -300,7 +273,6 @@ class MachineBodies:
         return configs
 
     async def _meet(self, ends: Mapping[str, SE3]) -> None:
-        """Take the arms of this process that have frames into a cell."""
         here = self._arms.keys() & self._tree.parts.keys()
         bases = {name: self._tree.T_world(f"{name}_origin", ends) for name in here}
         mates = await asyncio.to_thread(self._cell.meet, self._arm, bases)
@@ -324,7 +296,6 @@ class MachineBodies:
         return dict(zip(names, await _all(map(self._end, names)), strict=True))
 
     async def _end(self, name: str) -> SE3:
-        """The pose of the end of a component's kinematics in its origin."""
         known = self._ends.get(name)
         if name == self._arm:
             return self._arms[name].T_end()
@@ -441,7 +412,6 @@ async def _listed(machine: RobotClient) -> list[FrameSystemConfig]:
 
 
 async def _all(asked: Iterable[Coroutine[Any, Any, Answer]]) -> list[Answer]:
-    """All answers, asked for at once; when one fails the others are cancelled."""
     tasks = [asyncio.ensure_future(each) for each in asked]
     try:
         return await asyncio.gather(*tasks)

@@ -41,11 +41,7 @@ class CellArm(Protocol):
 
 
 class MachineCell:
-    """The cells of the arms of this process. Any thread may call.
-
-    Args:
-        arms: The arms of this process by name; arms come and go.
-    """
+    """The cells of the arms of this process, which come and go. Any thread may call."""
 
     def __init__(self, arms: Mapping[str, CellArm]) -> None:
         self._arms, self._lock = arms, threading.Lock()
@@ -54,14 +50,9 @@ class MachineCell:
         self._closed: set[str] = set()  # of these
 
     def meet(self, own: str, bases: Mapping[str, SE3]) -> frozenset[str]:
-        """Take arms into a cell, and those without a frame out of it.
+        """Take arms with a frame into a cell, others out of it.
 
-        Args:
-            own: The arm that has read the frame system.
-            bases: The pose of the base of each arm with a frame.
-
-        Returns:
-            The arms whose motions ``own`` knows and keeps off.
+        Returns those whose motions ``own`` knows and keeps off.
         """
         with self._lock:
             for name in self._joined.keys() - bases.keys():
@@ -71,12 +62,10 @@ class MachineCell:
             return self._joined[own][1].minded if own in self._joined else frozenset()
 
     def know(self, own: str, held: Mapping[str, tuple[Attached, ...]]) -> None:
-        """Set what arms hold, by their names, as arm ``own`` has read it."""
         if (joined := self._joined.get(own)) is not None:
             joined[1].held = dict(held)
 
     def cell_of(self, name: str) -> Cell | None:
-        """The cell of an arm; None while it is in none."""
         return next((each for each in self._cells.values() if name in each.members), None)
 
     def leave(self, name: str, rig: RigWithExecutor) -> None:
@@ -116,7 +105,6 @@ class MachineCell:
 
 
 def held_by(bodies: Iterable[Body], arms: Collection[str]) -> dict[str, tuple[Attached, ...]]:
-    """The bodies that each arm holds, by the arm's name."""
     held: dict[str, list[Attached]] = {name: [] for name in arms}
     names = UniqueNames({FLOOR, *LINKS})
     for body in bodies:
@@ -127,11 +115,7 @@ def held_by(bodies: Iterable[Body], arms: Collection[str]) -> dict[str, tuple[At
 
 
 def refuse_through(member: OtherArms | None, constraints: Constraints) -> None:
-    """Refuse a request that allows contact with an arm of the same cell.
-
-    Raises:
-        ConfigError: A pair of frames that may touch names such an arm.
-    """
+    """Refuse a request that allows contact with an arm of the same cell."""
     for specification in constraints.collision_specification:
         for allow in specification.allows:
             for name in (allow.frame1, allow.frame2):

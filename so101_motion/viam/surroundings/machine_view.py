@@ -38,12 +38,8 @@ _LEVER = 0.2
 class Body:
     """A shape of a component of the machine.
 
-    Attributes:
-        component: The component it belongs to.
-        name: Its name in messages; not always unique.
-        shape: Its shape.
-        T: Its pose: in the arm's base frame, or, if it is held, in its holder's tool frame.
-        holder: The arm that holds it; empty if it stands.
+    ``T`` is its pose in the arm's base frame, or, if it is held, in the tool frame of its
+    ``holder``; that is empty if it stands. Names are for messages, and not always unique.
     """
 
     component: str
@@ -57,14 +53,8 @@ class Body:
 class MachineView:
     """The machine as it was at one moment, seen from one arm.
 
-    Attributes:
-        arm: The arm's short name.
-        bodies: The bodies around the arm and those that it holds.
-        tree: The frame system; None if it is not known.
-        ends: The poses of the ends of components with kinematics, in their origins.
-        T_base_tool: The pose of the arm's tool in its base frame.
-        T_links: The poses of its links in its base frame, by their URDF names.
-        read_again: Reads the machine once more.
+    ``ends`` has the poses of the ends of components with kinematics, in their origins; the tree is
+    None if the frame system is not known.
     """
 
     arm: str
@@ -82,11 +72,6 @@ class MachineView:
         return {WORLD, *names, *(f"{name}_origin" for name in (*names, self.arm)), self.arm}
 
     def frames(self, transforms: Iterable[Transform] = ()) -> Frames:
-        """The machine's frames together with ``transforms``.
-
-        Raises:
-            ConfigError: A transform is not valid.
-        """
         if self.tree is None:
             return Frames(self.arm, self.T_base_tool, transforms)
         parents = {name: part.parent for name, part in self.tree.parts.items()}
@@ -107,11 +92,6 @@ class MachineView:
 
 
 def scene_around(scene: Scene, bodies: tuple[Body, ...]) -> Scene:
-    """A scene with the machine's bodies added.
-
-    Raises:
-        ConfigError: A body cannot be planned with.
-    """
     names = UniqueNames(taken_in(scene))
     obstacles, attached = list(scene.obstacles), list(scene.attached)
     for body in bodies:

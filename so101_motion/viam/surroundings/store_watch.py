@@ -46,14 +46,7 @@ T = TypeVar("T")
 
 
 class StoreWatch:
-    """Keeps the content of a world-state store up to date. Lives in the event loop; ``close`` it.
-
-    Args:
-        name: The store's name, for messages.
-        store: The store's client; None if the machine has no such store.
-        logger: Gets a warning when the store does not answer.
-        patience: How long a plan waits for it [s].
-    """
+    """Keeps the content of a world-state store up to date."""
 
     is_steady = True
 
@@ -73,11 +66,6 @@ class StoreWatch:
         self._following = asyncio.ensure_future(self._follow()) if store is not None else None
 
     async def added_to(self, scene: Scene, view: MachineView) -> Scene:
-        """``scene`` with the things in the store now.
-
-        Raises:
-            SurroundingsUnknown: The store does not answer, or a thing in it is not valid.
-        """
         if self._store is None:
             raise self._unknown("does not run")
         try:
@@ -104,7 +92,6 @@ class StoreWatch:
         return apart
 
     async def close(self) -> None:
-        """Stop following the store; may be called twice."""
         if self._following is not None:
             self._following.cancel()
             with suppress(asyncio.CancelledError):
@@ -230,7 +217,6 @@ class StoreWatch:
         await asyncio.gather(*(self._read(store, uuid) for uuid in sorted(uuids)))
 
     async def _read(self, store: WorldStateStore, uuid: bytes) -> None:
-        """Read one thing; drop it if it has gone meanwhile."""
         try:
             thing = await _in_time(store.get_transform(uuid), self._patience)
         except GRPCError:

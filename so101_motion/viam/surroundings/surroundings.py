@@ -50,13 +50,7 @@ class Source(Protocol):
 
 
 class Surroundings:
-    """The surroundings of one arm. Lives in the event loop, except ``start_planning``.
-
-    Args:
-        machine: Reads the machine's components.
-        sources: The stores and cameras.
-        logger: Gets a warning, once, if the machine's components are unknown.
-    """
+    """The surroundings of one arm. Lives in the event loop, except ``start_planning``."""
 
     def __init__(
         self, machine: MachineBodies, sources: Sequence[Source], logger: logging.Logger
@@ -72,11 +66,7 @@ class Surroundings:
         return bool(self._sources or also) or self._machine.is_asked
 
     async def around(self, scene: Scene, also: tuple[Source, ...] = ()) -> Scene:
-        """``scene`` with the present surroundings.
-
-        Raises:
-            SurroundingsUnknown: They cannot be read.
-        """
+        """``scene`` with the present surroundings."""
         own = {source.origin for source in self._sources}
         others = [source for source in also if source.origin not in own]
         now = await self._collected(scene, (*self._sources, *others))
@@ -84,11 +74,7 @@ class Surroundings:
         return now
 
     async def standing(self, scene: Scene) -> Scene:
-        """Like ``around``, but without what changes all the time: the points of a camera.
-
-        Raises:
-            SurroundingsUnknown: They cannot be read.
-        """
+        """Like ``around``, but without what changes all the time: the points of a camera."""
         return await self._collected(scene, [each for each in self._sources if each.is_steady])
 
     async def _collected(self, scene: Scene, sources: Iterable[Source]) -> Scene:
@@ -138,20 +124,7 @@ class Surroundings:
         plan: Callable[[Scene], Awaitable[T]],
         also: tuple[Source, ...] = (),
     ) -> T:
-        """Call ``plan`` with ``scene`` and the present surroundings, for an arm at rest.
-
-        Args:
-            scene: The arm's own scene.
-            plan: Called with the scene to plan in, perhaps twice; may be cancelled.
-            also: Further sources.
-
-        Returns:
-            The result of ``plan``.
-
-        Raises:
-            SurroundingsUnknown: The surroundings cannot be read.
-            Exception: As ``plan`` raises it.
-        """
+        """Call ``plan``, perhaps twice, with ``scene`` and the present surroundings."""
         if not self.is_asked(also):
             return await plan(scene)
         guess = self._guess(scene, also)
@@ -176,17 +149,7 @@ class Surroundings:
     ) -> Future[T]:
         """Like ``planned``, from the thread of the motion; waits only for the reading.
 
-        Args:
-            scene: The arm's own scene.
-            plan: Starts to plan in a scene; called perhaps twice.
-            wait_for: Waits for the surroundings; may raise to end that.
-            loop: The event loop that this lives in.
-
-        Returns:
-            What ``plan`` returned.
-
-        Raises:
-            SurroundingsUnknown: The surroundings cannot be read.
+        ``plan`` starts to plan; ``wait_for`` may raise to end the wait.
         """
         guess = self._guess(scene, ())
         early = None if guess is None else plan(guess[0])
@@ -208,6 +171,5 @@ class Surroundings:
         return last[1], company
 
     async def close(self) -> None:
-        """Close the sources; may be called twice."""
         for source in self._sources:
             await source.close()
