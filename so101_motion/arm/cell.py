@@ -24,9 +24,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from so101_motion.arm.cell_member import LEAD, CellMember, RigWithExecutor, SharedSpace, Stand
-from so101_motion.arm.handover import HandoverRun
 from so101_motion.arm.motion_queue import wait_here
-from so101_motion.arm.team_motion import TeamPlanning, TeamSeries, TeamStep, end_together
+from so101_motion.arm.team_motion import TeamSeries, TeamStep, end_together, handover_steps
 from so101_motion.common.errors import ConfigError, MotionError
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.among import crosses, crossing
@@ -222,14 +221,8 @@ class Cell:
         if plan.thing.name not in {each.name for each in held}:
             what = f"'{plan.thing.name}' is not in the hand of {plan.giver} any more; plan again"
             raise ConfigError("thing", plan.thing.name, what)
-        run = HandoverRun(self.members, plan)
-        planning = TeamPlanning(self.members, lambda: self.check_again(plan.approach), self._expect)
-        motions = {
-            name: member.arm.start_series(run.steps(member, planning.part))
-            for name, member in self.members.items()
-        }
-        end_together(motions)
-        return motions
+        giver, taker = self.members[plan.giver], self.members[plan.taker]
+        return self.start_series(handover_steps(giver, taker, plan, self.check_again))
 
     def stands(self) -> dict[str, Stand]:
         """The setpoint of each arm, by its name."""
