@@ -31,8 +31,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.control.approach import APPROACH, GATE
-from so101_motion.control.following import Following
+from so101_motion.control.following import APPROACH, GATE, Following
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing.limits import MotionLimits

@@ -38,9 +38,8 @@ from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import in_fault, lent_out
 from so101_motion.common.units import to_deg
-from so101_motion.control.approach import APPROACH, GATE
 from so101_motion.control.cartesian_jog import Jog
-from so101_motion.control.following import STALE_AFTER, Following, FollowingSettings
+from so101_motion.control.following import APPROACH, GATE, STALE_AFTER, Following, FollowingSettings
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future

@@ -42,7 +42,7 @@ from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Channel, Executor
 from so101_motion.control.following import STALE_AFTER, Following, FollowingSettings
-from so101_motion.control.open_ended_motion import EndsWithBlock
+from so101_motion.control.motion_source import EndsWithBlock
 from so101_motion.control.request_queue import running_future
 from so101_motion.planning.timing.limits import MotionLimits
 

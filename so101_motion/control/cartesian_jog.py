@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.control.open_ended_motion import OpenEndedMotion
+from so101_motion.control.motion_source import OpenEndedMotion
 from so101_motion.planning.collision.scene import LARGEST
 from so101_motion.planning.differential.targets import STILL, Target, Twist
 from so101_motion.planning.timing import online

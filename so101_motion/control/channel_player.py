@@ -38,8 +38,7 @@ from so101_motion.control.following import Following
 from so101_motion.control.following_check import FollowingCheck
 from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.limit_recovery import RECOVERY_TIME, LimitRecovery
-from so101_motion.control.motion_source import MotionSource, PlannedMotion
-from so101_motion.control.open_ended_motion import OpenEndedMotion
+from so101_motion.control.motion_source import MotionSource, OpenEndedMotion, PlannedMotion
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.timing import online

@@ -56,8 +56,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.control.following import Following
 from so101_motion.control.joint_controller import JointController
-from so101_motion.control.joint_driver import JointDriver
-from so101_motion.control.joint_group import Channel, Tolerances
+from so101_motion.control.joint_group import Channel, JointDriver, Tolerances
 from so101_motion.control.motion_source import PlannedMotion, S
 from so101_motion.control.request_queue import Request, RequestQueue, running_future
 from so101_motion.planning.timing.limits import MotionLimits

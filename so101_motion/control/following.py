@@ -34,6 +34,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
@@ -43,10 +45,7 @@ from so101_motion.common.errors import ConfigError, MotionError, PlanningError
 from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.control.approach import GATE, Approach
-from so101_motion.control.joint_bounds import JointBounds, gentle, landed, stoppable
-from so101_motion.control.motion_source import MotionSource, PlannedMotion
-from so101_motion.control.open_ended_motion import OpenEndedMotion
+from so101_motion.control.motion_source import MotionSource, OpenEndedMotion, PlannedMotion
 from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -56,6 +55,170 @@ from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 if TYPE_CHECKING:  # it brings Pinocchio along, which an unguarded following has no use for
     from so101_motion.planning.differential.guard import Guard
+
+
+GATE = to_rad(5.0)
+"""Within this distance of its target a joint follows at full speed [rad]; from the published
+module's later gate for teleoperation."""
+
+EASE = 0.5
+"""How long the caps take to rise from those of the approach to the full ones [s]; chosen."""
+
+CATCH_UP = 1.0
+"""How long the caps take to rise again once nothing holds the joints back [s]; chosen: the target
+moves on meanwhile and does not have to wait for them."""
+
+APPROACH = MotionLimits.uniform(velocity=to_rad(30.0), acceleration=to_rad(100.0), jerk=50.0)
+"""Caps of the approach; chosen."""
+
+
+class Approach:
+    """Chooses the caps of a following: low until the target is near, then rising to full.
+
+    Args:
+        full: Caps once the target is near.
+        slow: Caps of the approach; None for ``full``.
+        gate: A target is near when every joint is closer to it than this [rad].
+
+    Attributes:
+        is_under_way: Whether the target has not been near yet.
+    """
+
+    def __init__(self, full: MotionLimits, slow: MotionLimits | None, gate: float = GATE) -> None:
+        self._full, self._gate, self._t_near, self._t_held = full, gate, -math.inf, math.inf
+        self._slow = None if slow is None else slow.lowered_to(full.velocity, full.acceleration)
+        self.is_under_way = slow is not None
+
+    def begin(self) -> None:
+        """Start the approach again."""
+        self.is_under_way, self._t_held = self._slow is not None, math.inf
+
+    def caps(self, t: float, off: Array, *, is_held: bool = False) -> MotionLimits:
+        """The caps to use now.
+
+        Args:
+            t: Now [s].
+            off: How far each joint is from its target, shape (n,), [rad].
+            is_held: Whether something holds the joints back. If they are then farther off than the
+                gate, they get the caps of the approach, which rise within ``CATCH_UP`` afterwards.
+        """
+        if self._slow is None:
+            return self._full
+        if max(map(abs, off.tolist())) > self._gate:
+            if is_held and (not self.is_under_way or self._t_held < math.inf):
+                self.is_under_way, self._t_held = True, t
+        elif self.is_under_way:
+            self.is_under_way, self._t_near, self._t_held = False, t, math.inf
+        if self.is_under_way:
+            return self._slow.eased_to(self._full, (t - self._t_held) / CATCH_UP)
+        return self._slow.eased_to(self._full, (t - self._t_near) / EASE)
+
+
+_ROUNDING = 1e-9
+_THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
+
+
+def stoppable(limits: MotionLimits, stop: MotionLimits, *, with_jerk: bool) -> MotionLimits:
+    """Lower the velocity and acceleration of ``limits`` to those of a stop.
+
+    With more jerk than a stop has joints creep up on the end of their range. That only matters to a
+    motion that is to end there, so jerk is lowered on request.
+    """
+    lowered = limits.lowered_to(stop.velocity, stop.acceleration)
+    return gentle(lowered, stop) if with_jerk else lowered
+
+
+@lru_cache(maxsize=8)
+def gentle(limits: MotionLimits, stop: MotionLimits) -> MotionLimits:
+    """Lower the jerk of ``limits`` to that of a stop."""
+    return replace(limits, jerk=np.minimum(limits.jerk, stop.jerk))
+
+
+def landed(setpoint: Setpoint, q: Array, qd: Array) -> Setpoint:
+    """Put joints that have arrived at a goal that stands still exactly there, at rest.
+
+    Args:
+        setpoint: The setpoint of the joints.
+        q: Their goal, shape (n,), [rad].
+        qd: How fast that goal moves, shape (n,), [rad/s].
+    """
+    there = [
+        w == 0.0 and abs(v) < _THERE and abs(a) < 100.0 * _THERE and abs(x - goal) < _THERE
+        for x, v, a, goal, w in zip(
+            setpoint.q.tolist(),
+            setpoint.qd.tolist(),
+            setpoint.qdd.tolist(),
+            q.tolist(),
+            qd.tolist(),
+            strict=True,
+        )
+    ]
+    if not any(there):
+        return setpoint
+    return Setpoint(
+        q=np.where(there, q, setpoint.q),
+        qd=np.where(there, 0.0, setpoint.qd),
+        qdd=np.where(there, 0.0, setpoint.qdd),
+    )
+
+
+class JointBounds:
+    """Says which joints could not stop within their range and below their speed cap.
+
+    Args:
+        least: Lowest angles, shape (n,), [rad].
+        most: Highest angles, shape (n,), [rad].
+        limits: Largest caps of their setpoints.
+        stop: How hard they brake.
+        begin: Where they begin; joints that are faster there may be as fast.
+    """
+
+    def __init__(
+        self, least: Array, most: Array, limits: MotionLimits, stop: MotionLimits, begin: Setpoint
+    ) -> None:
+        hardest = limits.acceleration + _ROUNDING
+        there = np.abs(begin.qd + 0.5 * begin.qdd * np.abs(begin.qdd) / stop.jerk)
+        fastest = np.maximum(limits.velocity, there) + _ROUNDING
+        rows = least - _ROUNDING, most + _ROUNDING, hardest, stop.jerk, fastest
+        self._rows = np.column_stack(rows).tolist()
+
+    def outside(
+        self, setpoint: Setpoint, limits: MotionLimits, lowest: list[float], highest: list[float]
+    ) -> list[bool]:
+        """Which joints could not stop in time, or would turn round too hard.
+
+        Args:
+            setpoint: Their next setpoint.
+            limits: Their caps now.
+            lowest: Their lowest angles on the path to rest from there [rad].
+            highest: Their highest [rad].
+        """
+        found = list[bool]()
+        for low, high, qd, qdd, jerk, row in zip(
+            lowest, highest, setpoint.qd.tolist(), setpoint.qdd.tolist(), limits.jerk.tolist(),
+            self._rows, strict=True,
+        ):  # fmt: skip
+            least, most, hardest, stop_jerk, fastest = row
+            more = 0.5 * qdd * abs(qdd)
+            # One that has braked harder than it may speed up must not turn round with that.
+            turns = abs(qdd) > hardest and ((qd + more / jerk) * qd <= 0.0 or qdd * qd > 0.0)
+            found.append(
+                turns
+                or low < least
+                or high > most
+                # While its acceleration is taken back, a joint still gets faster.
+                or abs(qd + more / stop_jerk) > fastest
+            )
+        return found
+
+    def too_fast(self, setpoint: Setpoint) -> bool:
+        """Whether a joint would exceed its speed cap while its acceleration is taken back."""
+        return any(
+            abs(qd + 0.5 * qdd * abs(qdd) / stop_jerk) > fastest
+            for qd, qdd, (_, _, _, stop_jerk, fastest) in zip(
+                setpoint.qd.tolist(), setpoint.qdd.tolist(), self._rows, strict=True
+            )
+        )
 
 
 KNOWN_JERK = 200.0
@@ -127,7 +290,6 @@ a sudden step the path to rest is long, and near a table there may be no room fo
 CLOSE = 0.02
 """A joint is reported to be at its limit when it is this near to it [rad]; chosen."""
 
-_ROUNDING = 1e-9
 _SLOWER = 0.95  # a target's speed is clipped to this share of the caps, or joints never catch it
 
 

@@ -39,8 +39,7 @@ from so101_motion.common.errors import MotionError, OutsideLimits
 from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.control.motion_source import LOOK_AHEAD, PlannedMotion
-from so101_motion.control.open_ended_motion import EndsWithBlock
+from so101_motion.control.motion_source import LOOK_AHEAD, EndsWithBlock, PlannedMotion
 from so101_motion.control.request_queue import running_future
 from so101_motion.planning.collision.course import stop_along, stop_time
 from so101_motion.planning.timing import online

@@ -17,7 +17,7 @@ from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
-from so101_motion.control.joint_driver import JointDriver
+from so101_motion.control.joint_group import JointDriver
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits

@@ -14,7 +14,7 @@ import numpy as np
 from harness.emulated_rig import hardware_bench
 
 from so101_motion.common.errors import So101Error
-from so101_motion.control.approach import APPROACH
+from so101_motion.control.following import APPROACH
 from so101_motion.planning.collision.collision import CollisionModel
 
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
-from so101_motion.control.approach import EASE, GATE
-from so101_motion.control.following import Following
+from so101_motion.control.following import EASE, GATE, Following
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.pursuit import Pursuit
 from so101_motion.planning.timing.trajectory import Setpoint

@@ -19,9 +19,8 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_m, to_rad
-from so101_motion.control.approach import APPROACH
 from so101_motion.control.cartesian_jog import Jog
-from so101_motion.control.following import Following
+from so101_motion.control.following import APPROACH, Following
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import RigLike
 

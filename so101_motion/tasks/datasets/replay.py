@@ -25,8 +25,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
-from so101_motion.control.approach import APPROACH
-from so101_motion.control.following import Following
+from so101_motion.control.following import APPROACH, Following
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits

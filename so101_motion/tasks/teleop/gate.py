@@ -26,7 +26,7 @@ import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.control.approach import GATE
+from so101_motion.control.following import GATE
 
 
 class Phase(Enum):

@@ -17,7 +17,7 @@ from so101_motion.common.clock import Clock
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.control.approach import APPROACH, GATE
+from so101_motion.control.following import APPROACH, GATE
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.tasks.teleop.gate import Gate, Phase
 from so101_motion.tasks.teleop.mirror import Mirror

@@ -32,7 +32,7 @@ from so101_motion.common.clock import Clock
 from so101_motion.common.errors import Interrupted, MotionError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg
-from so101_motion.control.approach import Approach
+from so101_motion.control.following import Approach
 from so101_motion.tasks.teleop.pilot import Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
 from so101_motion.tasks.teleop.side_state import SideState

@@ -8,8 +8,15 @@ from harness.retarget import retarget
 
 from so101_motion.common.errors import ConfigError, FollowingError, Interrupted, MotionError
 from so101_motion.common.modes import Mode
-from so101_motion.control.approach import CATCH_UP, EASE, GATE, Approach
-from so101_motion.control.following import KNOWN_JERK, STALE_AFTER, Following
+from so101_motion.control.following import (
+    CATCH_UP,
+    EASE,
+    GATE,
+    KNOWN_JERK,
+    STALE_AFTER,
+    Approach,
+    Following,
+)
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.planning.timing import online
