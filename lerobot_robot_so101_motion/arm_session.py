@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from lerobot_robot_so101_motion.units import JointUnits
 from so101_motion.arm.arm import SCENE
 from so101_motion.arm.gripper import JawFollowing
 from so101_motion.arm.joint_caps import JointCaps
@@ -109,23 +110,31 @@ class ArmSession:
     """One arm that follows a client. Its methods are for one thread; ``state`` is for any.
 
     Args:
-        rig: The arm; closed by ``close``.
+        rig: The arm.
         pace: Caps and guard while it follows.
         scene: The obstacles around it.
+        use_degrees: Whether LeRobot's values are degrees, else -100 to 100.
         waiter: Waits for a motion; by default on the wall clock.
 
     Attributes:
-        rig: The arm.
-        wait: The ``waiter``.
+        units: LeRobot's units for this arm.
 
     Raises:
         ConfigError: A cap is out of range.
     """
 
     def __init__(
-        self, rig: HardwareRig, pace: Pace, scene: Scene, *, waiter: Waiter | None = None
+        self,
+        rig: HardwareRig,
+        pace: Pace,
+        scene: Scene,
+        use_degrees: bool,
+        *,
+        waiter: Waiter | None = None,
     ) -> None:
         self.rig, self._pace, self.wait = rig, pace, waiter or wait_in_real_time
+        self._use_degrees = use_degrees
+        self.learn_units()
         arm = rig.arm
         arm.scene = scene
         arm.set_ceiling(JointCaps(speed=pace.speed, acceleration=pace.acceleration))
@@ -135,6 +144,16 @@ class ArmSession:
         self._following: Following | None = None
         self._jaw: JawFollowing | None = None
         self._trouble = ""  # why it holds until a target is near
+
+    def learn_units(self) -> None:
+        """Take over the calibration that the servos have now."""
+        self.units = JointUnits(self.rig, use_degrees=self._use_degrees)
+
+    @property
+    def here(self) -> dict[str, float]:
+        """The measured joint values in LeRobot's units, by key; raises as ``state`` does."""
+        aperture = min(max(self.rig.gripper.aperture, 0.0), 1.0)
+        return self.units.to_lerobot(self.state.q, aperture)
 
     @property
     def state(self) -> JointState:
@@ -223,12 +242,6 @@ class ArmSession:
         self._lower()
         arm.set_torque(False)
         return True
-
-    def close(self) -> None:
-        """Close the port; the servos stay held or limp as they are. May be called twice."""
-        self.rig.close()
-
-    # Helpers
 
     def _lower(self) -> None:
         arm = self.rig.arm

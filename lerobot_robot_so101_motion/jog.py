@@ -16,9 +16,9 @@ import numpy as np
 from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from lerobot_robot_so101_motion.arm_on_port import ArmOnPort, open_arms
 from lerobot_robot_so101_motion.config import SO101MotionJogConfig
 from lerobot_robot_so101_motion.held_keys import HELP, Held, open_held
+from lerobot_robot_so101_motion.so101_device import SO101Device, open_arms
 from lerobot_robot_so101_motion.units import KEYS
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
@@ -148,7 +148,7 @@ class SO101MotionJog(Teleoperator):
 class _ToolLead:
     """Turns held keys into joint targets of one arm."""
 
-    def __init__(self, arm: ArmOnPort, config: SO101MotionJogConfig) -> None:
+    def __init__(self, arm: SO101Device, config: SO101MotionJogConfig) -> None:
         self.arm, self._in_tool = arm, config.in_tool
         self._speed = np.repeat(
             (to_m(config.speed_mm_per_sec), to_rad(config.turning_degs_per_sec)), 3
@@ -180,7 +180,7 @@ class _ToolLead:
             if is_jogged and step.share < _HELD_BELOW:
                 self._log_holder(now)
         self._aperture = min(max(self._aperture + JAW_RATE * elapsed * held[6], 0.0), 1.0)
-        return self.arm.units.to_lerobot(self._servo.q, self._aperture)
+        return self.arm.session.units.to_lerobot(self._servo.q, self._aperture)
 
     def _begin(self) -> Servo:
         rig = self.arm.session.rig
@@ -203,7 +203,7 @@ class _ToolLead:
             _log.info("the tool is held back by %s", " and ".join(held_by))
 
 
-def _only_arm() -> ArmOnPort:
+def _only_arm() -> SO101Device:
     arms = open_arms()
     if len(arms) != 1:
         found = f"{len(arms)} are" if arms else "none is"

@@ -19,10 +19,9 @@ from typing import Any
 from lerobot.teleoperators import Teleoperator
 from lerobot.utils.constants import TELEOPERATORS
 
-from lerobot_robot_so101_motion.arm_on_port import ArmOnPort, open_arms
 from lerobot_robot_so101_motion.arm_session import REST_WITHIN, Pace
 from lerobot_robot_so101_motion.config import SO101MotionLeaderConfig
-from lerobot_robot_so101_motion.so101_device import SO101Device
+from lerobot_robot_so101_motion.so101_device import SO101Device, open_arms
 from lerobot_robot_so101_motion.units import KEYS, is_number
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.modes import Mode
@@ -90,19 +89,14 @@ class SO101MotionLeader(SO101Device, Teleoperator):
             approach_speed=speed,
             stale_after=DRIVEN_ON,
         )
-        self._arm.open(pace, Scene(), is_calibrated=self.is_calibrated)
-        try:
-            if calibrate and not self.is_calibrated:
-                self.calibrate()
-            self.configure()
-        except BaseException:
-            self._arm.close()
-            raise
+        self._open(pace, Scene(), calibrate=calibrate)
 
     def configure(self) -> None:
         """Release the joints, and read them in every period from now on."""
-        self._arm.session.rig.executor.listen(lambda _: None)
+        self.session.rig.executor.listen(lambda _: None)
         self.disable_torque()
+
+    _begin = configure
 
     def get_action(self) -> dict[str, Any]:
         """Read the joints that the hand moves; with ``guard_hint`` also pull them.
@@ -112,7 +106,7 @@ class SO101MotionLeader(SO101Device, Teleoperator):
             ConnectionError: The arm does not answer any more.
         """
         try:
-            here = dict(self._arm.here)
+            here = self.session.here
             if self.config.guard_hint > 0.0:
                 self._hint()
             return here
@@ -121,12 +115,12 @@ class SO101MotionLeader(SO101Device, Teleoperator):
 
     def enable_torque(self) -> None:
         """Hold the joints in their positions."""
-        session = self._arm.session
+        session = self.session
         session.wait(session.rig.executor.hold(), REST_WITHIN)
 
     def disable_torque(self) -> None:
         """Come to rest and release the joints: have a hand on the arm."""
-        session = self._arm.session
+        session = self.session
         session.rest()
         session.rig.arm.set_torque(False)
 
@@ -140,12 +134,12 @@ class SO101MotionLeader(SO101Device, Teleoperator):
             DeviceNotConnectedError: It is not connected.
             ConnectionError: The arm cannot follow; the message says why.
         """
-        arm = self._arm
+        session = self.session
         sent = {key: float(feedback[key]) for key in KEYS if is_number(feedback.get(key))}
         try:
-            if not sent or arm.session.state.mode is Mode.LIMP:
+            if not sent or session.state.mode is Mode.LIMP:
                 return
-            arm.session.follow(*arm.units.from_lerobot({**arm.here, **sent}))
+            session.follow(*session.units.from_lerobot({**session.here, **sent}))
         except So101Error as error:
             raise ConnectionError(f"{self} cannot follow: {error}") from error
 
@@ -155,19 +149,19 @@ class SO101MotionLeader(SO101Device, Teleoperator):
         Raises:
             DeviceNotConnectedError: It is not connected.
         """
-        session = self._arm.session
+        session = self.session
         try:
             session.rest()
         except So101Error:
             pass  # it holds, or cannot be reached
         finally:
-            self._arm.close()
+            self._close()
 
     # Hint of the guard
 
     def _hint(self) -> None:
         """While the guard holds the follower, pull limp joints towards it for a moment."""
-        session, follower = self._arm.session, self._follower()
+        session, follower = self.session, self._follower()
         is_limp = session.state.mode is Mode.LIMP
         if follower is None or not is_limp or not follower.session.held_by:
             return
@@ -177,9 +171,9 @@ class SO101MotionLeader(SO101Device, Teleoperator):
             state = follower.session.state
         except So101Error:
             return  # the robot raises it
-        stopped = follower.units.to_lerobot(state.q_ref, 0.0)
+        stopped = follower.session.units.to_lerobot(state.q_ref, 0.0)
         pull = Pull(
-            toward=tuple(self._arm.units.from_lerobot(stopped)[0].tolist()),
+            toward=tuple(self.session.units.from_lerobot(stopped)[0].tolist()),
             share=self.config.guard_hint,
             until=session.rig.clock.now() + HINTED,
         )
@@ -187,9 +181,9 @@ class SO101MotionLeader(SO101Device, Teleoperator):
         self._asked = session.rig.executor.call(lambda _: servos.pull(pull))
         self._asked.add_done_callback(self._tell)
 
-    def _follower(self) -> ArmOnPort | None:
+    def _follower(self) -> SO101Device | None:
         """The one other arm of this program."""
-        others = [arm for arm in open_arms() if arm is not self._arm]
+        others = [arm for arm in open_arms() if arm is not self]
         return others[0] if len(others) == 1 else None
 
     def _tell(self, asked: Future[None]) -> None:

@@ -99,24 +99,15 @@ class SO101Motion(SO101Device, Robot):
             stale_after=config.stale_after_s,
             guarded=config.guard,
         )
-        self._arm.open(
-            pace,
-            self.scene,
-            is_calibrated=self.is_calibrated,
-            compensates=not config.stock_droop,
-        )
+        self._open(pace, self.scene, calibrate=calibrate, compensates=not config.stock_droop)
+
+    def _begin(self) -> None:
         self._wanted = {}
-        try:
-            if calibrate and not self.is_calibrated:
-                self.calibrate()
-            if config.park is not None:
-                zeros = self._arm.session.rig.connection.encoder_zeros
-                self._park = SavedPoses(zeros=lambda: zeros).find(config.park).q
-            for camera in self.cameras.values():
-                camera.connect()
-        except BaseException:
-            self._give_up()
-            raise
+        if self.config.park is not None:
+            zeros = self.session.rig.connection.encoder_zeros
+            self._park = SavedPoses(zeros=lambda: zeros).find(self.config.park).q
+        for camera in self.cameras.values():
+            camera.connect()
 
     def configure(self) -> None:
         """Do nothing: the servos are set up when the arm is opened."""
@@ -132,7 +123,7 @@ class SO101Motion(SO101Device, Robot):
         Raises:
             DeviceNotConnectedError: It is not connected.
         """
-        cell.add(name, self._arm.session.rig, T_cell_base)
+        cell.add(name, self.session.rig, T_cell_base)
 
     # Observations and actions
 
@@ -144,7 +135,7 @@ class SO101Motion(SO101Device, Robot):
             ConnectionError: The arm does not answer any more.
         """
         try:
-            values: dict[str, Any] = dict(self._arm.here)
+            values: dict[str, Any] = dict(self.session.here)
         except So101Error as error:
             raise ConnectionError(str(error)) from error
         if self.config.record_taken:
@@ -175,22 +166,22 @@ class SO101Motion(SO101Device, Robot):
             ConnectionError: The arm cannot follow; the message says why.
             ValueError: There is no such joint.
         """
-        arm = self._arm
+        session = self.session
         try:
             sent = self._checked(action)
-            before = self._wanted or arm.here
+            before = self._wanted or session.here
             if sent is None:
                 return dict(before)
             wanted = {**before, **sent}
             if self.config.max_relative_target is not None:
-                wanted = self._near(wanted, arm.here)
-            taken = arm.units.to_lerobot(*arm.session.follow(*arm.units.from_lerobot(wanted)))
+                wanted = self._near(wanted, session.here)
+            taken = session.units.to_lerobot(*session.follow(*session.units.from_lerobot(wanted)))
         except So101Error as error:
             raise ConnectionError(f"{self} cannot follow: {error}") from error
         for key in KEYS:
             if abs(taken[key] - wanted[key]) > 1e-6:
                 self._warn(key, "%s: %.1f was limited to %.1f", key, wanted[key], taken[key])
-        if held_by := arm.session.held_by:
+        if held_by := session.held_by:
             self._warn("held", "%s is held back by %s", self, " and ".join(held_by))
         self._wanted = taken
         return dict(taken)
@@ -205,11 +196,11 @@ class SO101Motion(SO101Device, Robot):
         Raises:
             DeviceNotConnectedError: It is not connected.
         """
-        session = self._arm.session
+        session = self.session
         try:
             self._leave(session)
         finally:
-            self._give_up()
+            self._close()
 
     def _leave(self, session: ArmSession) -> None:
         try:
@@ -234,9 +225,9 @@ class SO101Motion(SO101Device, Robot):
 
     # Helpers
 
-    def _give_up(self) -> None:
+    def _close(self) -> None:
         try:
-            self._arm.close()
+            super()._close()
         finally:
             for camera in self.cameras.values():
                 if camera.is_connected:
