@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from so101_motion.cli.calibration import facts
-from so101_motion.cli.completion_values import completed_files
+from so101_motion.cli.completion import completed_files
 from so101_motion.cli.options import DRY_RUN, EVENTS, JSON, flag, option, verb
 from so101_motion.cli.param_types import port_option
 from so101_motion.cli.shared import INTERRUPTED, STOPPED, print_json

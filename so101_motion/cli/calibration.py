@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.completion_values import completed_files
+from so101_motion.cli.completion import completed_files
 from so101_motion.cli.options import DRY_RUN, JSON, argument, flag, option, verb
 from so101_motion.cli.param_types import IN_FILE, port_option
 from so101_motion.cli.shared import (

@@ -10,13 +10,13 @@ from typing import TextIO
 import click
 
 from so101_motion.cli.options import flag, option, verb
-from so101_motion.cli.param_types import Finite, Link
+from so101_motion.cli.param_types import Finite, OutFile
 from so101_motion.common import interrupts
 
 
 @verb()
 def emulate(
-    link: Path | None = option("Make a link to the port with this name.", Link()),
+    link: Path | None = option("Make a link to the port with this name.", OutFile(link=True)),
     ids: str = option("Servo ids on the bus: 1-6, 1-3,5, 6=1.", default="1-6"),
     new: bool = flag("A new kit: all servos have id 1, none is plugged in."),
     realtime: bool = flag("Send bytes at the speed of a real bus."),

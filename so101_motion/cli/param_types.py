@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,15 +16,14 @@ import click
 import numpy as np
 from click.shell_completion import CompletionItem
 
-from so101_motion.cli.completion_values import completed_ports
+from so101_motion.cli.completion import completed_ports
 from so101_motion.cli.options import option, together
 from so101_motion.common.errors import quoted
 
 if TYPE_CHECKING:
     from so101_motion.planning.collision.scene import Scene
 
-IN_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
-"""An existing file."""
+IN_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)  # an existing file
 
 
 class Finite(click.FloatRange):
@@ -32,7 +32,6 @@ class Finite(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Read the number."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{quoted(value)} is not a usable number.", param, ctx)
@@ -47,68 +46,55 @@ class Finite(click.FloatRange):
         return f"{self.min:g} to {self.max:g}"
 
 
-SECONDS = Finite(min=0.0, min_open=True)
-"""A time of more than 0 s."""
+SECONDS = Finite(min=0.0, min_open=True)  # a time of more than 0 s
 
 
-class Numbers(click.ParamType[np.ndarray]):
-    """A fixed count of numbers, separated by commas.
+class Parsed(click.ParamType[Any]):
+    """What ``read`` makes of a text; it raises ``ValueError``, in words that follow the text."""
 
-    Args:
-        names: A name for each, for the help.
-        most: The largest absolute value.
-    """
+    def __init__(self, name: str, read: Callable[[str], object]) -> None:
+        self.name, self._read = name, read
 
-    def __init__(self, *names: str, most: float) -> None:
-        self.name = ",".join(names)
-        self._count, self._most = len(names), most
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> np.ndarray:
-        """Read the numbers."""
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         try:
-            numbers = np.array([float(part) for part in str(value).split(",")])
+            return self._read(value) if isinstance(value, str) else value
+        except ValueError as error:
+            self.fail(f"{quoted(value)} {error}", param, ctx)
+
+
+def _numbers(*names: str, most: float) -> Parsed:
+    """As many numbers, each from ``-most`` to ``most``."""
+    listed = ",".join(names)
+
+    def read(text: str) -> np.ndarray:
+        try:
+            numbers = np.array([float(part) for part in text.split(",")])
         except ValueError:
-            self.fail(f"{quoted(value)} is not a list of numbers such as {self.name}", param, ctx)
-        if len(numbers) != self._count or not np.all(np.isfinite(numbers)):
-            self.fail(f"{quoted(value)} must be {self._count} numbers: {self.name}", param, ctx)
-        if np.max(np.abs(numbers)) > self._most:
-            self.fail(
-                f"{quoted(value)} must be numbers from {-self._most:g} to {self._most:g}",
-                param,
-                ctx,
-            )
+            numbers = np.empty(0)
+        if numbers.shape != (len(names),) or not np.all(np.abs(numbers) <= most):
+            raise ValueError(f"must be {len(names)} numbers {listed} from {-most:g} to {most:g}")
         return numbers
 
-
-class PerJoint(click.ParamType[object]):
-    """One number, or five separated by commas."""
-
-    name = "NUMBER[,...]"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> object:
-        """Read the number or the list."""
-        try:
-            numbers = [float(part) for part in str(value).split(",")]
-        except ValueError:
-            self.fail(
-                f"{quoted(value)} is neither a number nor five numbers separated by commas",
-                param,
-                ctx,
-            )
-        return numbers[0] if len(numbers) == 1 else numbers
+    return Parsed(listed, read)
 
 
-class Port(click.ParamType[str]):
-    """The name of a serial port."""
+def _per_joint(text: str) -> object:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError("is neither a number nor five numbers separated by commas") from None
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+PER_JOINT = Parsed("NUMBER[,...]", _per_joint)  # one number, or five separated by commas
+
+
+class _Port(click.ParamType[str]):
+    """The name of a serial port; whether it is one shows only when it is opened."""
 
     name = "PORT"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Read the name; whether it is a port shows only when it is opened."""
         if not value.strip():
             self.fail("the port's name is empty; so101 ports lists the ports", param, ctx)
         return str(value)
@@ -116,55 +102,32 @@ class Port(click.ParamType[str]):
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Complete the ports that are plugged in."""
         return completed_ports(ctx, param, incomplete)
 
 
-PORT = Port()
-
-
-class Link(click.Path):
-    """A symbolic link to be made; replaces only an earlier link."""
-
-    def __init__(self) -> None:
-        super().__init__(path_type=Path)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Read the path, and check that the link can be made."""
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if path.exists() and not path.is_symlink():
-            self.fail(f"{quoted(str(path))} exists and is not a link; name another", param, ctx)
-        if not path.name or not os.access(path.parent, os.W_OK | os.X_OK):
-            self.fail(
-                f"no file can be made in {quoted(str(path.parent))}; name another folder",
-                param,
-                ctx,
-            )
-        return path
+PORT = _Port()
 
 
 class OutFile(click.Path):
-    """A file to be written; replaces an earlier one."""
+    """A file to be written; replaces an earlier one, or only a link to one if it is a ``link``."""
 
-    def __init__(self, *endings: str) -> None:
-        super().__init__(dir_okay=False, writable=True, readable=False, path_type=Path)
-        self._endings = endings
+    def __init__(self, *endings: str, link: bool = False) -> None:
+        super().__init__(dir_okay=False, writable=not link, readable=False, path_type=Path)
+        self._endings, self._link = endings, link
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Read the path, and check that the file can be written."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        wrong = ""
         if self._endings and path.suffix.lower() not in self._endings:
-            self.fail(
-                f"{quoted(str(path))} must end with {' or '.join(self._endings)}.", param, ctx
-            )
-        if not path.parent.is_dir():
-            self.fail(f"there is no folder {quoted(str(path.parent))}; make it first.", param, ctx)
-        if not path.exists() and not os.access(path.parent, os.W_OK | os.X_OK):
-            self.fail(
-                f"no file can be written in {quoted(str(path.parent))}; name another folder",
-                param,
-                ctx,
-            )
+            wrong = f"{quoted(str(path))} must end with {' or '.join(self._endings)}."
+        elif self._link and path.exists() and not path.is_symlink():
+            wrong = f"{quoted(str(path))} exists and is not a link; name another"
+        elif not path.parent.is_dir():
+            wrong = f"there is no folder {quoted(str(path.parent))}; make it first."
+        elif (self._link or not path.exists()) and not os.access(path.parent, os.W_OK | os.X_OK):
+            wrong = f"no file can be written in {quoted(str(path.parent))}; name another folder"
+        if wrong:
+            self.fail(wrong, param, ctx)
         return path
 
 
@@ -181,8 +144,7 @@ def read_scene(scene: Path | None) -> Scene | None:
 
 
 SCENE_FILE = option("A scene file: the obstacles around the arm.", IN_FILE, name="--scene")
-SCENE = together(read_scene, scene=SCENE_FILE)
-"""The scene in a file; None if none is named."""
+SCENE = together(read_scene, scene=SCENE_FILE)  # the scene in it; None if none is named
 
-POINT = Numbers("X", "Y", "Z", most=1e6)
-JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
+POINT = _numbers("X", "Y", "Z", most=1e6)
+JOINTS = _numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from so101_motion.cli.completion_values import completed_poses
+from so101_motion.cli.completion import completed_poses
 from so101_motion.cli.options import JSON, YES, flag, option, together, verb
 from so101_motion.cli.param_types import JOINTS, POINT, SCENE, OutFile
 from so101_motion.cli.plan_table import plan_table

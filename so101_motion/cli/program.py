@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.completion_values import completed_programs
+from so101_motion.cli.completion import completed_programs
 from so101_motion.cli.options import JSON, YES, argument, option, verb
 from so101_motion.cli.param_types import SCENE
 from so101_motion.cli.shared import (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion.cli.options import JSON, START, flag, option, verb
-from so101_motion.cli.param_types import PORT, SCENE, SECONDS, Finite, OutFile, PerJoint
+from so101_motion.cli.param_types import PER_JOINT, PORT, SCENE, SECONDS, Finite, OutFile
 from so101_motion.cli.shared import STOPPED, have_agreed, print_json
 from so101_motion.cli.sources import Source
 from so101_motion.common import interrupts
@@ -36,9 +36,9 @@ def teleop(
     leader_calibration: Path | None = option("Calibration file.", click.Path(path_type=Path)),
     follower_calibration: Path | None = option("Calibration file.", click.Path(path_type=Path)),
     no_gripper: bool = flag("Leave the follower's jaw alone."),
-    scale: object = option("Multiply the leader's angles by this; a minus reverses.", PerJoint()),
+    scale: object = option("Multiply the leader's angles by this; a minus reverses.", PER_JOINT),
     mirror: bool = flag("For arms that face each other: reverse pan and roll."),
-    offsets: object = option("Add these five angles to the leader's [deg].", PerJoint()),
+    offsets: object = option("Add these five angles to the leader's [deg].", PER_JOINT),
     guard: bool = option(
         "Keep the follower clear of itself and the table.", default=True, name="--guard/--no-guard"
     ),

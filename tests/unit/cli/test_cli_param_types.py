@@ -69,7 +69,7 @@ def so101(line: str) -> Result:
         ("calibrate --events none/x", "No such file"),
         ("setup --within -1", "x>=0"),
         ("setup --web --dry-run", "--web works only with"),
-        ("emulate --link none/x", "no file can be made"),
+        ("emulate --link none/x", "no folder 'none'"),
         ("emulate --link there.json", "is not a link"),
         ("emulate --loss 2", "0 to 1"),
     ],
