@@ -91,6 +91,14 @@ def print_json(kind: str, content: Mapping[str, object]) -> None:
         context.meta[_PRINTED] = True
 
 
+def answer(as_json: bool, kind: str, content: Mapping[str, object], text: str) -> None:
+    """Print the result of a verb on stdout: as JSON for programs, or a text for people."""
+    if as_json:
+        print_json(kind, content)
+    else:
+        click.echo(text.rstrip("\n"))
+
+
 def has_printed() -> bool:
     """Whether the verb has printed its JSON object."""
     context = click.get_current_context(silent=True)
@@ -106,21 +114,15 @@ class Verbs(click.Group):
     """A group of verbs, each listed with its whole first sentence."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs."""
-        rows = [
-            (name, verb.get_short_help_str(200)) for name, verb in sorted(self.commands.items())
-        ]
+        rows = ((name, verb.get_short_help_str(200)) for name, verb in self.commands.items())
         with formatter.section("Commands"):
-            formatter.write_dl(rows)
+            formatter.write_dl(sorted(rows))
 
 
-def have_agreed(question: str) -> None:
-    """Ask a person before something moves; returns if the answer is yes.
-
-    Raises:
-        click.UsageError: There is no terminal to ask on.
-        SystemExit: The answer is no, or Ctrl-C.
-    """
+def have_agreed(question: str, yes: bool = False) -> None:
+    """Ask a person before something moves, unless ``yes``; ends the verb if the answer is no."""
+    if yes:
+        return
     nobody = click.UsageError("there is no terminal to ask on; give --yes to start without asking")
     if sys.stdin is None:  # it was closed
         raise nobody
@@ -169,11 +171,6 @@ _DOES = {
 
 opened: list[Callable[[], str]] = []
 """Each tells what an arm does that this verb has opened."""
-
-
-def forget_opened_arms() -> None:
-    """A verb begins: no arm is open."""
-    opened.clear()
 
 
 def note_opened(what: str, rig: R) -> R:
@@ -230,43 +227,26 @@ def _state_of(what: str, rig: RigLike) -> str:
 
 
 def write_report(path: Path, content: bytes) -> None:
-    """Write a report file.
-
-    Raises:
-        ConfigError: It cannot be written.
-    """
+    """Write a report file; ``ConfigError`` if it cannot be written."""
     from so101_motion.files import atomic
 
-    try:
-        atomic.write(path, content)
-    except OSError as error:
-        reason = f"cannot be written: {error.strerror or error}"
-        raise ConfigError("report", str(path), reason) from error
+    atomic.save("report", path, content)
     aside(f"written to {path}")
 
 
 def import_preview() -> Any:
-    """Import ``so101_viewer``, which serves the page.
-
-    Raises:
-        ConfigError: It is not installed.
-    """
+    """Import ``so101_viewer``, which serves the page; ``ConfigError`` if it is not installed."""
     try:
         import so101_viewer
     except ModuleNotFoundError as error:
+        wanted = [
+            found[1]
+            for line in requires("so101-motion") or ()
+            if (found := re.match(r"([^;\s]+)\s*;.*extra == .viewer.", line))
+        ]
         reason = (
-            f"needs {error.name}, which is not installed;"
-            f" install it: {_how_to_install()} (so101 demo --text does without it)"
+            f"needs {error.name}, which is not installed; install it:"
+            f" {sys.executable} -m pip install {' '.join(wanted)} (so101 demo --text does without)"
         )
         raise ConfigError("preview", None, reason) from error
     return so101_viewer
-
-
-def _how_to_install() -> str:
-    """The command that installs the packages that the page needs."""
-    wanted = [
-        found[1]
-        for line in requires("so101-motion") or ()
-        if (found := re.match(r"([^;\s]+)\s*;.*extra == .viewer.", line))
-    ]
-    return f"{sys.executable} -m pip install {' '.join(wanted)}"

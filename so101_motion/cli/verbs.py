@@ -17,14 +17,12 @@ from so101_motion.cli.doctor import doctor
 from so101_motion.cli.emulate import emulate
 from so101_motion.cli.error_exit import reports_errors
 from so101_motion.cli.guide import guide
-from so101_motion.cli.identify import identify
-from so101_motion.cli.move_test import move_test
+from so101_motion.cli.measuring import identify, move_test, report_arm
 from so101_motion.cli.plan_move import move, plan
 from so101_motion.cli.ports import ports
 from so101_motion.cli.program import run
-from so101_motion.cli.report_arm import report_arm
 from so101_motion.cli.setup import setup
-from so101_motion.cli.shared import forget_opened_arms
+from so101_motion.cli.shared import opened
 from so101_motion.cli.status import status, stop
 from so101_motion.cli.sweep import sweep
 from so101_motion.cli.teleop import teleop
@@ -66,7 +64,7 @@ class _So101(click.Group):
             return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        forget_opened_arms()
+        opened.clear()  # a verb begins: no arm is open
         with reports_errors(as_json=ctx.meta[_AS_JSON]), interrupts.raised():
             return super().invoke(ctx)
 

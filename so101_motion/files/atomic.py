@@ -20,6 +20,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from so101_motion.common.errors import ConfigError
+
 if sys.platform == "win32":
     import msvcrt
 else:
@@ -44,6 +46,15 @@ def write(path: Path, data: bytes) -> None:
     """
     with replacing(path) as file:
         file.write(data)
+
+
+def save(what: str, path: Path, data: bytes) -> None:
+    """Write as ``write`` does; ``ConfigError`` about ``what`` if the file cannot be written."""
+    try:
+        write(path, data)
+    except OSError as error:
+        reason = f"cannot be written: {error.strerror or error}"
+        raise ConfigError(what, str(path), reason) from error
 
 
 @contextmanager

@@ -34,10 +34,17 @@ import numpy as np
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
-from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.common.units import to_deg, to_mm
 from so101_motion.files import atomic, json_file
-from so101_motion.files.scene_file import attached_from, attached_to, scene_from, scene_to
-from so101_motion.planning.collision.scene import LARGEST, Attached, Scene
+from so101_motion.files.scene_file import (
+    attached_from,
+    attached_to,
+    pose_from,
+    scene_from,
+    scene_to,
+)
+from so101_motion.planning.collision.scene import Attached, Scene
+from so101_motion.planning.collision.shape_files import LARGEST_FILE
 
 UPRIGHT = 1e-6
 """Largest lean of a base that still counts as upright [rad]; rounding."""
@@ -109,17 +116,8 @@ def arms_in_a_circle(count: int) -> CellFile:
 
 
 def read_cell(path: Path) -> CellFile:
-    """Read a cell file.
-
-    Raises:
-        ConfigError: It cannot be read, or something in it is not valid; the message names it.
-    """
-    try:
-        content = json_file.content(path.read_bytes())
-    except OSError as error:
-        raise ConfigError("cell", str(path), f"cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise ConfigError("cell", str(path), str(error)) from error
+    """Read a cell file; ``ConfigError`` names what cannot be read or is not valid."""
+    content = json_file.read_setting("cell", path, LARGEST_FILE)
     if not isinstance(content, Mapping):
         raise ConfigError("cell", content, 'must be an object such as {"arms": [...]}')
     given = Attributes(content, ("arms", "scene"), kind="key of a cell")
@@ -135,16 +133,9 @@ def read_cell(path: Path) -> CellFile:
 
 
 def write_cell(cell: CellFile, path: Path) -> None:
-    """Write a cell file.
-
-    Raises:
-        ConfigError: The file cannot be written.
-    """
+    """Write a cell file; ``ConfigError`` if it cannot be written."""
     content = {"arms": [_entry(each) for each in cell.arms], "scene": scene_to(cell.scene)}
-    try:
-        atomic.write(path, (json.dumps(content, indent=2) + "\n").encode())
-    except OSError as error:
-        raise ConfigError("cell", str(path), f"cannot be written: {error.strerror}") from error
+    atomic.save("cell", path, (json.dumps(content, indent=2) + "\n").encode())
 
 
 def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
@@ -153,11 +144,9 @@ def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
     name = given.text("name", "")
     if not name:
         raise ConfigError("name", name, "each arm needs a name, for messages to call it by")
-    position_mm = np.array(given.triple("position_mm", to_mm(LARGEST)))
-    T = SE3.from_rpy(to_rad(np.array(given.triple("rpy_deg", 360.0))), to_m(position_mm))
     return CellArm(
         name=name,
-        T_cell_base=T,
+        T_cell_base=pose_from(given),
         port=given.text("port", ""),
         calibration_id=given.text("calibration_id", ""),
         attached=attached_from(entry.get("attached", []), folder=folder),

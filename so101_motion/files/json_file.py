@@ -12,7 +12,7 @@ import stat
 from pathlib import Path
 
 from so101_motion.common import git_lfs
-from so101_motion.common.errors import CalibrationError, quoted
+from so101_motion.common.errors import CalibrationError, ConfigError, quoted
 
 LARGEST = 65_536
 """Largest file that is read [byte]; a calibration has about 1000 bytes. Chosen."""
@@ -25,7 +25,6 @@ class Object(dict[str, object]):
 
     @classmethod
     def of_pairs(cls, pairs: list[tuple[str, object]]) -> Object:
-        """Make the object from names and values in the order of the file."""
         made = cls(pairs)
         if len(made) < len(pairs):
             names = [name for name, _ in pairs]
@@ -34,20 +33,12 @@ class Object(dict[str, object]):
 
 
 def read(path: Path) -> object:
-    """Read and parse the JSON file at ``path``.
-
-    Raises:
-        CalibrationError: It cannot be read, or is no JSON.
-    """
+    """Read and parse a calibration file, or one beside it; ``CalibrationError`` if that fails."""
     return parse(read_bytes(path), str(path))
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read the bytes of a small file.
-
-    Raises:
-        CalibrationError: It cannot be read, or is no small file.
-    """
+    """Read the bytes of a small file; ``CalibrationError`` if it is none, or cannot be read."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise CalibrationError(None, f"{path} is not a file", "name a calibration file")
@@ -57,22 +48,16 @@ def read_bytes(path: Path) -> bytes:
         reason = f"{path} cannot be read: {error.strerror or error}"
         raise CalibrationError(None, reason, "check the path and its permissions") from error
     except ValueError as error:  # a zero byte in the name
-        raise CalibrationError(
-            None, f"{quoted(path)} is not a file name: {error}", "check it"
-        ) from error
+        reason = f"{quoted(path)} is not a file name: {error}"
+        raise CalibrationError(None, reason, "check it") from error
     if len(data) > LARGEST:
-        raise CalibrationError(
-            None, f"{path} is larger than a calibration can be ({LARGEST} bytes)", "check the path"
-        )
+        reason = f"{path} is larger than a calibration can be ({LARGEST} bytes)"
+        raise CalibrationError(None, reason, "check the path")
     return data
 
 
 def parse(data: bytes, name: str) -> object:
-    """Parse JSON.
-
-    Raises:
-        CalibrationError: It is no JSON; the message calls it ``name``.
-    """
+    """Parse a calibration; ``CalibrationError``, with its ``name``, if it is no JSON."""
     if git_lfs.is_pointer(data):
         raise CalibrationError(None, f"{name} {git_lfs.POINTER}", git_lfs.PULL)
     try:
@@ -80,6 +65,24 @@ def parse(data: bytes, name: str) -> object:
     except ValueError as error:
         step = "restore it, or calibrate the arm again"
         raise CalibrationError(None, f"{name} {error}", step) from error
+
+
+def read_setting(what: str, path: Path, largest: int) -> object:
+    """Read and parse the file of a setting.
+
+    Raises:
+        ConfigError: It is not there, cannot be read, is larger than ``largest`` bytes or no JSON;
+            the message calls it ``what``.
+    """
+    try:
+        size = path.stat().st_size
+        if size > largest:
+            raise ValueError(f"has {size} bytes, more than the {largest} that are read")
+        return content(path.read_bytes())
+    except OSError as error:
+        raise ConfigError(what, str(path), f"cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ConfigError(what, str(path), str(error)) from error
 
 
 def content(data: bytes) -> object:

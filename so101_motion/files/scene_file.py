@@ -29,10 +29,9 @@ one, and every error names its entry.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -60,65 +59,35 @@ from so101_motion.planning.collision.shape_files import LARGEST_FILE, file_mesh,
 
 _LARGEST_MM = LARGEST * 1000.0
 _SHAPES = (
-    "box_mm",
-    "sphere_radius_mm",
-    "capsule_radius_mm",
-    "mesh_file",
-    "vertices_mm",
-    "points_mm",
+    *("box_mm", "sphere_radius_mm", "capsule_radius_mm"),
+    *("mesh_file", "vertices_mm", "points_mm"),
 )
 _THING = (
-    "name",
-    "position_mm",
-    "rpy_deg",
-    *_SHAPES,
-    "capsule_length_mm",
-    "triangles",
-    "resolution_mm",
-    "scale",
+    *("name", "position_mm", "rpy_deg", *_SHAPES),
+    *("capsule_length_mm", "triangles", "resolution_mm", "scale"),
 )
+
+Entry = Mapping[str, Any]
+T = TypeVar("T")
 
 
 def read_scene(path: Path) -> Scene:
-    """Read the scene in a file.
-
-    Raises:
-        ConfigError: It cannot be read, or something in it is not valid; the message names it.
-    """
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            reason = f"has {size} bytes, more than the {LARGEST_FILE} that are read"
-            raise ConfigError("scene", str(path), reason)
-        content = json_file.content(path.read_bytes())
-    except OSError as error:
-        raise ConfigError("scene", str(path), f"cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise ConfigError("scene", str(path), str(error)) from error
+    """Read a scene file; ``ConfigError`` names what cannot be read or is not valid."""
+    content = json_file.read_setting("scene", path, LARGEST_FILE)
     return scene_from(content, folder=path.parent)
 
 
 def write_scene(scene: Scene, path: Path) -> None:
-    """Write a scene to a file; meshes become vertices and triangles.
-
-    Raises:
-        ConfigError: The file cannot be written.
-    """
-    try:
-        atomic.write(path, (json.dumps(scene_to(scene), indent=2) + "\n").encode())
-    except OSError as error:
-        raise ConfigError("scene", str(path), f"cannot be written: {error.strerror}") from error
+    """Write a scene file; meshes become vertices. ``ConfigError`` if it cannot be written."""
+    atomic.save("scene", path, (json.dumps(scene_to(scene), indent=2) + "\n").encode())
 
 
 def scene_from(content: object, *, folder: Path | None = Path()) -> Scene:
-    """Make a scene from the parsed JSON of a file.
+    """Make a scene from parsed JSON; ``ConfigError`` names what is not valid.
 
     Args:
         content: As ``json`` reads it.
         folder: The folder of its mesh files; None to refuse mesh files.
-
-    Raises:
-        ConfigError: Something in it is not valid.
     """
     if not isinstance(content, Mapping):
         raise ConfigError("scene", content, 'must be an object such as {"obstacles": [...]}')
@@ -135,42 +104,51 @@ def scene_from(content: object, *, folder: Path | None = Path()) -> Scene:
         for pair in pairs
     ):
         raise ConfigError("may_touch", pairs, 'must be a list of pairs, [["cube", "floor"]]')
+    margin_mm = given.number("margin_mm", to_mm(MARGIN), lower=0.0, upper=100.0, unit="mm")
+    if margin_mm == 0.0:
+        raise ConfigError("margin_mm", margin_mm, "must be more than 0 mm")
     return Scene(
         floor_z=floor_z,
-        margin=_margin(given),
+        margin=to_m(margin_mm),
         obstacles=obstacles_from(content.get("obstacles", []), folder=folder),
         attached=attached_from(content.get("attached", []), folder=folder),
         may_touch=frozenset(frozenset(pair) for pair in pairs),
     )
 
 
-def _margin(given: Attributes) -> float:
-    margin_mm = given.number("margin_mm", to_mm(MARGIN), lower=0.0, upper=100.0, unit="mm")
-    if margin_mm == 0.0:
-        raise ConfigError("margin_mm", margin_mm, "must be more than 0 mm")
-    return to_m(margin_mm)
-
-
 def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obstacle, ...]:
-    """Make obstacles from a parsed JSON list.
+    """Make obstacles from a parsed JSON list; ``folder`` and errors as for ``scene_from``."""
 
-    Args:
-        value: The entries as ``json`` reads them.
-        folder: The folder of their mesh files; None to refuse mesh files.
+    def made(entry: Entry) -> Obstacle:
+        given = Attributes(entry, (*_THING, "keep_out"), kind="key of an obstacle")
+        return Obstacle(
+            name=given.text("name", ""),
+            shape=_shape(given, entry, folder),
+            T_base_obstacle=pose_from(given),
+            keep_out=given.flag("keep_out", False),
+        )
 
-    Raises:
-        ConfigError: An entry is not valid.
-    """
-    return tuple(_obstacle(entry, folder) for entry in _entries("obstacles", value))
+    return _all("obstacles", value, made)
 
 
 def attached_from(value: object, *, folder: Path | None = Path()) -> tuple[Attached, ...]:
-    """Make the objects a gripper holds from a parsed JSON list, like ``obstacles_from``.
+    """Make the objects a gripper holds from a parsed JSON list, like ``obstacles_from``."""
 
-    Raises:
-        ConfigError: An entry is not valid.
-    """
-    return tuple(_attached(entry, folder) for entry in _entries("attached", value))
+    def made(entry: Entry) -> Attached:
+        known = (*_THING, "mass_kg", "may_touch")
+        given = Attributes(entry, known, kind="key of something attached")
+        touches = entry.get("may_touch", [])
+        if not isinstance(touches, (list, tuple)) or not all(isinstance(n, str) for n in touches):
+            raise ConfigError("may_touch", touches, "must be a list of names")
+        return Attached(
+            name=given.text("name", ""),
+            shape=_shape(given, entry, folder),
+            T_tool_object=pose_from(given),
+            mass=given.number("mass_kg", 0.0, lower=0.0, upper=HEAVIEST, unit="kg"),
+            may_touch=frozenset(touches),
+        )
+
+    return _all("attached", value, made)
 
 
 def attached_to(attached: Iterable[Attached]) -> list[dict[str, object]]:
@@ -186,12 +164,20 @@ def attached_to(attached: Iterable[Attached]) -> list[dict[str, object]]:
 
 
 def arms_from(value: object) -> tuple[StandingArm, ...]:
-    """Make other arms as obstacles from a parsed JSON list; ``arms_to`` writes it.
+    """Make other arms as obstacles from a parsed JSON list, like ``obstacles_from``."""
 
-    Raises:
-        ConfigError: An entry is not valid.
-    """
-    return tuple(_arm(entry) for entry in _entries("arms", value))
+    def made(entry: Entry) -> StandingArm:
+        known = ("name", "position_mm", "rpy_deg", "room_mm", "q_deg", "attached")
+        given = Attributes(entry, known, kind="key of an arm")
+        return StandingArm(
+            name=given.text("name", ""),
+            T_base_arm=pose_from(given),
+            q=to_rad(_table("q_deg", entry.get("q_deg"), columns=6)),
+            attached=attached_from(entry.get("attached", []), folder=None),
+            room=to_m(given.number("room_mm", 0.0, lower=0.0, upper=100.0, unit="mm")),
+        )
+
+    return _all("arms", value, made)
 
 
 def arms_to(arms: Iterable[StandingArm]) -> list[dict[str, object]]:
@@ -230,73 +216,26 @@ def scene_to(scene: Scene) -> dict[str, object]:
 
 # Reading
 
-Entry = Mapping[str, Any]
 
-
-def _entries(key: str, value: object) -> Iterator[Entry]:
-    """Check that each entry of a list is an object; an error names its index."""
+def _all(key: str, value: object, make: Callable[[Entry], T]) -> tuple[T, ...]:
+    """Make something of each entry of a list; an error names the entry, or its index."""
     if not isinstance(value, (list, tuple)):
         raise ConfigError(key, value, "must be a list of objects")
+    made = []
     for i, entry in enumerate(value):
         if not isinstance(entry, Mapping):
-            raise ConfigError(
-                f"{key}[{i}]", entry, 'must be an object such as {"name": "mug", ...}'
-            )
-        yield entry
+            reason = 'must be an object such as {"name": "mug", ...}'
+            raise ConfigError(f"{key}[{i}]", entry, reason)
+        try:
+            made.append(make(entry))
+        except ConfigError as error:
+            of = f'of "{entry["name"]}"' if entry.get("name") else "of one without a name"
+            raise ConfigError(error.key, error.value, f"({of}) {error.reason}") from None
+    return tuple(made)
 
 
-@contextmanager
-def _about(entry: Entry) -> Iterator[None]:
-    """Add the entry's name to errors."""
-    try:
-        yield
-    except ConfigError as error:
-        name = entry.get("name")
-        of = f'of "{name}"' if name else "of one without a name"
-        raise ConfigError(f"{error.key}", error.value, f"({of}) {error.reason}") from None
-
-
-def _obstacle(entry: Entry, folder: Path | None) -> Obstacle:
-    with _about(entry):
-        given = Attributes(entry, (*_THING, "keep_out"), kind="key of an obstacle")
-        return Obstacle(
-            name=given.text("name", ""),
-            shape=_shape(given, entry, folder),
-            T_base_obstacle=_pose(given),
-            keep_out=given.flag("keep_out", False),
-        )
-
-
-def _attached(entry: Entry, folder: Path | None) -> Attached:
-    with _about(entry):
-        known = (*_THING, "mass_kg", "may_touch")
-        given = Attributes(entry, known, kind="key of something attached")
-        touches = entry.get("may_touch", [])
-        if not isinstance(touches, (list, tuple)) or not all(isinstance(n, str) for n in touches):
-            raise ConfigError("may_touch", touches, "must be a list of names")
-        return Attached(
-            name=given.text("name", ""),
-            shape=_shape(given, entry, folder),
-            T_tool_object=_pose(given),
-            mass=given.number("mass_kg", 0.0, lower=0.0, upper=HEAVIEST, unit="kg"),
-            may_touch=frozenset(touches),
-        )
-
-
-def _arm(entry: Entry) -> StandingArm:
-    known = ("name", "position_mm", "rpy_deg", "room_mm", "q_deg", "attached")
-    with _about(entry):
-        given = Attributes(entry, known, kind="key of an arm")
-        return StandingArm(
-            name=given.text("name", ""),
-            T_base_arm=_pose(given),
-            q=to_rad(_table("q_deg", entry.get("q_deg"), columns=6)),
-            attached=attached_from(entry.get("attached", []), folder=None),
-            room=to_m(given.number("room_mm", 0.0, lower=0.0, upper=100.0, unit="mm")),
-        )
-
-
-def _pose(given: Attributes) -> SE3:
+def pose_from(given: Attributes) -> SE3:
+    """The pose in ``position_mm`` and ``rpy_deg``."""
     position_mm = np.array(given.triple("position_mm", _LARGEST_MM))
     rpy_deg = np.array(given.triple("rpy_deg", 360.0))
     return SE3.from_rpy(to_rad(rpy_deg), to_m(position_mm))
@@ -305,9 +244,8 @@ def _pose(given: Attributes) -> SE3:
 def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
     forms = [key for key in _SHAPES if given.given(key)]
     if len(forms) != 1:
-        raise ConfigError(
-            "shape", forms or None, f"needs exactly one form, one of {', '.join(_SHAPES)}"
-        )
+        reason = f"needs exactly one form, one of {', '.join(_SHAPES)}"
+        raise ConfigError("shape", forms or None, reason)
     form = forms[0]
     scale = given.number("scale", 1.0, lower=1e-6, upper=1e6)
     if form == "box_mm":
@@ -320,17 +258,13 @@ def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
     if form == "capsule_radius_mm":
         radius, length = _length(given, form), _length(given, "capsule_length_mm")
         if length < 2.0 * radius:
-            raise ConfigError(
-                "capsule_length_mm",
-                to_mm(length),
-                f"is from tip to tip, at least twice its radius, {to_mm(2.0 * radius):g} mm",
-            )
+            reason = f"is from tip to tip, at least twice its radius, {to_mm(2.0 * radius):g} mm"
+            raise ConfigError("capsule_length_mm", to_mm(length), reason)
         return Capsule(radius=scale * radius, length=scale * length)
     if form == "mesh_file":
         if folder is None:
-            raise ConfigError(
-                form, entry[form], "names a file, which cannot be read here; give vertices_mm"
-            )
+            reason = "names a file, which cannot be read here; give vertices_mm"
+            raise ConfigError(form, entry[form], reason)
         return _mesh(folder / given.text(form, ""), scale)
     if form == "points_mm":
         resolution = _length(given, "resolution_mm") if given.given("resolution_mm") else 0.01

@@ -75,11 +75,7 @@ def export(motion: Motion, path: Path) -> None:
         ConfigError: There is no such format, the file cannot be written, or the package for MCAP is
             not installed.
     """
-    content = encoded(motion, path.name)
-    try:
-        atomic.write(path, content)
-    except OSError as error:
-        raise ConfigError("out", str(path), f"cannot be written: {error.strerror}") from error
+    atomic.save("out", path, encoded(motion, path.name))
 
 
 def encoded(motion: Motion, name: str) -> bytes:

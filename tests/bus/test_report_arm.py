@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from harness.emulated_rig import hardware_bench
 
 from benchmarks.emulated_arm import arm_of, load
-from so101_motion.cli.report_arm import nameless, text
+from so101_motion.cli.measuring import nameless, text
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import Interrupted
 from so101_motion.setup.standard_motions import StandardMotions

@@ -142,10 +142,7 @@ def write_recording(film: Film, path: Path) -> None:
     """
     if path.suffix.lower() not in (".html", ".htm"):
         raise ConfigError("html", str(path), "must end with .html, for browsers to play it")
-    try:
-        atomic.write(path, recording(film))
-    except OSError as error:
-        raise ConfigError("html", str(path), f"cannot be written: {error.strerror}") from error
+    atomic.save("html", path, recording(film))
 
 
 def recording(film: Film) -> bytes:
