@@ -30,8 +30,6 @@ from so101_motion.common.errors import Unreachable
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_mm
 from so101_motion.planning.goals import GoalMetric, PoseGoal
-from so101_motion.planning.kinematics.arm_geometry import ArmStructure
-from so101_motion.planning.kinematics.arm_geometry import Configuration as ArmConfiguration
 from so101_motion.planning.kinematics.ik import IkSolution, IkSolver
 from so101_motion.planning.kinematics.ik_task import angle_between
 from so101_motion.planning.kinematics.model import RobotModel
@@ -54,7 +52,7 @@ def main() -> None:
     solver = IkSolver(model)
     rng = np.random.default_rng(SEED)
     configurations = rng.uniform(model.lower, model.upper, (N, 5))
-    rows = [closed_form(solver, configurations, frame) for frame in FRAMES]
+    rows = []
     medians = {}
     for metric in GoalMetric:
         for frame in FRAMES:
@@ -88,34 +86,6 @@ def targets(
         PoseGoal(T_base_tool=model.frame(q, frame), metric=metric, frame=frame)
         for q in configurations
     ]
-
-
-def closed_form(solver: IkSolver, configurations: Array, frame: str) -> dict[str, Any]:
-    """Position, pitch and roll, all branches; a success holds the configuration it came from."""
-    structure = solver.structure
-    assert isinstance(structure, ArmStructure)
-    inputs = [
-        (tuple(solver.model.frame(q, frame).p.tolist()), float(q[1:4].sum()), float(q[4]))
-        for q in configurations
-    ]
-
-    def solve(given: Any) -> list[ArmConfiguration]:
-        point, pitch, roll = given
-        return structure.configurations(point, pitch, roll, frame)
-
-    found, times = _common.measure(solve, inputs)
-    good, worst = 0, 0.0
-    for (point, _, _), q, postures in zip(inputs, configurations, found, strict=True):
-        away = [np.linalg.norm(solver.model.frame(p.q, frame).p - point) for p in postures]
-        worst = max([worst, *(float(each) for each in away)])
-        good += any(np.abs(np.array(p.q) - q).max() < 1e-5 for p in postures)
-    return {
-        "what": f"closed form, all branches, {frame}",
-        **_common.summary(times),
-        "success_percent": 100.0 * good / len(inputs),
-        "worst_mm": to_mm(worst),
-        "solutions": float(np.mean([len(postures) for postures in found])),
-    }
 
 
 def ours(solver: IkSolver, goals: Sequence[PoseGoal]) -> dict[str, Any]:

@@ -26,10 +26,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import MARGIN, Box, Obstacle, PointCloud, Scene
+from so101_motion.planning.kinematics.arm_geometry import JOINT_SLACK, ArmStructure
+from so101_motion.planning.kinematics.batch_ik import configurations, facing, hands
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -50,6 +53,17 @@ _WITHIN = 0.045
 
 _LOW = 0.25
 """Tips of the opposite set are below this [m]."""
+
+
+def at_pitch(
+    structure: ArmStructure, p_base: ArrayLike, pitch: float, roll: float, frame: str = "jaw_tip"
+) -> Array:
+    """The configurations (n, 5) [rad] of a frame at a point [m] with a pitch and a roll [rad]."""
+    rolls = np.full((1, 1, 1), roll)
+    hand = hands(structure, frame, rolls)
+    target = facing(structure, np.asarray(p_base)[None], hand.lateral)
+    grid = configurations(structure, target, hand, np.full((1, 1, 1), pitch), rolls)
+    return grid.q[grid.excess <= JOINT_SLACK]
 
 
 class Problem(NamedTuple):
@@ -189,7 +203,6 @@ class _Source:
     def in_bay(self, k: int) -> Array:
         """The tip in bay ``k`` of the shelf, 0 to 3."""
         structure = self._ik.structure
-        assert structure is not None
         while True:
             y, z = (
                 centre + self.random.uniform(-_WITHIN, _WITHIN)
@@ -197,21 +210,18 @@ class _Source:
             )
             x, pitch = self.random.uniform(*_BAY_X), self.random.uniform(-1.2, 1.2)
             roll = self.random.uniform(self.model.lower[4], self.model.upper[4])
-            for configuration in structure.configurations((x, y, z), pitch, roll, "jaw_tip"):
-                q = np.array(configuration.q)
+            for q in at_pitch(structure, (x, y, z), pitch, roll):
                 if self.model.outside(q) is None and self._collision.is_free(q):
                     return q
 
     def within(self, lower: tuple[float, ...], upper: tuple[float, ...]) -> Array:
         """The tip in a box of the air."""
         structure = self._ik.structure
-        assert structure is not None
         while True:
             at = self.random.uniform(lower, upper)
             pitch = self.random.uniform(-1.57, 1.57)
             roll = self.random.uniform(self.model.lower[4], self.model.upper[4])
-            for configuration in structure.configurations(tuple(at), pitch, roll, "jaw_tip"):
-                q = np.array(configuration.q)
+            for q in at_pitch(structure, at, pitch, roll):
                 if self.model.outside(q) is None and self._collision.is_free(q):
                     return q
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.goals import GoalMetric
-from so101_motion.planning.kinematics.arm_geometry import ArmStructure
+from so101_motion.planning.kinematics.arm_geometry import JOINT_SLACK, TAU, ArmStructure
 from so101_motion.planning.kinematics.batch_ik import (
     angles_between,
     configurations,
@@ -37,7 +37,6 @@ from so101_motion.planning.kinematics.batch_ik import (
     straight_pitches,
 )
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
-from so101_motion.planning.kinematics.planar_3r import JOINT_SLACK, TAU
 
 ROOM = 0.05
 """Configurations closer than this to a joint limit or a straight arm cost more [rad]. Chosen: 3

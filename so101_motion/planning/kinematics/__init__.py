@@ -1,6 +1,6 @@
 """Forward and inverse kinematics of the five-joint arm, and its workspace.
 
-``model.py`` wraps Pinocchio. ``ik.py`` is the entry to inverse kinematics; its closed forms are in
-``arm_geometry.py`` and ``planar_3r.py``, their batched forms in ``batch_ik.py``.
+``model.py`` wraps Pinocchio. ``ik.py`` is the entry to inverse kinematics; ``arm_geometry.py``
+explains the closed forms, which are compiled, and in ``batch_ik.py`` for many poses at once.
 It may import ``planning.goals`` and ``common``.
 """

@@ -1,4 +1,4 @@
-"""The geometry of the arm in closed form: a pan, three parallel joints, and a roll.
+"""The geometry of the arm: a pan, three parallel joints, and a roll.
 
 The pan axis is vertical and turns a vertical plane; lift, elbow and wrist move within that plane;
 the roll turns the gripper about an axis in it. So the *lateral* distance of a gripper frame (the
@@ -7,28 +7,31 @@ place relative to the wrist within the plane. For a given roll,
 
 - the pan follows from the target's azimuth and the lateral distance, with two solutions: the arm
   faces the target (front), or reaches it over its back (back);
-- the rest is a problem in the plane, solved in ``planar_3r.py``.
+- the rest is a problem in the plane.
 
-``geometry_from_model.py`` takes the measures from the kinematic model. Plain floats, as in the
-plane.
+The closed forms are compiled (``native/arm_ik.c``, ``native/planar.c``), and for many poses at once
+in ``batch_ik.py``. ``geometry_from_model.py`` takes the measures from the kinematic model.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import acos, atan2, cos, hypot, remainder, sin, sqrt
+from math import acos, atan2, cos, hypot, pi, remainder, sin
 from typing import NamedTuple
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.kinematics.planar_3r import (
-    JOINT_SLACK,
-    REACH_SLACK,
-    TAU,
-    Hand,
-    Target,
-    ThreeBars,
-)
+
+TAU = 2.0 * pi
+
+JOINT_SLACK = 1e-6
+"""Joint angles this far beyond a limit [rad] count as inside, and the caller clamps them: arccos
+near a straight elbow loses that much. At full reach it moves the tool by half a micrometre.
+Chosen."""
+
+REACH_SLACK = 1e-5
+"""For a wrist this far beyond the straight arm [m] the straight arm is a solution. Chosen: a tenth
+of the tolerance of goals, and every solution is judged afterwards."""
 
 _ON_AXIS = 1e-9  # a frame closer to the roll axis than this is on it [m]. Chosen: rounding is 1e-17
 Joints = tuple[float, float, float, float, float]  # five joint angles [rad]
@@ -49,12 +52,55 @@ class Configuration(NamedTuple):
     branch: str
 
 
-class Side(NamedTuple):
-    """One of the two pan angles that bring a target into the arm's plane."""
+class Hand(NamedTuple):
+    """The third bar, from the wrist to a frame of the gripper."""
 
-    pan: float  # the pan joint's angle [rad]
-    target: Target  # the target within the plane
-    name: str  # ``"front"`` or ``"back"``
+    length: float  # wrist to the frame's origin, within the plane [m]
+    elevation: float  # elevation of that vector at pitch zero [rad]
+
+
+Angles = tuple[float, float, float]  # lift, elbow and wrist [rad]
+
+
+class Bars(NamedTuple):
+    """The three parallel joints, without the hand."""
+
+    upper_arm: float  # shoulder to elbow [m]
+    upper_arm_elevation: float  # its elevation when all joints are at zero [rad]
+    forearm: float  # elbow to wrist [m]
+    forearm_elevation: float  # its elevation when all joints are at zero [rad]
+    lower: Angles  # smallest angles of lift, elbow, wrist [rad]
+    upper: Angles  # largest angles of lift, elbow, wrist [rad]
+
+    @property
+    def straight(self) -> float:
+        """The elbow angle at which upper arm and forearm are in line [rad]."""
+        return self.forearm_elevation - self.upper_arm_elevation
+
+    @property
+    def constants(self) -> tuple[float, ...]:
+        """Constants of the chain, in the order of ``arm_ik.h``."""
+        a, b = self.upper_arm, self.forearm
+        squares, twice, longest = a * a + b * b, 2.0 * a * b, (a + b + REACH_SLACK) ** 2
+        # Distance from shoulder to wrist, squared, with the elbow as far down or up as it bends.
+        shortest = (
+            squares + twice * cos(self.straight - limit) for limit in (self.lower[1], self.upper[1])
+        )
+        slack, cos_max = longest - (a + b) ** 2, (longest - squares) / twice
+        return (self.straight, squares, twice, slack, cos_max, *shortest)
+
+    def points(self, angles: Angles, hand: Hand) -> tuple[tuple[float, float], ...]:
+        """Shoulder, elbow, wrist and the hand's end, forward and up from the shoulder [m]."""
+        lift, elbow, wrist = angles
+        points = [(0.0, 0.0)]
+        for length, elevation in (
+            (self.upper_arm, self.upper_arm_elevation - lift),
+            (self.forearm, self.forearm_elevation - lift - elbow),
+            (hand.length, hand.elevation - lift - elbow - wrist),
+        ):
+            x, z = points[-1]
+            points.append((x + length * cos(elevation), z + length * sin(elevation)))
+        return tuple(points)
 
 
 class RolledFrame(NamedTuple):
@@ -109,7 +155,7 @@ class Measures:
     azimuth: float  # azimuth of the arm's plane when the pan is at zero [rad]
     # the lift axis: forward of the pan axis, and up from the base [m]
     shoulder: tuple[float, float]
-    bars: ThreeBars  # the three parallel joints
+    bars: Bars  # the three parallel joints
     offsets: dict[str, FrameOffset]  # the gripper's frames by name
     approach_elevation: float  # elevation of the tool's z axis when the pitch is zero [rad]
     R_base_tool: Array  # the tool's rotation when all joints are at zero, shape (3, 3)
@@ -131,13 +177,11 @@ class ArmStructure:
     def __init__(self, measures: Measures) -> None:
         self.measures = measures
         self.bars = measures.bars
-        self._pan_low = measures.lower[0] - JOINT_SLACK
-        self._pan_high = measures.upper[0] + JOINT_SLACK
         self._on_axis = {
             name: all(hypot(*row[1:]) < _ON_AXIS for row in offset)
             for name, offset in measures.offsets.items()
         }
-        links = measures.bars.bars.upper_arm + measures.bars.bars.forearm + REACH_SLACK
+        links = measures.bars.upper_arm + measures.bars.forearm + REACH_SLACK
         self._longest = {
             name: links + hypot(*(abs(row[0]) + hypot(*row[1:]) for row in (each.forward, each.up)))
             for name, each in measures.offsets.items()
@@ -157,57 +201,11 @@ class ArmStructure:
         forward, left, up = self.measures.offsets[frame].at(roll)
         return RolledFrame(roll, left, Hand(hypot(forward, up), atan2(up, forward)))
 
-    def sides(self, p_base: Point, frame: RolledFrame) -> list[Side]:
-        """The pan angles inside the limits that bring a point into reach of the plane; 0 to 2."""
-        m = self.measures
-        x, y = p_base[0] - m.pan[0], p_base[1] - m.pan[1]
-        lateral = frame.lateral
-        square = x * x + y * y - lateral * lateral
-        forward = sqrt(square) if square > 0.0 else 0.0
-        if forward == 0.0 and hypot(x, y) < abs(lateral) - REACH_SLACK:
-            return []
-        heading = atan2(y, x) - m.azimuth
-        shoulder_x, shoulder_z = m.shoulder
-        found = []
-        for name, along in (("front", forward), ("back", -forward)):
-            pan = m.pan_sign * remainder(heading - atan2(lateral, along), TAU)
-            if self._pan_low <= pan <= self._pan_high:
-                target = Target(along - shoulder_x, p_base[2] - shoulder_z, frame.hand)
-                found.append(Side(pan, target, name))
-        return found
-
-    def configurations(
-        self, p_base: Point, pitch: float, roll: float, frame: str
-    ) -> list[Configuration]:
-        """All configurations that put a frame at a point with a given pitch and roll.
-
-        Args:
-            p_base: Wanted position of the frame's origin [m].
-            pitch: Sum of lift, elbow and wrist [rad]; positive points down. For the SO-101 this
-                is the angle of the approach below the horizontal.
-            roll: The roll joint's angle [rad], within its limits.
-            frame: Name of a frame of the gripper.
-
-        Returns:
-            Up to four configurations inside the limits, to within ``JOINT_SLACK``.
-        """
-        return [
-            Configuration((pan, *angles, roll), BRANCHES[name, elbow_up])
-            for pan, target, name in self.sides(p_base, self.rolled(frame, roll))
-            for angles, elbow_up in self.bars.bends(target, pitch)
-        ]
-
     def branch(self, q: Joints, frame: str) -> str:
         """The name of the branch that joint angles belong to."""
         x, _ = self.bars.points(q[1:4], self.rolled(frame, q[4]).hand)[-1]
         side = "front" if x + self.measures.shoulder[0] >= 0.0 else "back"
         return BRANCHES[side, q[2] >= self.bars.straight]
-
-    def can_face(self, azimuth: float) -> bool:
-        """Whether the pan can turn the arm's plane to an azimuth [rad]."""
-        m = self.measures
-        pan = m.pan_sign * remainder(azimuth - m.azimuth, TAU)
-        return self._pan_low <= pan <= self._pan_high
 
     def lateral_for(self, p_base: Point, azimuth: float) -> float:
         """The lateral distance [m] of a point from the arm's plane turned to an azimuth [rad]."""
@@ -218,12 +216,6 @@ class ArmStructure:
     def azimuth(self, pan: float) -> float:
         """The azimuth of the arm's plane at a pan angle [rad]."""
         return self.measures.azimuth + self.measures.pan_sign * pan
-
-    def pitch_towards(self, pan: float, axis: Point) -> float:
-        """The pitch [rad] that brings the approach nearest to an axis, given as a unit vector."""
-        azimuth = self.azimuth(pan)
-        ahead = axis[0] * cos(azimuth) + axis[1] * sin(azimuth)
-        return self.measures.approach_elevation - atan2(axis[2], ahead)
 
     def clip_roll(self, roll: float) -> float:
         """A roll [rad] inside its limits: shifted by whole turns, else clamped."""

@@ -1,8 +1,8 @@
 """Solve inverse kinematics in closed form for many poses at once.
 
-The formulas are those of ``arm_geometry.py`` and ``planar_3r.py``, on arrays. A search along a tool
-path tries thousands of configurations, most of which do not exist or break a limit, and needs to
-know how far each is from being allowed. So none is left out here; each has its ``excess``.
+The formulas are those of ``native/arm_ik.c`` and ``native/planar.c``, on arrays. A search along a
+tool path tries thousands of configurations, most of which do not exist or break a limit, and needs
+to know how far each is from being allowed. So none is left out here; each has its ``excess``.
 
 Shapes. The axes of configurations are: points (n), sides front and back (2), values that the caller
 varies, mostly the pitch (m), and elbow up or down (2). Roll and pitch broadcast to (n, 2, m).
@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.kinematics.arm_geometry import ArmStructure
-from so101_motion.planning.kinematics.planar_3r import TAU
+from so101_motion.planning.kinematics.arm_geometry import TAU, ArmStructure
 
 _ROUNDS = 6  # iterations in which pan and roll are made to agree; each gains a digit or two
 
@@ -83,7 +82,7 @@ def straight_pitches(structure: ArmStructure, target: Facing, hand: Hands) -> Ar
     There the elbow changes from up to down; NaN where the arm never gets straight. ``target`` is
     for one roll, shapes (n, 2, 1).
     """
-    measures = structure.bars.bars
+    measures = structure.bars
     distance = np.hypot(target.x, target.z)
     reach = measures.upper_arm + measures.forearm
     cosine = (distance**2 + hand.length**2 - reach**2) / (2.0 * distance * hand.length)
@@ -98,7 +97,7 @@ def configurations(
 ) -> ConfigurationGrid:
     """All configurations with pitches and rolls that broadcast to (n, 2, m) [rad]."""
     bars = structure.bars
-    a, elevation_a, b, _ = bars.bars[:4]
+    a, elevation_a, b, _ = bars[:4]
     elevation = hand.elevation - pitch
     wrist_x = target.x - hand.length * np.cos(elevation)
     wrist_z = target.z - hand.length * np.sin(elevation)

@@ -15,13 +15,13 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, rot_z, rotation_angle, rotation_by
 from so101_motion.planning.kinematics.arm_geometry import (
     ArmStructure,
+    Bars,
     FrameOffset,
     Measures,
     to_joints,
 )
 from so101_motion.planning.kinematics.batch_kinematics import JOINT_LINKS
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.kinematics.planar_3r import Bars, ThreeBars
 
 FIT_POSITION = 2e-5
 """Largest difference between formulas and model [m]. Chosen: angles rounded to six digits in a
@@ -75,12 +75,21 @@ def _measure(model: RobotModel, axes: Array) -> Measures:
     reference = np.array([wrist[0], pan[1], wrist[2]])
     R_base_tool = model.frame(zero).R
     approach = plane @ R_base_tool[:, 2]
+    upper_arm, forearm = elbow - shoulder, wrist - elbow
+    lower, upper = to_joints(model.lower), to_joints(model.upper)
     return Measures(
         pan=(float(origins[0, 0]), float(origins[0, 1])),
         pan_sign=1.0 if axes[2, 0] > 0.0 else -1.0,
         azimuth=atan2(plane[0, 1], plane[0, 0]),
         shoulder=(float(shoulder[0] - pan[0]), float(shoulder[2])),
-        bars=_bars(elbow - shoulder, wrist - elbow, model),
+        bars=Bars(
+            upper_arm=hypot(upper_arm[0], upper_arm[2]),
+            upper_arm_elevation=atan2(upper_arm[2], upper_arm[0]),
+            forearm=hypot(forearm[0], forearm[2]),
+            forearm_elevation=atan2(forearm[2], forearm[0]),
+            lower=lower[1:4],
+            upper=upper[1:4],
+        ),
         offsets={
             name: _offset(
                 plane @ model.frame(zero, name).p - roll, roll - reference, plane @ roll_axis
@@ -90,22 +99,8 @@ def _measure(model: RobotModel, axes: Array) -> Measures:
         approach_elevation=atan2(approach[2], approach[0]),
         R_base_tool=R_base_tool,
         R_base_axes=np.column_stack([roll_axis, left, np.cross(roll_axis, left)]),
-        lower=to_joints(model.lower),
-        upper=to_joints(model.upper),
-    )
-
-
-def _bars(upper_arm: Array, forearm: Array, model: RobotModel) -> ThreeBars:
-    lower, upper = to_joints(model.lower), to_joints(model.upper)
-    return ThreeBars(
-        Bars(
-            upper_arm=hypot(upper_arm[0], upper_arm[2]),
-            upper_arm_elevation=atan2(upper_arm[2], upper_arm[0]),
-            forearm=hypot(forearm[0], forearm[2]),
-            forearm_elevation=atan2(forearm[2], forearm[0]),
-            lower=lower[1:4],
-            upper=upper[1:4],
-        )
+        lower=lower,
+        upper=upper,
     )
 
 

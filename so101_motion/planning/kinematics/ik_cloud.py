@@ -25,6 +25,8 @@ import numpy as np
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.goals import PoseCloud
 from so101_motion.planning.kinematics.arm_geometry import (
+    JOINT_SLACK,
+    TAU,
     ArmStructure,
     Configuration,
     Joints,
@@ -39,7 +41,6 @@ from so101_motion.planning.kinematics.batch_ik import (
     roll_for,
 )
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
-from so101_motion.planning.kinematics.planar_3r import JOINT_SLACK, TAU
 
 SLACK = 1e-3
 """How far a pose may be beyond its orientation tolerances, which may be zero [1], [rad]. Source:

@@ -14,6 +14,7 @@ roll; they are computed for a set of rolls, and ``ik_numeric.minimise`` does the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 from math import atan2, cos, hypot, inf, pi, remainder, sin, sqrt
 from typing import NamedTuple
@@ -21,9 +22,16 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.kinematics.arm_geometry import ArmStructure, Joints, Point
+from so101_motion.planning.kinematics.arm_geometry import (
+    TAU,
+    Angles,
+    ArmStructure,
+    Bars,
+    Hand,
+    Joints,
+    Point,
+)
 from so101_motion.planning.kinematics.batch_ik import wrap
-from so101_motion.planning.kinematics.planar_3r import TAU, Angles, Hand, Target, ThreeBars
 
 _ROLLS = 16
 """Number of rolls for which arcs are computed. Chosen: 21 degrees apart. For the jaw tip another
@@ -43,10 +51,19 @@ class BoundaryArc(NamedTuple):
 
 
 class Workspace:
-    """The edge of the reachable points of one gripper frame."""
+    """The edge of the reachable points of one gripper frame.
 
-    def __init__(self, structure: ArmStructure, frame: str) -> None:
-        self._structure, self._frame = structure, frame
+    ``nearest_pitch`` returns the angles that put the end of a hand at a point, forward of the
+    shoulder and up from it [m], with the pitch nearest to a given one [rad]; None if none do.
+    """
+
+    def __init__(
+        self,
+        structure: ArmStructure,
+        frame: str,
+        nearest_pitch: Callable[[float, float, Hand, float], Angles | None],
+    ) -> None:
+        self._structure, self._frame, self._nearest_pitch = structure, frame, nearest_pitch
         m = structure.measures
         lower, upper = m.lower, m.upper
         self._on_axis = structure.on_axis(frame)
@@ -120,9 +137,9 @@ class Workspace:
                 rolled = structure.rolled(self._frame, structure.clip_roll(roll))
                 away = abs(lateral - rolled.lateral)
                 if away <= closest:
-                    target = Target(along, z, rolled.hand)
-                    bends = structure.bars.nearest_pitch(target, sum(seed[1:4]))
-                    found += [(away, (pan, *bend.angles, rolled.roll)) for bend in bends[:1]]
+                    angles = self._nearest_pitch(along, z, rolled.hand, sum(seed[1:4]))
+                    if angles is not None:
+                        found.append((away, (pan, *angles, rolled.roll)))
         return found
 
     def _best(self, x: Array, z: float, beside: Array, pan: Array) -> list[tuple[float, Joints]]:
@@ -146,8 +163,8 @@ class Workspace:
 
 def _arcs(structure: ArmStructure, hand: Hand) -> list[BoundaryArc]:
     """All arcs that can bound the region of the plane that a hand can reach."""
-    bars, measures = structure.bars, structure.bars.bars
-    lifts, elbows, wrists = zip(measures.lower, measures.upper, strict=True)
+    bars = structure.bars
+    lifts, elbows, wrists = zip(bars.lower, bars.upper, strict=True)
     choices: list[tuple[int, Angles]] = []
     for elbow in (*elbows, bars.straight):
         # The hand in line with shoulder and wrist, outwards or inwards.
@@ -155,9 +172,9 @@ def _arcs(structure: ArmStructure, hand: Hand) -> list[BoundaryArc]:
         choices += [(0, (0.0, elbow, w)) for w in (*wrists, outwards, outwards - pi)]
     for wrist in wrists:
         # The line from elbow to the hand's end in line with the upper arm.
-        outwards = _elevation(bars, (0.0, 0.0, wrist), hand, 1, 3) - measures.upper_arm_elevation
+        outwards = _elevation(bars, (0.0, 0.0, wrist), hand, 1, 3) - bars.upper_arm_elevation
         choices += [(0, (0.0, elbow, wrist)) for elbow in (outwards, outwards - pi)]
-    outwards = hand.elevation - measures.forearm_elevation
+    outwards = hand.elevation - bars.forearm_elevation
     choices += [
         (1, (lift, 0.0, wrist))
         for lift, wrist in product(lifts, (*wrists, outwards, outwards - pi))
@@ -167,19 +184,19 @@ def _arcs(structure: ArmStructure, hand: Hand) -> list[BoundaryArc]:
     for joint, (lift, elbow, wrist) in choices:
         angles = remainder(lift, TAU), remainder(elbow, TAU), remainder(wrist, TAU)
         fixed = [i for i in range(3) if i != joint]
-        if all(measures.lower[i] <= angles[i] <= measures.upper[i] for i in fixed):
+        if all(bars.lower[i] <= angles[i] <= bars.upper[i] for i in fixed):
             arcs.append(_arc(bars, joint, angles, hand))
     return arcs
 
 
-def _arc(bars: ThreeBars, joint: int, angles: Angles, hand: Hand) -> BoundaryArc:
+def _arc(bars: Bars, joint: int, angles: Angles, hand: Hand) -> BoundaryArc:
     points = bars.points(angles, hand)
     (x, z), (tip_x, tip_z) = points[joint], points[3]
     radius, elevation = hypot(tip_x - x, tip_z - z), atan2(tip_z - z, tip_x - x)
     return BoundaryArc(joint, angles, x, z, radius, elevation)
 
 
-def _elevation(bars: ThreeBars, angles: Angles, hand: Hand, start: int, end: int) -> float:
+def _elevation(bars: Bars, angles: Angles, hand: Hand, start: int, end: int) -> float:
     """Elevation of the line between two of shoulder, elbow, wrist, hand's end [rad]."""
     points = bars.points(angles, hand)
     (x, z), (end_x, end_z) = points[start], points[end]

@@ -1,17 +1,13 @@
-/* Closed-form inverse kinematics: the formulas of ik_closed.py in C, in the same order.
- *
- * This is `ClosedForms.nearest` of ik_closed.py; each function has the name of the Python function
- * that it follows, and the explanations are there. A test compares the two to 1e-9. Change both, or
- * neither.
+/* Closed-form inverse kinematics for each kind of goal: position, approach, full pose. ik_closed.py
+ * calls it, arm_geometry.py explains the arm.
  *
  * One call solves one goal: it fills a list of configurations, the best first. Nothing is allocated
  * and nothing is kept between calls. Metres and radians throughout. */
 
 #include "arm_ik.h"
 
-/* Chosen in arm_geometry.py and ik_closed.py. */
-#define REACH_SLACK 1e-5
-#define ROLLS 6
+#define REACH_SLACK 1e-5 /* as in arm_geometry.py */
+#define ROLLS 6 /* parts into which the roll's range is cut if its present angle does not work; chosen */
 #define SETTLED 1e-10
 #define ROUNDS 10
 
@@ -41,7 +37,7 @@ typedef struct {
     bool back;
 } Side;
 
-/* ---- The gripper and the pan: arm_geometry.py ---- */
+/* ---- The gripper and the pan ---- */
 
 static Rolled rolled(const Arm *arm, double roll)
 {
@@ -105,12 +101,20 @@ static int sides(const Arm *arm, const double *point, Rolled frame, Side *found)
     return count;
 }
 
-/* ---- The three kinds of goal: ik_closed.py ---- */
+/* ---- The three kinds of goal ---- */
 
 static Configuration configuration(Side side, Bend bend, double roll)
 {
     return (Configuration){{side.pan, bend.angles[0], bend.angles[1], bend.angles[2], roll},
                            2 * side.back + !bend.elbow_up};
+}
+
+static int spread_rolls(const Arm *arm, double *rolls)
+{
+    double step = (arm->upper[4] - arm->lower[4]) / ROLLS;
+    for (int i = 0; i <= ROLLS; i++)
+        rolls[i] = i == ROLLS ? arm->upper[4] : arm->lower[4] + i * step;
+    return ROLLS + 1;
 }
 
 static int position_rolls(const Arm *arm, const double *point, double roll, double *rolls)
@@ -119,10 +123,8 @@ static int position_rolls(const Arm *arm, const double *point, double roll, doub
     rolls[0] = roll;
     if (arm->on_axis || !can_reach(arm, point))
         return 1;
-    double step = (arm->upper[4] - arm->lower[4]) / ROLLS, others[ROLLS + 3];
-    int count = 0, n = rolls_with_lateral(arm, 0.0, inside);
-    for (int i = 0; i <= ROLLS; i++)
-        others[count++] = i == ROLLS ? arm->upper[4] : arm->lower[4] + i * step;
+    double others[ROLLS + 3];
+    int count = spread_rolls(arm, others), n = rolls_with_lateral(arm, 0.0, inside);
     for (int i = 0; i < n; i++)
         others[count++] = clip_roll(arm, inside[i]);
     for (int i = 0; i < count; i++) {
@@ -252,7 +254,7 @@ static int nearest_approach(const Arm *arm, const Goal *goal, Configuration *fou
     return count;
 }
 
-/* ---- The wanted rotation: orientation_fit.py; quaternions are w, x, y, z ---- */
+/* ---- The wanted rotation; quaternions are w, x, y, z ---- */
 
 static void quaternion(const double *R, double *q)
 {
@@ -380,7 +382,8 @@ static int full_pose(const Arm *arm, const Goal *goal, Configuration *found)
     return count;
 }
 
-/* Writes the configurations of ClosedForms.nearest, at most MOST; returns their number. */
+/* Writes configurations, at most MOST, the one nearest to the seed first; returns their number. For an
+ * approach the seed's roll comes before all others, and what misses the approach last, for the error. */
 int so101_ik_nearest(const Arm *arm, const Goal *goal, Configuration *found)
 {
     if (goal->metric == POSITION_ONLY)
@@ -388,4 +391,31 @@ int so101_ik_nearest(const Arm *arm, const Goal *goal, Configuration *found)
     if (goal->metric == POSITION_AND_APPROACH)
         return nearest_approach(arm, goal, found);
     return full_pose(arm, goal, found);
+}
+
+/* Writes configurations spread over what the goal leaves free, in no order, at most MOST_SPREAD of
+ * ik_closed.py; returns their number. */
+int so101_ik_spread(const Arm *arm, const Goal *goal, Configuration *found)
+{
+    if (goal->metric == FULL_POSE)
+        return full_pose(arm, goal, found);
+    Configuration rest[2 * MOST];
+    double rolls[ROLLS + 6] = {clip_roll(arm, goal->seed[4])};
+    int n_rolls = 1, n_rest = 0, count = 0;
+    if (goal->metric == POSITION_AND_APPROACH)
+        n_rolls += approach_rolls(arm, goal, rolls + n_rolls);
+    n_rolls += spread_rolls(arm, rolls + n_rolls);
+    if (goal->metric == POSITION_AND_APPROACH)
+        return approach(arm, goal, rolls, n_rolls, found, rest, &n_rest);
+    for (int i = 0; i < n_rolls; i++) {
+        Side side[2];
+        int n = sides(arm, goal->point, rolled(arm, rolls[i]), side);
+        for (int k = 0; k < n; k++) {
+            Bend bend[MOST_BENDS];
+            int more = so101_spread_bends(arm, side[k].target, bend);
+            for (int j = 0; j < more; j++)
+                found[count++] = configuration(side[k], bend[j], rolls[i]);
+        }
+    }
+    return count;
 }

@@ -1,14 +1,26 @@
-/* Inverse kinematics of the three parallel joints: planar_3r.py and nearest_pitch.py in C.
+/* Closed-form inverse kinematics of the three parallel joints (a planar 3R chain).
  *
- * Each function has the name of the Python function that it follows, and the explanations are there;
- * see arm_ik.c. */
+ * Upper arm, forearm and hand have hinges at shoulder, elbow and wrist; the end of the hand shall be at
+ * a point. Three joints and two equations leave one freedom, the pitch of the hand. For a given pitch
+ * the wrist is where the hand begins, and shoulder, elbow and wrist form a triangle with three known
+ * sides, hence two configurations, elbow up and elbow down (`bends`).
+ *
+ * Which pitches are possible? The distance from shoulder to wrist depends only on the angle between the
+ * hand and the line from shoulder to target, so the elbow's limits allow one or two bands of pitch.
+ * Within them a configuration can cease to exist only where the lift or the wrist is at a limit, and
+ * each of these fixes the lengths of a triangle too: at most eight pitches in closed form. Between two
+ * of them nothing changes (`intervals_of`), so one test in the middle decides for the whole interval.
+ * Whether a point can be reached is thus decided exactly, without a grid that might miss a narrow gap.
+ *
+ * Joint angles are positive downwards (they turn x towards -z), elevations upwards. The pitch is lift +
+ * elbow + wrist; the hand has the elevation `hand_elevation - pitch`. */
 
 #include "arm_ik.h"
 
-/* Chosen in planar_3r.py and nearest_pitch.py. */
-#define TINY 1e-12
-#define NEARLY 1e-6
-#define INSIDE 1e-6
+#define TINY 1e-12       /* lengths below this are this [m], so that no direction is undefined */
+#define NEARLY 1e-6      /* how far a cosine may exceed 1 by rounding; chosen */
+#define INSIDE 1e-6      /* how far inside an interval its ends are tried, as a share of it; chosen */
+#define PITCH_STEP 0.2   /* distance between alternative pitches [rad]; chosen: 11 degrees */
 #define FLAT 1e-4
 
 #define PI 3.141592653589793
@@ -72,6 +84,8 @@ static void sort_intervals(Interval *list, int count)
     }
 }
 
+/* The bands the elbow's limits allow, as angles of the hand below the line to the target: the more the
+ * hand is turned out of that line, to either side, the farther the wrist is from the shoulder. */
 static int bands_of(const Arm *arm, Target t, bool elbow_up, double bands[2][2])
 {
     double square = t.x * t.x + t.z * t.z + t.hand * t.hand;
@@ -149,6 +163,8 @@ static double turned(double angle)
     return rest < 0.0 ? rest + TAU : rest;
 }
 
+/* Intervals of pitch within which no configuration appears or vanishes, nearest first. Their ends may
+ * lie beyond PI. Pitches that the elbow forbids are in none. */
 static int intervals_of(const Arm *arm, Target t, double pitch, bool elbow_up, Splits *splits,
                         Interval *found)
 {
@@ -207,7 +223,29 @@ int so101_nearest_pitch(const Arm *arm, Target t, double pitch, Bend *found)
     return 0;
 }
 
-/* ---- Nearest to the seed over all pitches: nearest_pitch.py ---- */
+int so101_spread_bends(const Arm *arm, Target t, Bend *found)
+{
+    Splits splits = {.count = -1};
+    int count = 0;
+    for (int down = 0; down < 2; down++) {
+        Interval all[MOST_INTERVALS];
+        int n = intervals_of(arm, t, 0.0, !down, &splits, all);
+        for (int i = 0; i < n; i++) {
+            double low = all[i].low, wide = all[i].high - low;
+            int parts = (int)(wide / PITCH_STEP) + 1;
+            for (int k = 0; k < parts; k++) {
+                Bend each[2];
+                int more = bends(arm, t, low + wide * (k + 0.5) / parts, each);
+                for (int j = 0; j < more; j++)
+                    if (each[j].elbow_up == !down)
+                        found[count++] = each[j];
+            }
+        }
+    }
+    return count;
+}
+
+/* ---- Nearest to the seed over all pitches ---- */
 
 typedef struct {
     double slope, square, pitch, angles[3];

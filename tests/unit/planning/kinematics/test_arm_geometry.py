@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from so101_description import URDF_PATH
 
+from benchmarks.plan_problems import at_pitch
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, rotation_angle
+from so101_motion.planning.kinematics.arm_geometry import BRANCHES, to_joints
 from so101_motion.planning.kinematics.geometry_from_model import (
     measure_structure,
     position,
@@ -47,7 +49,7 @@ def configurations(model, n, seed=0):
 
 
 def test_measures_are_those_of_the_so101(structure):
-    m, bars = structure.measures, structure.bars.bars
+    m, bars = structure.measures, structure.bars
     assert m.pan == pytest.approx((0.0388353, 0.0))
     assert m.pan_sign == -1.0
     assert m.shoulder == pytest.approx((0.0303992, 0.1166))
@@ -77,42 +79,25 @@ def test_formulas_and_model_agree_everywhere(model, structure):
 
 @pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
 def test_postures_hold_the_configuration_that_made_the_target(model, structure, frame):
-    for q in configurations(model, 300, seed=2):
-        p_base = model.frame(q, frame).p
-        found = structure.configurations(tuple(p_base), float(q[1:4].sum()), float(q[4]), frame)
-        assert 1 <= len(found) <= 4
-        assert len({configuration.branch for configuration in found}) == len(found)
-        assert any(np.abs(configuration.q - q).max() < 1e-5 for configuration in found)
-        for configuration in found:
-            assert np.linalg.norm(model.frame(configuration.q, frame).p - p_base) < 1e-12
-            assert sum(configuration.q[1:4]) == pytest.approx(
-                q[1:4].sum(), abs=1e-9
-            ) or math.remainder(
-                sum(configuration.q[1:4]) - q[1:4].sum(), math.tau
-            ) == pytest.approx(0.0, abs=1e-9)
-            assert model.outside(configuration.q, tolerance=1e-6) is None
-
-
-def test_all_four_branches_exist_where_the_arm_can_also_lean_back(model, structure):
     seen = set()
-    for q in configurations(model, 2000, seed=3):
-        p_base = tuple(model.frame(q).p)
-        for configuration in structure.configurations(
-            p_base, float(q[1:4].sum()), float(q[4]), "tool"
-        ):
-            seen.add(configuration.branch)
-            assert structure.branch(configuration.q, "tool") == configuration.branch
-    assert seen == {
-        "front, elbow up",
-        "front, elbow down",
-        "back, elbow up",
-        "back, elbow down",
-    }
+    for q in configurations(model, 500, seed=2):
+        p_base = model.frame(q, frame).p
+        found = at_pitch(structure, p_base, q[1:4].sum(), q[4], frame)
+        assert 1 <= len(found) <= 4
+        assert np.abs(found - q).max(axis=1).min() < 1e-5
+        branches = [structure.branch(to_joints(each), frame) for each in found]
+        assert len(set(branches)) == len(found)
+        seen |= {*branches}
+        for each in found:
+            assert np.linalg.norm(model.frame(each, frame).p - p_base) < 1e-12
+            turned = each[1:4].sum() - q[1:4].sum()
+            assert math.remainder(turned, math.tau) == pytest.approx(0.0, abs=1e-9)
+            assert model.outside(each, tolerance=1e-6) is None
+    assert seen == set(BRANCHES.values())
 
 
 def test_closer_to_the_pan_axis_than_the_tool_passes_there_is_no_posture(structure):
-    x, y = structure.measures.pan
-    assert structure.configurations((x, y, 0.3), 0.0, 0.0, "tool") == []
+    assert len(at_pitch(structure, (*structure.measures.pan, 0.3), 0.0, 0.0, "tool")) == 0
 
 
 def test_a_roll_brings_the_jaw_tip_to_a_lateral_distance(structure):
@@ -136,18 +121,17 @@ def test_an_added_frame_has_the_structure_too(model):
     held = model.with_frame("cup", SE3.from_rpy((0.4, 0.3, 0.2), (0.03, -0.02, 0.12)))
     structure = measure_structure(held)
     for q in configurations(held, 50, seed=4):
-        p_base = tuple(held.frame(q, "cup").p)
-        found = structure.configurations(p_base, float(q[1:4].sum()), float(q[4]), "cup")
-        assert any(np.abs(configuration.q - q).max() < 1e-5 for configuration in found)
+        found = at_pitch(structure, held.frame(q, "cup").p, q[1:4].sum(), q[4], "cup")
+        assert np.abs(found - q).max(axis=1).min() < 1e-5
 
 
 def test_measures_follow_the_model_not_a_table(changed):
     longer = changed({"wrist_flex": [("origin", "xyz", "-0.2 0.0052 0")]})
     structure = measure_structure(longer)
-    assert structure.bars.bars.forearm == pytest.approx(math.hypot(0.2, 0.0052))
+    assert structure.bars.forearm == pytest.approx(math.hypot(0.2, 0.0052))
     q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
-    found = structure.configurations(tuple(longer.frame(q).p), float(q[1:4].sum()), 0.6, "tool")
-    assert any(np.abs(configuration.q - q).max() < 1e-9 for configuration in found)
+    found = at_pitch(structure, longer.frame(q).p, q[1:4].sum(), 0.6, "tool")
+    assert np.abs(found - q).max(axis=1).min() < 1e-9
 
 
 def test_a_pan_that_turns_the_other_way_is_still_our_structure(changed):
@@ -155,8 +139,8 @@ def test_a_pan_that_turns_the_other_way_is_still_our_structure(changed):
     structure = measure_structure(mirrored)
     assert structure.measures.pan_sign == 1.0
     q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
-    found = structure.configurations(tuple(mirrored.frame(q).p), float(q[1:4].sum()), 0.6, "tool")
-    assert any(np.abs(configuration.q - q).max() < 1e-9 for configuration in found)
+    found = at_pitch(structure, mirrored.frame(q).p, q[1:4].sum(), 0.6, "tool")
+    assert np.abs(found - q).max(axis=1).min() < 1e-9
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from so101_description import URDF_PATH
 
+from benchmarks.plan_problems import at_pitch
 from so101_motion.common.errors import ConfigError, Unreachable
 from so101_motion.common.geometry import SE3, rot_x
 from so101_motion.planning.goals import GoalMetric, PoseGoal
@@ -265,10 +266,8 @@ def test_a_rounded_urdf_is_polished_to_a_nanometre(tmp_path):
     solver = IkSolver(model)
     for q in configurations(model, 100, seed=11):
         p_base = model.frame(q).p
-        configuration = solver.structure.configurations(
-            tuple(p_base), float(q[1:4].sum()), q[4], "tool"
-        )[0]
-        assert np.linalg.norm(model.frame(configuration.q).p - p_base) > 1e-8
+        rough = at_pitch(solver.structure, p_base, q[1:4].sum(), q[4], "tool")[0]
+        assert np.linalg.norm(model.frame(rough).p - p_base) > 1e-8
         assert solver.solve(goal_at(model, q), q).error_position < 1e-6
 
 
