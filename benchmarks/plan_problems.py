@@ -212,7 +212,7 @@ class _Source:
             roll = self.random.uniform(self.model.lower[4], self.model.upper[4])
             for q in at_pitch(structure, (x, y, z), pitch, roll):
                 if self.model.outside(q) is None and self._collision.is_free(q):
-                    return q
+                    return np.asarray(q)
 
     def within(self, lower: tuple[float, ...], upper: tuple[float, ...]) -> Array:
         """The tip in a box of the air."""
@@ -223,7 +223,7 @@ class _Source:
             roll = self.random.uniform(self.model.lower[4], self.model.upper[4])
             for q in at_pitch(structure, at, pitch, roll):
                 if self.model.outside(q) is None and self._collision.is_free(q):
-                    return q
+                    return np.asarray(q)
 
     def outside(self) -> Array:
         """The tool not in or before the shelf."""
