@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.drivers.emulator.joint_figures import MAX_DUTY, TICKS_PER_RAD
-from so101_motion.drivers.emulator.register_values import SLOWEST
+from so101_motion.drivers.emulator.motion import SLOWEST
 from so101_motion.drivers.servo_types import START_DUTY, STS3215_12V
 
 Array = NDArray[np.float64]

@@ -15,8 +15,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.joint_figures import SO101
-from so101_motion.drivers.emulator.motion import Profile
-from so101_motion.drivers.emulator.register_values import SLOWEST
+from so101_motion.drivers.emulator.motion import SLOWEST, Profile
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.servo_types import ServoFigures, ServoType
 

@@ -5,7 +5,7 @@ From the wire inwards:
     pty_port   the pseudo-terminal and its thread; delays replies
     bus        which servos hear an instruction, and when they answer
     codec      packets
-    servo      carries out instructions on ``memory``, ``registers`` and ``register_values``
+    servo      carries out instructions on ``memory`` and ``registers``
     drive      controller and protections: ``motion``, ``protection``, ``electric``
     mechanics  motor, play, friction, stops; ``joint_figures`` has their numbers
     world      the six servos with gravity, supply and time; ``hand`` is a person's hand

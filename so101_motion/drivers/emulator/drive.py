@@ -20,7 +20,7 @@ from so101_motion.drivers.emulator.electric import Motor
 from so101_motion.drivers.emulator.joint_figures import TICKS_PER_RAD, Joint
 from so101_motion.drivers.emulator.mechanics import Shaft
 from so101_motion.drivers.emulator.motion import DT, Gains, GoalDelay, Loop, Profile, duty_table
-from so101_motion.drivers.emulator.protection import Condition, Guard, Limits
+from so101_motion.drivers.emulator.protection import Guard, Limits
 from so101_motion.drivers.emulator.registers import TICKS_PER_TURN
 from so101_motion.drivers.servo_types import ServoType
 
@@ -258,16 +258,18 @@ class Drive:
 
     def _check(self, dt: float) -> None:
         position = self.position
-        condition = Condition(
+        moved = position - self._inspected_at
+        self._inspected_at = position
+        trips = self.guard.check(
+            dt,
             demand=self.loop.output,
-            moved=position - self._inspected_at,
+            moved=moved,
             current=self.motor.current,
             temperature=int(self.motor.temperature),
             decivolts=int(self.volts * 10.0 + 0.5),
             torque=self.torque,
         )
-        self._inspected_at = position
-        if self.guard.check(dt, condition):
+        if trips:
             self.torque = 0
             self.halt()
         if not (self.guard.flags or self._blocked or self._capped):

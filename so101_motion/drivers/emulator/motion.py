@@ -28,6 +28,10 @@ from so101_motion.drivers.emulator.joint_figures import MAX_DUTY
 DT = 0.001
 """The servo's control period [s] (firmware: 1 kHz)."""
 
+SLOWEST = 100.0
+"""Slowest profile by unit of register 83 [tick/s]. Measured: unloaded joints never run under
+8.8 deg/s (viam-devrel/so-101, one arm); the firmware's arithmetic says 50."""
+
 LEAD = 200.0
 """How far the set-point of a turning servo runs ahead of it, at most [tick]. Chosen: with any gain
 that servos are delivered with that is full duty, and one that is held up does not wind up."""

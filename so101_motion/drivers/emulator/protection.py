@@ -30,7 +30,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from so101_motion.drivers.emulator import registers as reg
-from so101_motion.drivers.emulator.memory import Memory
 
 _MOVED = 50  # [tick]
 _HOT_AFTER = 0.050  # [s]
@@ -53,43 +52,6 @@ class Limits:
     temperature: int
     volts_low: int
     volts_high: int
-
-    @classmethod
-    def of(cls, memory: Memory) -> Limits:
-        """Read the limits from a servo's registers."""
-        value = memory.value
-        return cls(
-            mask=value(reg.UNLOADING),
-            overload_duty=10 * value(reg.OVERLOAD_TORQUE),
-            overload_time=0.01 * value(reg.PROTECTION_TIME),
-            protective_duty=10 * value(reg.PROTECTIVE_TORQUE),
-            current=CURRENT_UNIT * value(reg.PROTECTION_CURRENT),
-            current_time=0.01 * value(reg.OVERCURRENT_TIME),
-            temperature=value(reg.MAX_TEMPERATURE),
-            volts_low=value(reg.MIN_VOLTAGE),
-            volts_high=value(reg.MAX_VOLTAGE),
-        )
-
-
-@dataclass(slots=True, kw_only=True)
-class Condition:
-    """The servo's own measurements, in the units of its registers.
-
-    Attributes:
-        demand: Output of the loop, in thousandths of full duty.
-        moved: How far the output moved since the last check [tick].
-        current: Through the bridge [A].
-        temperature: [degC].
-        decivolts: Supply [0.1 V].
-        torque: Register 40.
-    """
-
-    demand: int
-    moved: int
-    current: float
-    temperature: int
-    decivolts: int
-    torque: int
 
 
 class Guard:
@@ -121,8 +83,27 @@ class Guard:
         waiting = self._stall_time + self._current_time + self._heat_time + self._high_time
         return waiting > 0.0 and not self.flags
 
-    def check(self, dt: float, now: Condition) -> bool:
+    def check(
+        self,
+        dt: float,
+        *,
+        demand: int,
+        moved: int,
+        current: float,
+        temperature: int,
+        decivolts: int,
+        torque: int,
+    ) -> bool:
         """Update the flags after ``dt`` seconds.
+
+        Args:
+            dt: Time since the last check [s].
+            demand: Output of the loop, in thousandths of full duty.
+            moved: How far the output moved meanwhile [tick].
+            current: Through the bridge [A].
+            temperature: [degC].
+            decivolts: Supply [0.1 V].
+            torque: Register 40.
 
         Returns:
             Whether torque must be switched off (over-current).
@@ -130,50 +111,50 @@ class Guard:
         limits = self.limits
         if (
             not (self.flags or self._stalled or self.timing)
-            and -limits.overload_duty <= now.demand <= limits.overload_duty
-            and now.temperature <= limits.temperature
-            and limits.volts_low <= now.decivolts <= limits.volts_high
-            and -limits.current < now.current < limits.current
+            and -limits.overload_duty <= demand <= limits.overload_duty
+            and temperature <= limits.temperature
+            and limits.volts_low <= decivolts <= limits.volts_high
+            and -limits.current < current < limits.current
         ):
             return False  # nothing is the matter, as nearly always
-        self._overload(dt, now)
-        self._heat(dt, now.temperature)
-        self._voltage(dt, now.decivolts)
-        return self._overcurrent(dt, now)
+        self._overload(dt, demand, moved, torque)
+        self._heat(dt, temperature)
+        self._voltage(dt, decivolts)
+        return self._overcurrent(dt, current, torque)
 
     def _set(self, fault: int, present: bool) -> None:
         self.flags = self.flags | fault if present else self.flags & ~fault
 
-    def _overload(self, dt: float, now: Condition) -> None:
+    def _overload(self, dt: float, demand: int, moved: int, torque: int) -> None:
         limits = self.limits
-        if self.flags & reg.OVERLOAD and now.torque != 1:
+        if self.flags & reg.OVERLOAD and torque != 1:
             self._set(reg.OVERLOAD, False)
             self._stalled = 0
         if not self._stalled:
-            if abs(now.demand) <= limits.overload_duty:
+            if abs(demand) <= limits.overload_duty:
                 self._stall_time = 0.0
                 return
-            self._stalled = 1 if now.demand > 0 else -1
+            self._stalled = 1 if demand > 0 else -1
             self._moved, self._stall_time = 0, 0.0
         if not self.flags & reg.OVERLOAD:
-            self._moved += now.moved
+            self._moved += moved
             self._stall_time += dt
             if abs(self._moved) > _MOVED:
                 self._stalled, self._stall_time = 0, 0.0
                 return
             self._set(reg.OVERLOAD, self._stall_time > limits.overload_time)
-        if now.demand * self._stalled < limits.protective_duty:
+        if demand * self._stalled < limits.protective_duty:
             self._stalled, self._stall_time = 0, 0.0
             self._set(reg.OVERLOAD, False)
 
-    def _overcurrent(self, dt: float, now: Condition) -> bool:
+    def _overcurrent(self, dt: float, current: float, torque: int) -> bool:
         limits = self.limits
         if not limits.current or not limits.current_time:
             self._set(reg.OVERCURRENT, False)
             return False
-        if abs(now.current) < limits.current:
+        if abs(current) < limits.current:
             self._current_time = 0.0
-            if now.torque == 1:
+            if torque == 1:
                 self._set(reg.OVERCURRENT, False)
             return False
         self._current_time += dt

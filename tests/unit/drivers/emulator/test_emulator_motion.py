@@ -4,8 +4,7 @@ from dataclasses import replace
 import pytest
 
 from so101_motion.drivers.emulator import registers as reg
-from so101_motion.drivers.emulator.motion import DT, Gains, Loop, Profile
-from so101_motion.drivers.emulator.register_values import SLOWEST
+from so101_motion.drivers.emulator.motion import DT, SLOWEST, Gains, Loop, Profile
 
 GAINS = Gains(
     p=16, d=0, i=0, startup=16, i_limit=0, cw_dead_zone=1, ccw_dead_zone=1, window=20, still=2,
