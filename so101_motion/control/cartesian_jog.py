@@ -1,11 +1,8 @@
 """Jog the tool with velocities, poses and points that are sent again and again.
 
-The I/O thread asks for the next setpoint in every tick. A ``Servo`` (``planning/differential``)
-computes it from the newest request; it keeps every limit and stays clear of everything. A velocity
-must be repeated: without one for ``DEADMAN`` the arm slows to rest. A pose or a point is reached
-and held.
-
-A request is replaced whole, so the I/O thread never waits. Only that thread uses the ``Servo``.
+In every tick a ``Servo`` (``planning/differential``) computes the next setpoint from the newest
+request; it keeps every limit and stays clear of everything. A velocity must be repeated: without
+one for ``DEADMAN`` the arm slows to rest. A pose or a point is reached and held.
 """
 
 from __future__ import annotations
@@ -42,7 +39,7 @@ class Jog(OpenEndedMotion):
     """Turns velocities, poses and points into setpoints; made by ``Arm.jog``.
 
     Args:
-        servo: Computes the steps; only this jog may use it from now on.
+        servo: Computes the steps; only this jog may use it, on the I/O thread.
         dt: How long a step takes [s].
         q_jaw: Says where the jaw is now [rad].
     """
@@ -60,7 +57,6 @@ class Jog(OpenEndedMotion):
 
     @property
     def keeps_apart(self) -> bool:
-        """Whether it keeps off other arms of its cell by itself."""
         return self._servo.neighbours is not None
 
     # Any thread
@@ -96,24 +92,16 @@ class Jog(OpenEndedMotion):
     def to_pose(self, T_base_tool: SE3) -> None:
         """Move to a pose, as straight as the joints allow, and stay there.
 
-        The position comes first, the orientation as far as five joints can.
-
-        Raises:
-            ConfigError: It is not within ``scene.LARGEST``.
-            MotionError: The jog is over; when it failed, the error says why.
+        The position comes first, the orientation as far as five joints can. ``ConfigError`` beyond
+        ``scene.LARGEST``; ``MotionError`` if the jog is over.
         """
         _check_place(T_base_tool.p)
         self._ask(T_base_tool)
 
     def to_point(self, p_base: ArrayLike) -> None:
-        """Move the tool's origin to a point, with any orientation, and stay there.
+        """Move the tool's origin to ``p_base``, shape (3,), [m], and stay there.
 
-        Args:
-            p_base: The point in the base frame, shape (3,), [m].
-
-        Raises:
-            ConfigError: It is not within ``scene.LARGEST``.
-            MotionError: The jog is over; when it failed, the error says why.
+        The orientation may be any. Raises as ``to_pose`` does.
         """
         self._ask(_check_place(p_base))
 
@@ -130,28 +118,20 @@ class Jog(OpenEndedMotion):
         self._asked = (target, self._asked[1] + 1)
 
     def keep_off(self, collision: CollisionModel, load: Load | None) -> None:
-        """Check for contact and load with these from the next tick on; only this jog may use them.
-
-        Args:
-            collision: Checks for contact.
-            load: Load of the servos; None not to check it.
-        """
+        """Check for contact and load with these from now on; only this jog may use them."""
         self._servo.keep_off(collision, load)
 
     # The I/O thread
 
     @property
     def start(self) -> Setpoint:
-        """The first setpoint, at rest."""
         return Setpoint(q=self._servo.q, qd=np.zeros(5), qdd=np.zeros(5))
 
     @property
     def is_over(self) -> bool:
-        """Whether it has been closed and the last setpoint was at rest."""
         return self._over
 
     def sample(self, k: int) -> Setpoint:
-        """The setpoint of the next tick; ``k`` is ignored."""
         step = self._servo.step(self._target(), self._q_jaw())
         self._over = self._closing and not (step.qd.any() or step.qdd.any())
         if self._ticks % _TEXT_EVERY == 0:

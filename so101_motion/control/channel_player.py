@@ -54,16 +54,7 @@ Recent = tuple[JointState, ...]
 
 
 def refuse_jump(joints: Sequence[str], jump: Array, unit: str) -> None:
-    """Refuse a motion whose first setpoint is not where the joints are.
-
-    Args:
-        joints: Their names.
-        jump: How far it is from there, shape (n,), [rad] or [rad/s].
-        unit: ``"deg"`` or ``"deg/s"``.
-
-    Raises:
-        MotionError: It is too far.
-    """
+    """Refuse a first setpoint that is ``jump`` [rad] or [rad/s], shape (n,), off the joints."""
     i = int(np.argmax(np.abs(jump)))
     if abs(jump[i]) > JUMP:
         raise MotionError(
@@ -173,7 +164,6 @@ class ChannelPlayer:
 
     @property
     def is_moving(self) -> bool:
-        """Whether a motion is under way, settling included."""
         return self._motion is not None
 
     @property
@@ -182,7 +172,6 @@ class ChannelPlayer:
         return self._motion is not None and self._motion.ending is not None
 
     def is_playing(self, future: Future[Any]) -> bool:
-        """Whether ``future`` stands for the motion under way."""
         return self._motion is not None and self._motion.source.future is future
 
     @property
@@ -217,7 +206,6 @@ class ChannelPlayer:
         return self._motion is not None and isinstance(self._motion.source, Following)
 
     def rest_at(self, q: Array) -> None:
-        """Set the reference to ``q``, at rest; no motion is under way then."""
         self.reference = Setpoint.at_rest(q)
 
     def update(self, q: Array, reading: JointReading) -> None:
@@ -228,15 +216,7 @@ class ChannelPlayer:
             self.reference = Setpoint.at_rest(self._recovery.inside(self.reference.q))
 
     def yield_to_push(self, alarms: Mapping[str, str], q: Array) -> bool:
-        """Let a resting joint whose servo has an alarm stay where it has been pushed.
-
-        Args:
-            alarms: What is wrong with a joint, by name.
-            q: Measured angles, shape (n,), [rad].
-
-        Returns:
-            Whether there is such a joint; the reference has changed then.
-        """
+        """Let a resting joint with an alarm stay where it was pushed; whether there is one."""
         if self._motion is not None:
             return False
         pushed = np.isin(self._channel.joints, list(alarms))
@@ -248,11 +228,7 @@ class ChannelPlayer:
     # Beginning and ending
 
     def begin(self, source: MotionSource, k: int) -> None:
-        """Play ``source`` from tick ``k`` on.
-
-        Raises:
-            MotionError: Another motion is under way, or ``source`` begins somewhere else.
-        """
+        """Play ``source`` from tick ``k`` on; refused if it begins elsewhere, or another plays."""
         if self._motion is not None:
             raise MotionError(
                 f"another motion of the {self._channel.value} is under way;"
@@ -267,11 +243,7 @@ class ChannelPlayer:
         self._motion = self._ready(_Motion(source=source, start=k), k - 1)
 
     def turn(self, following: Following, k: int) -> None:
-        """Let ``following`` take over from the present reference; supersedes what is under way.
-
-        Raises:
-            MotionError: The channel is being stopped.
-        """
+        """Let ``following`` take over from the present reference; ``MotionError`` during a stop."""
         previous = self._motion
         if previous is not None and previous.ending is not None:
             raise MotionError(
@@ -287,9 +259,7 @@ class ChannelPlayer:
     def stop(self, by: str, waiting: Future[None] | None = None) -> None:
         """Slow down to rest, along the motion's own path where possible.
 
-        Args:
-            by: What ends the motion; a stop that is already under way keeps its first reason.
-            waiting: Completes at rest; at once when nothing moves.
+        A stop that is already under way keeps its first reason. ``waiting`` completes at rest.
         """
         motion = self._motion
         if motion is None:
@@ -331,7 +301,6 @@ class ChannelPlayer:
             motion.source, motion.start = resumed, self._k
 
     def fail(self, error: BaseException) -> None:
-        """End the motion with ``error``, because the joints cannot be reached any more."""
         motion, self._motion = self._motion, None
         if motion is not None:
             for future in (motion.source.future, *motion.waiting):
@@ -362,12 +331,9 @@ class ChannelPlayer:
         self._following.run_on(self.reference.q, self.reference.qd, gap)
 
     def check(self, q: Array, qd: Array, alarms: Mapping[str, str] = _NO_ALARMS) -> None:
-        """Compare the measured joints of this tick with the reference; may end the motion.
+        """Compare measured joints, ``q`` [rad] and ``qd`` [rad/s], shapes (n,), with the reference.
 
-        Args:
-            q: Measured angles, shape (n,), [rad].
-            qd: Measured velocities, shape (n,), [rad/s].
-            alarms: What is wrong with a joint, by name.
+        May end the motion. ``alarms`` says what is wrong with a joint, by name.
         """
         motion = self._motion
         if motion is None:
@@ -422,11 +388,7 @@ class ChannelPlayer:
         return motion
 
     def _refuse_near(self, motion: _Motion, setpoint: Setpoint) -> None:
-        """Refuse a setpoint from which the joints could not stop without coming near other arms.
-
-        Raises:
-            MotionError: ``setpoint`` is one.
-        """
+        """Refuse a setpoint from which the joints could not stop without coming near other arms."""
         source, neighbours = motion.source, self.neighbours
         if neighbours is None or motion.ending is not None:
             return
@@ -453,7 +415,6 @@ class ChannelPlayer:
         motion.source, motion.start = PlannedMotion(stop, motion.source.future), self._k
 
     def _obey(self, motion: _Motion, alarms: Mapping[str, str], q: Array) -> bool:
-        """End the motion if one of its joints has an alarm."""
         joints = self._channel.joints
         troubled = [joint for joint in joints if joint in alarms]
         if troubled:

@@ -1,43 +1,19 @@
 """Run the I/O thread: the only thread that talks to the servos of a port.
 
-How it works. An ``Executor`` owns a driver and a thread. The thread sleeps until the next tick is
-due or somebody wakes it, and a tick is always the same: take the requests, ask each channel where
-its joints should be, write that, read where they are, publish one ``JointState``, and judge. While
-something moves, ticks come at ``t0 + k * dt`` against absolute deadlines, and ``dt`` is the period
-of the trajectories: what was planned and verified is, sample for sample, what is written. A tick
-that would be more than half a period late is left out and counted; two goals are never sent to
-catch up. After a pause of more than two ticks the motion goes on with the very next setpoint,
-later than planned, so that nothing jumps; after one in which the joints came to rest it speeds up
-again as it once began, and after a long one it is given up. While nothing moves, the
-thread only looks at the arm now and then, to keep the snapshot fresh: 20 times a second after
-something has happened at the arm, and five times once all has been quiet for two seconds. A request
-wakes it at once.
+It sleeps until the next tick is due or somebody wakes it. While something moves, ticks come at ``t0
++ k * dt`` against absolute deadlines, so what was planned and verified is, sample for sample, what
+is written. A tick that would be more than half a period late is left out and counted; two goals are
+never sent to catch up. After a pause of more than two ticks the motion goes on with the very next
+setpoint, so nothing jumps; after one in which the joints came to rest it speeds up again as it once
+began, and after a long one it is given up.
 
-Two channels, the arm and the jaw, move independently on the same ticks: one write and one read for
-both. Torque and faults belong to the bus, so there is one ``Mode``, and ``modes.py`` says what is
-legal.
-
-Everybody else asks. A request is a function in a queue with a future, and the queue is emptied at
-every tick. Stop does not queue: it throws out the motions that were asked for before it and is
-looked at first, so the next setpoint already slows down. A motion is named by its future:
-``interrupt`` ends that motion or nothing, which is what a cancelled call needs.
-
-The futures cannot be cancelled (``cancel`` returns False): a motion ends by being stopped, never by
-being forgotten. They complete on this thread, after the snapshot that shows their effect has been
-published and outside every lock. A callback must be brief and must not wait for the executor.
+Futures of motions cannot be cancelled: a motion ends by being stopped. They complete on this
+thread, after the snapshot that shows their effect and outside every lock; a callback must be brief
+and must not wait for the executor.
 
 A driver that raises puts the arm into FAULT: everything under way ends with that error, the thread
-lives on and keeps reading (a driver may reconnect), and ``hold`` leads back. Torque comes on only
-after the goal has been set to what was measured, so nothing moves by being switched on.
-
-The bus can be lent (``JointController.lend``), to a calibration for example. Then all other
-requests are refused, and the borrower's jobs run on this thread.
-
-Where things are: this file has the loop and what other threads may call; ``joint_controller.py``
-does one tick, ``channel_player.py`` plays one channel's motion. Motions that are not planned come
-from ``streamed_trajectory.py`` (points that arrive in batches), ``following.py`` (targets) and
-``cartesian_jog.py`` (velocities of the tool). None of them has a thread. Other threads may only
-push points, set targets and set velocities; the rest runs on this file's thread.
+goes on reading (a driver may reconnect), and ``hold`` leads back. While the bus is lent
+(``JointController.lend``) all other requests are refused.
 """
 
 from __future__ import annotations
@@ -84,8 +60,7 @@ class Executor:
         dt: Period of the setpoints [s]; every trajectory must have the same.
         stop_limits: Caps of a stop for the five arm joints, whatever the motion's own.
         jaw_stop_limits: The same for the jaw, one entry; by default the smallest of the arm's.
-        tolerances: When a motion has arrived, and when a joint does not follow; by default those
-            of the simulated arm.
+        tolerances: Those of the arm's motions; by default those of the simulated arm.
         jaw_tolerances: The same for the jaw; by default as for the arm.
         name: Name of the thread.
 
@@ -126,11 +101,7 @@ class Executor:
         self._listeners: tuple[Callable[[JointState], None], ...] = ()
 
     def start(self) -> None:
-        """Read the joints, hold them where they are, and start the thread; sets ``state``.
-
-        Raises:
-            Exception: What the driver raised; it has been closed.
-        """
+        """Read the joints, hold them there, start the thread; raises what the driver raised."""
         self.requests.open()
         self._thread.start()
         self._ready.result()
@@ -160,11 +131,7 @@ class Executor:
 
     @property
     def state(self) -> JointState:
-        """The newest snapshot; never waits.
-
-        Raises:
-            RuntimeError: ``start`` has not been called.
-        """
+        """The newest snapshot; never waits. ``RuntimeError`` before ``start``."""
         state = self._control.state
         if state is None:
             raise RuntimeError("start the executor first")
@@ -178,9 +145,9 @@ class Executor:
     def execute(self, trajectory: Trajectory, *, channel: Channel = Channel.ARM) -> Future[None]:
         """Play ``trajectory``; its first setpoint goes out at once when nothing moves.
 
-        The future completes when the joints have settled at its end. It raises ``NotHolding``
-        when the joints are limp or in a fault, ``MotionError`` when another motion of the channel
-        is under way or the trajectory begins elsewhere, ``Interrupted`` when the motion was ended
+        The future completes when the joints have settled at its end. It raises ``NotHolding`` when
+        the joints are limp or in a fault, ``MotionError`` when another motion of the channel is
+        under way or the trajectory begins elsewhere, ``Interrupted`` when the motion was ended
         early, ``FollowingError`` when a joint did not follow, and what the driver raised.
 
         Raises:
@@ -202,25 +169,16 @@ class Executor:
         self._awaits_until = until
 
     def turn(self, following: Following, *, channel: Channel = Channel.ARM) -> Future[None]:
-        """Let ``following`` take over from the present motion without stopping.
+        """Let ``following`` take over from the present motion without stopping; returns its future.
 
-        The present motion ends with ``Interrupted("a newer motion")``.
-
-        Returns:
-            The future of ``following``. It ends like that of ``execute``; while the channel is
-            being stopped it raises ``MotionError``.
+        The present motion ends with ``Interrupted("a newer motion")``. While the channel is being
+        stopped the future raises ``MotionError``.
         """
         turn = partial(self._control.turn, following, channel)
         return self.requests.ask(turn, following.future, channel)
 
     def play(self, source: S) -> S:
-        """Move the arm joints as ``source`` says; they count as moving until its future is done.
-
-        ``stop`` and ``interrupt(source.future, ...)`` end it.
-
-        Returns:
-            ``source``.
-        """
+        """Move the arm joints as ``source`` says, until its future is done; returns ``source``."""
         begin = partial(self._control.play, source, Channel.ARM)
         self.requests.ask(begin, source.future, Channel.ARM)
         return source
@@ -243,12 +201,8 @@ class Executor:
     def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
         """Slow down to rest from the next setpoint on, along the path that was being followed.
 
-        Args:
-            channel: Which channel; None for both.
-            by: What the motions under way and those asked for before end with: ``Interrupted(by)``.
-
-        Returns:
-            Completes at rest; at once when nothing moves.
+        Motions of ``channel`` (None for both) under way, and those asked for before, end with
+        ``Interrupted(by)``. The future completes at rest; at once when nothing moves.
         """
         channels = tuple(Channel) if channel is None else (channel,)
         stop = self._stop_of(channels, by)
@@ -256,11 +210,7 @@ class Executor:
         return stop.future
 
     def interrupt(self, motion: Future[Any], by: str) -> Future[None]:
-        """End the motion whose future is ``motion``; no effect when it is over.
-
-        Returns:
-            Completes when that motion is over and the joints are at rest.
-        """
+        """End the motion whose future is ``motion``, if it is not over; completes at rest."""
         future = running_future()
         if motion.done():
             future.set_result(None)
@@ -273,9 +223,7 @@ class Executor:
         """Read the joints in every period, moving or not, and pass each snapshot to ``listener``.
 
         It is called on the I/O thread, also while the joints cannot be reached, and must be brief.
-
-        Returns:
-            A function that ends this.
+        The function returned ends this.
         """
         with self._lock:
             self._listeners = (*self._listeners, listener)
@@ -294,8 +242,8 @@ class Executor:
     def guide(self, compliance: Compliance, wall: Wall | None = None) -> Future[None]:
         """Let the arm yield to a hand until it is asked to hold, to stop or to let go.
 
-        The jaw holds on and may be moved meanwhile. ``wall`` is called on the I/O thread; where it
-        holds the joints back, they resist the hand.
+        The jaw holds on and may be moved meanwhile. Where ``wall``, called on the I/O thread, holds
+        the joints back, they resist the hand.
         """
         guide = partial(self._control.guide, compliance, wall)
         return self.requests.ask(guide, channel=Channel.ARM)  # a stop that comes later ends it
@@ -369,7 +317,6 @@ class Executor:
         return None
 
     def _end_turn(self, now: float) -> float:
-        """Tell what has come of it; return when to run again [s]."""
         self._beat.advance()
         self._control.outcomes.settle()
         self._notify_listeners()

@@ -1,33 +1,20 @@
 """Follow targets that arrive while the joints move.
 
-The caller sets targets with ``aim``, as often as it likes, from any thread. In every control cycle
-the I/O thread asks for the next setpoint, one period of the fastest motion to the newest target
+In every control cycle the I/O thread takes one period of the fastest motion to the newest target
 (``pursuit.py``), so velocity, acceleration and jerk are bounded whatever the targets do.
 
 *Room to stop.* A setpoint is taken only if the joints can still stop from it, as hard as a stop
 brakes, inside their limits, below the speed cap and, with a guard, without touching anything.
-Otherwise they brake along the path to rest of the setpoint before, which was found free. A stop
-from outside brakes along the same path.
+Otherwise they brake along the path to rest of the setpoint before, which was found free; so does a
+stop from outside. The guard replaces a target that cannot be reached by the nearest one that seems
+free, so the joints slow down before they have to brake, and slide along the obstacle.
 
-*Obstacles.* The guard replaces a target that cannot be reached by the nearest one that seems free,
-so the joints slow down before they have to brake, and slide along the obstacle.
+*Speed.* Until every joint is within ``gate`` of a first target, or of one after a rest, the caps
+are those of the approach; then they rise to the full ones within ``EASE``. Joints that an obstacle
+keeps farther away than ``gate`` also move that slowly, and catch up as the caps rise again.
 
-*Speed.* A first target may be far away. Until every joint is within ``gate`` of it, the caps are
-those of the approach; then they rise to the full ones within ``EASE``. The same happens after a
-rest. Joints that an obstacle keeps farther away than ``gate`` also move that slowly, and catch up
-as the caps rise again.
-
-*No target.* When no target comes for ``stale_after``, or ``hold`` is called, the joints slow to
-rest and wait; the following goes on.
-
-``ExpectedAcceleration`` tells the driver how joints that follow a target will accelerate.
-
-The driver uses it to make up for servo lag, which drives servos ahead of their setpoints, so a
-wrong value must not drive them elsewhere. A target may claim any acceleration: the driver is told
-that a joint speeds up only as far as its setpoint does. It is told of braking before the setpoint
-brakes, because a servo needs time for it, but never so much that the joint would turn round. How
-joints come to rest is known exactly. If a target does not say how it accelerates, the driver is
-told nothing and the servos lag.
+*No target.* When none comes for ``stale_after``, or ``hold`` is called, the joints slow to rest and
+wait; the following goes on.
 """
 
 from __future__ import annotations
@@ -90,17 +77,13 @@ class Approach:
         self.is_under_way = slow is not None
 
     def begin(self) -> None:
-        """Start the approach again."""
         self.is_under_way, self._t_held = self._slow is not None, math.inf
 
     def caps(self, t: float, off: Array, *, is_held: bool = False) -> MotionLimits:
-        """The caps to use now.
+        """The caps to use at ``t`` [s], for joints that are ``off`` [rad], shape (n,).
 
-        Args:
-            t: Now [s].
-            off: How far each joint is from its target, shape (n,), [rad].
-            is_held: Whether something holds the joints back. If they are then farther off than the
-                gate, they get the caps of the approach, which rise within ``CATCH_UP`` afterwards.
+        If something holds them back farther off than the gate (``is_held``), they get the caps of
+        the approach, which rise within ``CATCH_UP`` afterwards.
         """
         if self._slow is None:
             return self._full
@@ -137,10 +120,7 @@ def gentle(limits: MotionLimits, stop: MotionLimits) -> MotionLimits:
 def landed(setpoint: Setpoint, q: Array, qd: Array) -> Setpoint:
     """Put joints that have arrived at a goal that stands still exactly there, at rest.
 
-    Args:
-        setpoint: The setpoint of the joints.
-        q: Their goal, shape (n,), [rad].
-        qd: How fast that goal moves, shape (n,), [rad/s].
+    The goal is ``q``, shape (n,), [rad], and moves at ``qd`` [rad/s].
     """
     there = [
         w == 0.0 and abs(v) < _THERE and abs(a) < 100.0 * _THERE and abs(x - goal) < _THERE
@@ -165,6 +145,9 @@ def landed(setpoint: Setpoint, q: Array, qd: Array) -> Setpoint:
 class JointBounds:
     """Says which joints could not stop within their range and below their speed cap.
 
+    It runs several times in every control cycle, so it uses plain numbers: for five joints numpy
+    takes five times as long.
+
     Args:
         least: Lowest angles, shape (n,), [rad].
         most: Highest angles, shape (n,), [rad].
@@ -185,13 +168,9 @@ class JointBounds:
     def outside(
         self, setpoint: Setpoint, limits: MotionLimits, lowest: list[float], highest: list[float]
     ) -> list[bool]:
-        """Which joints could not stop in time, or would turn round too hard.
+        """Which joints could not stop in time, or would turn round too hard, after ``setpoint``.
 
-        Args:
-            setpoint: Their next setpoint.
-            limits: Their caps now.
-            lowest: Their lowest angles on the path to rest from there [rad].
-            highest: Their highest [rad].
+        ``lowest`` and ``highest`` are their angles on the path to rest from there [rad].
         """
         found = list[bool]()
         for low, high, qd, qdd, jerk, row in zip(
@@ -231,10 +210,13 @@ compensation fades slowly (``goal_compensation.py``); so it must still know how 
 
 
 class ExpectedAcceleration:
-    """The acceleration that the driver is told in each period.
+    """The acceleration that the driver is told in each period, to make up for servo lag.
 
-    Args:
-        dt: The period [s].
+    That drives servos ahead of their setpoints, so a wrong value must not drive them elsewhere. A
+    target may claim any acceleration: the driver is told that a joint speeds up only as far as its
+    setpoint does. It is told of braking before the setpoint brakes, because a servo needs time for
+    it, but never so much that the joint would turn round. If a target does not say how it
+    accelerates, the driver is told nothing and the servos lag.
 
     Attributes:
         qdd: How the joints accelerate, shape (n,), [rad/s^2]; None if it is not known.
@@ -259,12 +241,11 @@ class ExpectedAcceleration:
         self.qdd = way * np.clip(way * known, np.minimum(way * setpoint.qdd, to_rest), faster)
 
     def braking(self, now: Setpoint) -> None:
-        """The joints brake and are at ``now``."""
         self._left -= self._dt
         self.qdd = now.qdd if self._left > 0.0 else None
 
     def unknown(self) -> None:
-        """The joints follow a target that does not say how it accelerates."""
+        """The target does not say how it accelerates."""
         self._left -= self._dt
         self.qdd = None
 
@@ -304,14 +285,7 @@ class FollowingSettings(TypedDict, total=False):
 
 
 class _Aim(NamedTuple):
-    """A target.
-
-    Attributes:
-        q: Its joint angles, clipped to the range, shape (n,), [rad].
-        qd: Its velocity, shape (n,), [rad/s].
-        qdd: Its acceleration, shape (n,), [rad/s^2]; None if it is not known.
-        outside: How far beyond the range it was asked for, shape (n,), [rad].
-    """
+    """A target, clipped to the range, and how far outside it was asked for; shapes (n,)."""
 
     q: Array
     qd: Array
@@ -440,19 +414,16 @@ class Following(OpenEndedMotion):
     def held_by(self) -> tuple[str, ...]:
         """What keeps the joints from where they are wanted.
 
-        Joints at their limits, bodies that are close to each other (``"the jaw close to the
-        floor"``), joints that bear all they may.
+        Joints at their limits, close bodies (``"the jaw close to the floor"``), overloaded joints.
         """
         return (*self._at_limits(), *self._held)
 
     @property
     def is_held(self) -> bool:
-        """Whether something in the way holds the joints back; their limits do not count."""
         return bool(self._held)
 
     @property
     def is_approaching(self) -> bool:
-        """Whether it goes at the pace of the approach."""
         return self._approach.is_under_way
 
     @property
@@ -469,7 +440,6 @@ class Following(OpenEndedMotion):
 
     @property
     def start(self) -> Setpoint:
-        """Where it begins."""
         return self._start
 
     def take_over(self, now: Setpoint, previous: MotionSource | None, brakes: MotionLimits) -> None:
@@ -493,7 +463,6 @@ class Following(OpenEndedMotion):
 
     @property
     def is_over(self) -> bool:
-        """Whether it is to end and the last setpoint was at rest."""
         if self.now.qd.any() or self.now.qdd.any() or self._slowing is not None:
             return False
         if self._ends_there and not self._closing:
@@ -568,7 +537,6 @@ class Following(OpenEndedMotion):
         return aimed._replace(q=q, qd=np.where(q == moved, aimed.qd, 0.0), qdd=qdd)
 
     def _ask(self) -> None:
-        """Call ``each``, the last chance to aim before a setpoint."""
         if self._each is None or self._closing:
             return
         try:

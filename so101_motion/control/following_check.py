@@ -1,23 +1,20 @@
 """Tell whether joints follow their setpoints, or something holds them up.
 
-Three ways to see it. *A joint is far from where it was wanted*, whatever the reason: servos lag, so
-it is measured against all the setpoints of the last ``following_lag``. *A joint stands while its
-setpoints go on*: over one of ``contact_windows`` it has moved much less than they have. That is
-seen long before the joint is far off, because what makes joints stand off (weight, friction, delay)
-changes little in so short a time; so it tells a contact from a load. The longer window is for slow
-motions, whose setpoints go no farther on than play lets a joint stand. *A joint stops that followed
-slowly and evenly*: how far it strays from its setpoints was seen just before, 0.1 deg or so, so
-what its play lets it stand (its load may change sides on the way) is enough to be beyond that. The
-driver says how far a joint strays until its motor has crossed the play; ``servo_model.py`` computes
-it and says why no contact can be told sooner. Where the load keeps the gears on one side, about
+*A joint is far from where it was wanted*: servos lag, so it is measured against all the setpoints
+of the last ``following_lag``. *A joint stands while its setpoints go on*: over one of
+``contact_windows`` it has moved much less than they have. That is seen long before the joint is far
+off, because what makes joints stand off (weight, friction, delay) changes little in so short a
+time; so it tells a contact from a load. The longer window is for slow motions, whose setpoints go
+no farther on than play lets a joint stand. *A joint stops that followed slowly and evenly*: what
+its play lets it stand is enough to be beyond. The driver says how far a joint strays until its
+motor has crossed the play (``servo_model.py``); where the load keeps the gears on one side, about
 half of that is enough.
 
-*No setpoint was sent*, because a tick came late. Servos run on to their last goal, which is ahead
-of the setpoint; so a joint may be as far on as if setpoints had gone on as they did.
-
-*No joint answers.* Goals may not arrive either then, and joints stand for want of them. So what was
-seen before no longer tells a contact. Joints that have missed many goals are behind, and would
-catch up faster than they may: the motion has to wait for them (``forgive``), or to end.
+*No setpoint was sent*, because a tick came late: servos run on to their last goal, so a joint may
+be as far on as if setpoints had gone on as they did. *No joint answers*: goals may not arrive
+either, and joints stand for want of them, so what was seen before no longer tells a contact. Joints
+that have missed many goals would catch up faster than they may: the motion has to wait for them
+(``forgive``), or to end.
 """
 
 from __future__ import annotations
@@ -102,11 +99,7 @@ def _held_up() -> Any:
 
 
 class LatestRows:
-    """The latest rows of a table, in one array: looking back at them copies nothing.
-
-    Args:
-        kept: How many rows are kept.
-    """
+    """The latest rows of a table, in one array: looking back at them copies nothing."""
 
     def __init__(self, kept: int) -> None:
         self._kept = kept
@@ -139,7 +132,6 @@ class LatestRows:
         return self._rows[self._end - min(n, self._count) : self._end]
 
     def clear(self) -> None:
-        """Drop all rows."""
         self._end = self._count = 0
 
 
@@ -199,12 +191,9 @@ class FollowingCheck:
         self._q = self._ran_to = None
 
     def run_on(self, q_ref: Array, qd_ref: Array, gap: float) -> None:
-        """Note that no setpoint was sent for a while: joints run on to goals ahead of the last one.
+        """Note that no setpoint was sent for ``gap`` [s]: joints run on to goals ahead of it.
 
-        Args:
-            q_ref: The last setpoint, shape (n,), [rad].
-            qd_ref: Its velocity, shape (n,), [rad/s].
-            gap: For how long none was sent [s].
+        The last setpoint was ``q_ref`` [rad], moving at ``qd_ref`` [rad/s], shapes (n,).
         """
         self._way = np.sign(qd_ref)
         ahead = 0.0 if self._q is None else np.maximum(self._way * (self._q - q_ref), 0.0)
@@ -239,8 +228,8 @@ class FollowingCheck:
 
         Args:
             q: Measured angles, shape (n,), [rad].
-            in_play: How far they stray while their motors go through the play, shape (n,), [rad];
-                0 for gears that are kept on one side of it.
+            in_play: How far they stray while their motors go through the play, shape (n,), [rad]; 0
+                for gears that are kept on one side of it.
             silent: Whether none of them has answered in this tick, so that ``q`` is a guess.
         """
         held = np.zeros(len(q), dtype=np.bool_)
@@ -267,12 +256,7 @@ class FollowingCheck:
         return held
 
     def words(self, i: int, *, held_up: bool) -> tuple[str, str]:
-        """What has happened to joint ``i``, which does not follow, and what to check.
-
-        Args:
-            i: Its index.
-            held_up: Whether ``held_up`` has just told of it.
-        """
+        """What has happened to joint ``i``, which does not follow, and what to check."""
         if not held_up and self._has_run_on(i):
             return (
                 f"was without setpoints for {self._gap:.2f} s, and is",

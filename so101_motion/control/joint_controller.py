@@ -1,8 +1,4 @@
-"""Control the joints of one port, tick by tick: mode, torque, both channels, the snapshot.
-
-``JointController`` has neither a thread nor a lock, and it never waits: the executor calls it on
-its one thread with the time and the number of the tick.
-"""
+"""Control the joints of one port, tick by tick: mode, torque, both channels, the snapshot."""
 
 from __future__ import annotations
 
@@ -72,14 +68,7 @@ SPAN = 1.0
 
 
 class RecentStates:
-    """The joint states of the last second. Used by the I/O thread only.
-
-    Args:
-        dt: The shortest time between two states [s].
-
-    Attributes:
-        on_failure: Called with each failure and the states before it; must be brief.
-    """
+    """The joint states of the last second, and who is told of a failure; I/O thread only."""
 
     def __init__(self, dt: float) -> None:
         self.on_failure: Callable[[Exception, tuple[JointState, ...]], None] | None = None
@@ -100,7 +89,6 @@ class RecentStates:
         return (*held, *(state for state in self._states if state.t >= since))
 
     def notify(self, error: Exception, recent: tuple[JointState, ...]) -> None:
-        """Pass an error to ``on_failure``, once."""
         is_new = error is not self._notified and not isinstance(error, NotReady)
         if self.on_failure is not None and is_new:
             self._notified = error
@@ -111,15 +99,9 @@ class RecentStates:
 
 
 class JointController:
-    """The joints of one port. Used by the I/O thread only, ``state`` excepted.
+    """The joints of one port. Used by the I/O thread only, ``state`` excepted. Never waits.
 
-    Args:
-        driver: The joints.
-        dt: Period of the setpoints [s].
-        stop_limits: Caps of a stop for the five arm joints.
-        jaw_stop_limits: The same for the jaw, one entry; by default the smallest of the arm's.
-        tolerances: When a motion of the arm has arrived, and when a joint does not follow.
-        jaw_tolerances: The same for the jaw.
+    Args: as for ``Executor``.
 
     Attributes:
         mode: What the arm is doing.
@@ -183,7 +165,6 @@ class JointController:
         return self.mode in (Mode.HOLDING, Mode.LIMP) and now >= self._quiet_from
 
     def stop_limits(self, channel: Channel) -> MotionLimits:
-        """The limits with which a stop of ``channel`` brakes."""
         return self._player(channel).stop_limits
 
     def set_stop_limits(self, limits: MotionLimits) -> None:
@@ -195,7 +176,7 @@ class JointController:
         self._arm.neighbours = neighbours
 
     def start(self, now: float, *, holding: bool) -> None:
-        """Read the joints, hold them there if wanted, and publish the first snapshot."""
+        """Read the joints, hold them there if ``holding``, and publish the first snapshot."""
         if holding:
             self._seed()
         self.tick(now, 0)
@@ -254,11 +235,7 @@ class JointController:
             self._enter(Event.MOVE)
 
     def guide(self, compliance: Compliance, wall: Wall | None = None) -> None:
-        """Let the arm yield to a hand, up to ``wall``; a limp one is held first, where it is.
-
-        Raises:
-            MotionError: Something moves.
-        """
+        """Let the arm yield to a hand, up to ``wall``; a limp one is held first, where it is."""
         self._require(Event.GUIDE)
         with self._failing():
             if self.mode is Mode.LIMP:
@@ -268,7 +245,7 @@ class JointController:
         self._enter(Event.GUIDE)
 
     def release(self) -> None:
-        """Switch torque off, unless something moves."""
+        """Switch torque off; ``MotionError`` while something moves."""
         self._require(Event.RELEASE)
         if self.is_moving:
             raise MotionError("the jaw is moving; stop it or wait for its end")
@@ -278,22 +255,14 @@ class JointController:
         self._fault = None
 
     def call(self, job: Callable[[JointDriver], T]) -> T:
-        """Run ``job`` with the driver while nothing moves.
-
-        Raises:
-            MotionError: Something moves, or the bus is lent.
-        """
+        """Run ``job`` with the driver; ``MotionError`` while something moves or the bus is lent."""
         self._refuse_lent()
         if self.is_moving:
             raise MotionError("the bus is busy with a motion; stop it or wait for its end")
         return job(self._driver)
 
     def call_and_rehold(self, job: Callable[[JointDriver], T]) -> T:
-        """Run a job that changes what the driver's angles mean, and hold the joints anew.
-
-        Raises:
-            MotionError: Something moves.
-        """
+        """Run a job that changes what the driver's angles mean, and hold the joints anew."""
         if self.mode is Mode.GUIDING and not self.is_moving:
             self.hold()
         try:
@@ -304,14 +273,10 @@ class JointController:
                     self._seed()
 
     def lend(self, purpose: str, job: Callable[[JointDriver], None]) -> None:
-        """Lend the bus; until ``take_back`` all other requests are refused.
+        """Lend the bus for ``purpose``; until ``take_back`` all other requests are refused.
 
-        Args:
-            purpose: What for; errors name it.
-            job: Makes the driver leave the servos alone.
-
-        Raises:
-            MotionError: Something moves, or the bus is lent already.
+        ``job`` makes the driver leave the servos alone. ``MotionError`` while something moves, or
+        if the bus is lent already.
         """
         self._require(Event.CALIBRATE)
         job(self._driver)
@@ -325,9 +290,8 @@ class JointController:
     def take_back(self, job: Callable[[JointDriver], bool | None]) -> None:
         """Take the bus back, whatever ``job`` or the driver raises.
 
-        Args:
-            job: Makes the servos ours again; returns whether to hold them, to let go of them, or
-                to leave them as they are (None).
+        ``job`` makes the servos ours again; it returns whether to hold them, to let go of them, or
+        to leave them as they are (None).
         """
         self._watch = self._lent_to = None
         self._enter(Event.DONE)
@@ -339,7 +303,6 @@ class JointController:
                 self._driver.set_torque(False)
 
     def close(self) -> None:
-        """Release the driver."""
         self._driver.close()
 
     def tick(self, now: float, late: int, missed: int = 0) -> None:
@@ -406,7 +369,6 @@ class JointController:
 
     @contextmanager
     def _failing(self) -> Iterator[None]:
-        """Turn what the driver raises in this block into a fault, and raise it again."""
         try:
             yield
         except Exception as error:
@@ -428,7 +390,6 @@ class JointController:
             self._driver.write(self._arm.command, float(self._jaw.command[0]))
 
     def _note_events(self, reading: JointReading, now: float) -> None:
-        """Note whether something has happened, now or since the last snapshot."""
         if not (
             self.is_moving
             or self.state is None
@@ -460,7 +421,7 @@ class JointController:
         self._jaw.rest_at(np.array([reading.q_jaw]))
 
     def _go_on_from_rest(self, gap: float) -> None:
-        """The joints came to rest while no setpoint was sent; a motion may be given up then."""
+        """Go on, or give up, because the joints came to rest while no setpoint was sent."""
         _log.warning("no setpoint was sent for %.2f s in mid-motion", gap)
         error = MotionError(
             f"no setpoint could be sent for {gap:.2f} s, so the arm stopped where it was;"
@@ -536,7 +497,6 @@ class JointController:
         }
 
     def _republish(self) -> None:
-        """Publish the snapshot again with the mode and motions that were just decided."""
         state, words = self.state, self._words()
         if state is not None and any(getattr(state, name) != now for name, now in words.items()):
             self.state = replace(state, **words)

@@ -20,7 +20,6 @@ class Channel(Enum):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The names of its joints."""
         return ARM_JOINTS if self is Channel.ARM else (GRIPPER_JOINT,)
 
 

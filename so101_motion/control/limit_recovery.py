@@ -29,9 +29,6 @@ RECOVERY_TIME = 5.0
 class LimitRecovery:
     """The joints of a channel that are outside their limits; I/O thread only.
 
-    Args:
-        joints: The channel's joints.
-
     Attributes:
         mask: Which of them are outside.
     """
@@ -47,12 +44,7 @@ class LimitRecovery:
         return self._any
 
     def update(self, q: Array, out_of_range: Mapping[str, float]) -> None:
-        """Note where the joints are, shape (n,), [rad], and which are outside.
-
-        Args:
-            q: As measured.
-            out_of_range: Where those that are outside will be taken [rad], by name.
-        """
+        """Note the joints, shape (n,), [rad], and where those outside will be taken [rad]."""
         self._q = q
         if not out_of_range and not self._any:
             return
@@ -76,11 +68,7 @@ class LimitRecovery:
         return self._joints[i], float(off[i])
 
     def refuse_far(self) -> None:
-        """Refuse joints that are far outside.
-
-        Raises:
-            MotionError: One is.
-        """
+        """Raise ``MotionError`` if a joint is far outside."""
         joint, off = self.farthest()
         if off > FARTHEST_OUT:
             raise MotionError(
@@ -89,11 +77,7 @@ class LimitRecovery:
             )
 
     def refuse(self) -> None:
-        """Refuse motions that cannot wait while a joint is outside.
-
-        Raises:
-            MotionError: One is.
-        """
+        """Raise ``MotionError`` for a motion that cannot wait, while a joint is outside."""
         if self._any:
             raise MotionError(
                 f"{self.farthest()[0]} is outside its calibrated range, so nothing can be streamed"

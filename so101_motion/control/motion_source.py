@@ -42,15 +42,10 @@ class MotionSource(Protocol):
         """Whether it may begin late, after joints have come inside their limits."""
 
     @property
-    def start(self) -> Setpoint:
-        """The first setpoint."""
+    def start(self) -> Setpoint: ...
 
     def sample(self, k: int) -> Setpoint:
-        """The setpoint of tick ``k``, counted from the first setpoint.
-
-        Raises:
-            MotionError: There is no further setpoint; the joints are to be stopped.
-        """
+        """The setpoint of tick ``k``, counted from the first; ``MotionError`` if there is none."""
 
     @property
     def is_over(self) -> bool:
@@ -80,10 +75,6 @@ class _Continuation(NamedTuple):
 class PlannedMotion:
     """A trajectory as a source; a stop brakes along its path where that is possible.
 
-    Args:
-        trajectory: What is played.
-        future: Stands for the motion; a new one by default.
-
     Attributes:
         played: What is played and which of its samples was the last; replaced whole in every tick.
     """
@@ -100,12 +91,10 @@ class PlannedMotion:
 
     @property
     def start(self) -> Setpoint:
-        """The first setpoint."""
         first = self._trajectory
         return Setpoint(q=first.q[0], qd=first.qd[0], qdd=first.qdd[0])
 
     def sample(self, k: int) -> Setpoint:
-        """The setpoint of tick ``k``."""
         if self._continuation is not None:
             self._continue(*self._continuation)
         k, playing = k - self._passed, self._trajectory
@@ -122,14 +111,13 @@ class PlannedMotion:
         Args:
             seen: What ``played`` was.
             at: The sample of it that the first of ``rest`` replaces.
-            rest: Begins in the state of that sample, and ends at rest.
+            rest: Begins in the state of that sample, and ends at rest; ``ValueError`` if it does
+                not.
 
         Returns:
             What is played from now on, and whether it is, told in the next tick. It is not if that
-            sample has passed, or something else is played by then: that goes on.
-
-        Raises:
-            ValueError: ``rest`` begins in another state.
+            sample
+            has passed, or something else is played by then: that goes on.
         """
         trajectory, k = seen
         pairs = ((getattr(trajectory, s)[at], getattr(rest, s)[0]) for s in ("q", "qd", "qdd"))
@@ -160,7 +148,6 @@ class PlannedMotion:
 
     @property
     def is_over(self) -> bool:
-        """Whether the last sample was the last setpoint."""
         return self._k >= len(self._trajectory) - 1
 
     @property
@@ -178,12 +165,7 @@ class PlannedMotion:
         return self._anew(online.resume_on_path(self._trajectory, self._k * self._trajectory.dt))
 
     def paused(self, limits: MotionLimits, rest: float) -> PlannedMotion | None:
-        """The motion with a stop and a rest [s] from the last setpoint on; None if that cannot be.
-
-        Args:
-            limits: Caps of the stop.
-            rest: How long the joints rest [s].
-        """
+        """The motion with a stop and a ``rest`` [s] from now on; None if that cannot be."""
         t = self._k * self._trajectory.dt
         return self._anew(shortest_pause(self._trajectory, t, limits, rest))
 
@@ -205,16 +187,12 @@ class PlannedMotion:
 
 
 class EndsWithBlock(ABC):
-    """Ends a motion where its ``with`` block ends, waits for that, and raises why it ended early.
-
-    If the block raised, its error is the one that is raised.
-    """
+    """Ends a motion where its ``with`` block ends, waits, and raises why it ended early."""
 
     future: Future[None]
 
     @abstractmethod
-    def close(self) -> Future[None]:
-        """Come to rest and end; may be called again."""
+    def close(self) -> Future[None]: ...
 
     def __enter__(self) -> Self:
         return self
@@ -230,9 +208,6 @@ class EndsWithBlock(ABC):
 
 class OpenEndedMotion(EndsWithBlock):
     """A motion that goes on until it is closed, stopped, or cannot go on.
-
-    Args:
-        name: What messages call it, such as ``"jog"``.
 
     Attributes:
         future: Completes when the joints are at rest after ``close``, or raises why it ended
@@ -254,11 +229,7 @@ class OpenEndedMotion(EndsWithBlock):
         return self.future
 
     def _refuse_if_over(self) -> None:
-        """Refuse what is asked of a motion that has ended.
-
-        Raises:
-            So101Error: It has; when it failed, why.
-        """
+        """Raise why it has ended, if it has."""
         if self.future.done():
             error = self.future.exception()
             if error is not None:

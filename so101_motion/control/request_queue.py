@@ -1,7 +1,6 @@
 """Queue requests of other threads for the I/O thread, and complete their futures.
 
-Requests queue. Stops do not: a stop throws out the requests that were made before it, of the
-channels that it is for, and is served first.
+A stop throws out the requests of its channels that were made before it, and is served first.
 """
 
 from __future__ import annotations
@@ -26,10 +25,7 @@ def running_future() -> Future[Any]:
 
 
 def own_thread(job: Callable[[], T]) -> Future[T]:
-    """Run ``job``, which may block, in a thread of its own.
-
-    A pool has few threads, and computations may occupy them all.
-    """
+    """Run ``job``, which may block, in its own thread: computations may occupy a whole pool."""
     done: Future[T] = running_future()
 
     def run() -> None:
@@ -47,10 +43,9 @@ class Request:
     """A job for the I/O thread, run between two ticks.
 
     Attributes:
-        future: Completes with the result or the error; fails with ``Interrupted`` if a stop throws
-            the request out.
+        future: Completes with the result or the error; ``Interrupted`` if a stop throws it out.
         channel: The channel whose stop throws it out; None if no stop does.
-        run: Called on the I/O thread, between two ticks.
+        run: Called on the I/O thread.
         is_job: Whether ``future`` completes with what ``run`` returns. Otherwise ``run``, or the
             motion that it begins, completes it; an error of ``run`` fails it in either case.
     """
@@ -81,7 +76,6 @@ class RequestQueue:
         self._is_open = self._closing = self._over = False
 
     def open(self) -> None:
-        """Take requests from now on: there is a thread to serve them."""
         self._is_open = True
 
     def ask(
@@ -94,15 +88,9 @@ class RequestQueue:
 
         Args:
             run: Called on the I/O thread, between two ticks.
-            future: A future that ``run``, or the motion that it begins, completes. If None, a new
-                one completes with what ``run`` returns.
+            future: What ``run``, or the motion that it begins, completes. If None, a new one
+                completes with what ``run`` returns.
             channel: The channel whose stop throws it out; None if no stop does.
-
-        Returns:
-            The future.
-
-        Raises:
-            RuntimeError: The queue has not been opened.
         """
         if not self._is_open:
             raise RuntimeError("start the executor first")
@@ -119,13 +107,9 @@ class RequestQueue:
         return request.future
 
     def stop(self, stop: Request, channels: Collection[Channel], by: str) -> None:
-        """Serve ``stop`` next, and end the waiting requests of ``channels``.
+        """Serve ``stop`` next; waiting requests of ``channels`` fail with ``Interrupted(by)``.
 
-        Args:
-            stop: The stop; its future completes at once when no thread serves, for everything
-                rests then.
-            channels: The channels that it stops.
-            by: The reason in the ``Interrupted`` with which their waiting requests fail.
+        When no thread serves, everything rests, and ``stop`` completes at once.
         """
         if self.on_request is not None:
             self.on_request(stop.future, channels)
@@ -159,11 +143,9 @@ class RequestQueue:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing to serve."""
         return not self._stops and not self._requests
 
     def take(self) -> list[Request]:
-        """Take the new requests, stops first."""
         with self._lock:
             taken = [*self._stops, *self._requests]
             self._stops, self._requests = [], []

@@ -1,27 +1,19 @@
 """Play time-stamped joint positions that arrive in batches while the arm moves.
 
-Three things make that smooth without knowing what comes next:
-
-* Playing begins when the points reach ``LEAD`` ahead, or when the stream is finished earlier.
-* Between points the joints run straight, and the result passes through two moving averages. The
-  first, long enough for the velocity steps of the points, bounds acceleration; the second bounds
-  jerk. Averages never exceed what goes into them, so the velocity stays within that of the points,
-  at the price of a short delay and of slightly rounded corners. The first window is chosen once,
-  from the points that are there at the start: evenly timed, dense points get a short one. Later
-  points that would need a longer one are refused.
-* The first point need not be exactly where the arm is. The difference fades out along a smooth
-  step, slowly enough to add at most a tenth to what the limits allow.
-
-At the end the smoothed motion is still a little behind, and a further one goes to the last point.
+* Playing begins when the points reach ``LEAD`` ahead, or when the stream is finished earlier. *
+Between points the joints run straight, and the result passes through two moving averages. The
+first, long enough for the velocity steps of the points, bounds acceleration; the second bounds
+jerk. Averages never exceed what goes into them, at the price of a short delay and of slightly
+rounded corners. The first window is chosen once: evenly timed, dense points get a short one. Later
+points that would need a longer one are refused. * The first point need not be exactly where the arm
+is. The difference fades out along a smooth step, slowly enough to add at most a tenth to what the
+limits allow.
 
 A stop follows the points as far as they are known. If it would take longer, it ends at the last
 one, or, if more are to come, each joint stops by itself. With a guard, the points ahead are looked
 at in every tick. When they lead into contact, the stop begins early enough to end before it, as far
 as servos need that stop inexactly. Points that pass closely by something are played: whoever
 planned them may keep less distance than we do.
-
-``push`` and ``finish`` may be called from any thread; the knots are replaced whole, so the I/O
-thread never waits.
 """
 
 from __future__ import annotations
@@ -70,12 +62,7 @@ _SLACK = 1.01  # what rounding of the sender's times and angles may add to a fig
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TimedPoint:
-    """A point of a stream: joint angles at one instant.
-
-    Attributes:
-        t: Time since the beginning of the stream [s].
-        q: Joint angles, shape (5,), [rad].
-    """
+    """A point of a stream: joint angles ``q``, shape (5,), [rad], ``t`` [s] after its beginning."""
 
     t: float
     q: Array
@@ -87,16 +74,14 @@ class TimedPoint:
 
 
 class Stream(EndsWithBlock):
-    """Turns streamed points into setpoints; a ``MotionSource`` made by ``Arm.stream``.
-
-    Leaving its ``with`` block finishes it.
+    """Turns streamed points into setpoints; made by ``Arm.stream``. Leaving its block finishes it.
 
     Args:
         q_start: The arm's reference when the stream opens, shape (5,), [rad].
         limits: Caps of the motion.
         dt: The period of the setpoints [s].
-        stop_limits: How hard each joint stops by itself, and a stop before contact where points
-            can be followed with that; by default ``limits``.
+        stop_limits: How hard each joint stops by itself, and a stop before contact where points can
+            be followed with that; by default ``limits``.
         guard: Looks for contact; None to check nothing. Only the I/O thread may use it.
         check_range: Raises OutsideLimits for a path, shape (n, 5), that leaves the joint range.
 
@@ -203,12 +188,10 @@ class Stream(EndsWithBlock):
 
     @property
     def is_over(self) -> bool:
-        """Whether the last point has been reached."""
         return self._tail is not None and self._tail[1].is_over
 
     @property
     def t_last(self) -> float:
-        """Time of the newest point [s]."""
         return float(self._knots[0][-1])
 
     @property
@@ -380,7 +363,6 @@ class Stream(EndsWithBlock):
         self._knots = (t_all[first:], q_all[first:])
 
     def _prime(self) -> None:
-        """Choose the averages and let playing begin."""
         if self._kernel is not None:
             return
         dt, limits = self._dt, self.limits
