@@ -1,9 +1,7 @@
-"""Plan for an arm, move it, retarget it, jog it and stop it.
+"""Plan for an arm, move it, retarget it, jog it and stop it; any thread may call.
 
-Any thread may call. ``move`` waits until the arm has settled; with ``wait=False`` it returns the
-``Motion`` at once. A new motion supersedes the one under way: that slows to rest and ends with
-``Interrupted("a newer motion")``, then the new one is planned from there. Only a retarget does not
-stop in between.
+A new motion supersedes the one under way: that slows to rest and ends with ``Interrupted("a newer
+motion")``, then the new one is planned from there. Only a retarget does not stop in between.
 """
 
 from __future__ import annotations
@@ -238,10 +236,8 @@ class Arm(PlannedArm):
     def start_series(self, steps: Iterable[Step]) -> Motion:
         """Carry out several steps, one after the other; supersedes what is under way.
 
-        Args:
-            steps: Plans, each from where the one before ends, and functions that are called with
-                the motion while the arm rests; such a function may return a plan. Each is taken
-                when the last is done.
+        ``steps`` are plans, each from where the one before ends, and functions that are called with
+        the motion while the arm rests and may return a plan. Each is taken when the last is done.
         """
 
         def run(motion: Motion) -> None:
@@ -308,7 +304,6 @@ class Arm(PlannedArm):
     def start_stream(
         self, *, limits: MotionLimits | None = None, guard: Guard | None = SCENE
     ) -> Opening[Stream]:
-        """Like ``stream``, but does not wait."""
         caps = self.effective_limits(limits)
         return self._open_source(
             lambda: self._open_ended.stream(self._situation, caps, guarded=guard is not None)
@@ -524,11 +519,7 @@ class Arm(PlannedArm):
 
 
 def _goal(to: Goal | ArrayLike) -> Goal:
-    """A goal as it is, or that of joint angles.
-
-    Raises:
-        ConfigError: These are not five.
-    """
+    """A goal as it is, or that of five joint angles; ``ConfigError`` if these are not five."""
     if isinstance(to, Goal):
         return to
     q = np.asarray(to, dtype=np.float64)

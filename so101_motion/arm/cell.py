@@ -1,18 +1,16 @@
 """Keep arms that share a space apart, plan for several of them, and move them together.
 
-*Every tick.* An arm that moves publishes how it would stop if it had to stop now: that is its
-course. Before it takes its next setpoint it computes the course that would follow from there. That
-one must keep off the courses of all others; otherwise the arm brakes along the course that it
-published before. So whatever arms are asked to do, and whichever of them is stopped, all can stop
-at once without meeting. One lock guards all courses.
+*Every tick.* An arm that moves publishes how it would stop if it had to stop now: its course.
+Before it takes its next setpoint it computes the course that would follow from there. That one must
+keep off the courses of all others; otherwise the arm brakes along the course that it published
+before. So whichever arms are stopped, all can stop at once without meeting.
 
 *Plans.* An arm that begins a planned motion publishes all of it. Plans of the others go around it
 in space and time (``planning/among.py``). The others may have moved between planning and beginning,
 so the check is repeated when the motion begins; if necessary it begins a little later.
 
 An arm that rests counts as being at its setpoint. One that is moved by hand counts as being where
-it was measured, and as going on with that velocity for a moment. A cell may have any number of
-arms.
+it was measured, and as going on with that velocity for a moment.
 """
 
 from __future__ import annotations
@@ -225,17 +223,14 @@ class Cell:
         return self.start_series(handover_steps(giver, taker, plan, self.check_again))
 
     def stands(self) -> dict[str, Stand]:
-        """The setpoint of each arm, by its name."""
         return {name: member.stand for name, member in self.members.items()}
 
     def start_series(self, steps: Iterator[TeamStep]) -> dict[str, Motion]:
         """Carry out several common motions, one after the other; supersedes what is under way.
 
         Each begins when all arms have finished their part of the one before. Stopping one arm ends
-        the motion of all.
-
-        Returns:
-            The motion of each arm of the cell, from the first step to the last.
+        the motion of all. Returns the motion of each arm of the cell, from the first step to the
+        last.
         """
         series = TeamSeries(self.members, steps, self._expect)
         motions = {
@@ -245,13 +240,10 @@ class Cell:
         return motions
 
     def check_again(self, plans: Mapping[str, Plan]) -> Future[dict[str, Plan]]:
-        """Check again that arms keep apart on plans of ``plan_together``, as they are now.
+        """Check again that arms keep apart on ``plans`` of ``plan_together``, as they are now.
 
-        Returns:
-            Already done, with ``plans``.
-
-        Raises:
-            InCollision: They would meet, because of what they hold or how wide their jaws are.
+        Returns ``plans``, done already; ``InCollision`` if they would meet, because of what they
+        hold or how wide their jaws are.
         """
         arms = list(self.members.values()) if plans else []  # none: nobody is to move
         courses = {each.name: each.along(plans[each.name].trajectory, 0.0) for each in arms}

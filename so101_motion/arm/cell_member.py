@@ -70,12 +70,7 @@ class RigWithExecutor(Protocol):
 
 
 class Stand(NamedTuple):
-    """Where an arm is.
-
-    Attributes:
-        q: Its joint angles, shape (5,), [rad].
-        q_jaw: Its jaw [rad].
-    """
+    """Where an arm is: its joints, shape (5,), and its jaw [rad]."""
 
     q: Array
     q_jaw: float
@@ -132,14 +127,12 @@ class CellMember:
 
     @property
     def minded(self) -> frozenset[str]:
-        """The names of the arms that it keeps off."""
         return frozenset(each.name for each in self._neighbours())
 
     # Planned motions
 
     @property
     def stand(self) -> Stand:
-        """The arm's present setpoint."""
         state = self.arm.state
         return Stand(state.q_ref, state.q_jaw_ref)
 
@@ -154,14 +147,10 @@ class CellMember:
     def entered(
         self, trajectory: Trajectory, pause: Callable[[float], None]
     ) -> Iterator[Trajectory]:
-        """Publish that a planned motion begins now; it is over when the block ends.
+        """Publish that a planned motion begins now, and yield it; it is over when the block ends.
 
-        Args:
-            trajectory: The motion.
-            pause: Waits [s] for the moment at which a common motion begins.
-
-        Yields:
-            The motion, possibly with a wait before it.
+        ``pause`` waits [s] for the moment at which a common motion begins. What is yielded may wait
+        first.
 
         Raises:
             InCollision: It crosses another arm's motion, even if it begins later.
@@ -319,7 +308,6 @@ class CellMember:
 
     @property
     def bodies(self) -> ArmBodies:
-        """The arm's bodies, with what it holds."""
         return bodies_of(self.attached_to(self))
 
     @property

@@ -3,16 +3,9 @@
 How a grab works. The jaw closes, and what is between the jaws stops it: it falls behind its
 setpoints, and the executor then tells it to stay where it is. From there it is sent ``SQUEEZE``
 further (or a share of it, see ``set_force``), which it cannot reach; the servo's position loop
-turns that distance into a steady force, a fifth of what the motor could do, that it can keep up
-without getting hot. As long as the jaw stays short of its goal, something is held; when the thing
-slips out, the jaw closes the distance and nothing is held. A jaw that was only late, with nothing
-in between, meets no resistance when it presses; it then closes further.
-
-``JawFollowing`` follows apertures that are given while the jaw moves, and grips what it closes on.
-
-An object that stops a closing jaw makes it fall behind its setpoints. It then presses with a steady
-force instead of ever harder, however far it is to close (see ``gripper.py``). When it is to open
-farther than it stands, or the object has slipped out, it follows again.
+turns that distance into a steady force that it can keep up without getting hot. As long as the jaw
+stays short of its goal, something is held; when the thing slips out, the jaw closes the distance. A
+jaw that was only late meets no resistance when it presses; it then closes further.
 """
 
 from __future__ import annotations
@@ -52,12 +45,10 @@ more than a hand on a trigger trembles."""
 
 
 class JawFollowing(EndsWithBlock):
-    """A jaw that follows apertures; made by ``Gripper.follow``.
+    """A jaw that follows apertures, and grips what it closes on; made by ``Gripper.follow``.
 
-    Args:
-        gripper: Whose jaw.
-        begin: Starts a following from where the jaw is.
-        halt: ``halt(future, by)`` ends a motion of the jaw.
+    An object that stops a closing jaw is pressed with a steady force instead of ever harder. When
+    the jaw is to open farther than it stands, or the object has slipped out, it follows again.
 
     Attributes:
         future: Completes when the jaw is at rest after ``close``, or raises why it ended earlier.
@@ -162,7 +153,6 @@ class JawFollowing(EndsWithBlock):
             self._following.future.add_done_callback(self._ended)
 
     def _ended(self, done: Future[None]) -> None:
-        """Grip, or end, because the following has ended; called on the I/O thread."""
         with self._lock:
             if done is not self._following.future:
                 return
@@ -234,7 +224,7 @@ class _JawMove:
 
 
 class Jaw(Protocol):
-    """What ``move_jaw`` needs of a jaw; ``Gripper`` describes each method."""
+    """What ``move_jaw`` needs of a jaw; see ``Gripper``."""
 
     @property
     def aperture(self) -> float:
@@ -254,15 +244,8 @@ class Jaw(Protocol):
 def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
     """Open or close a jaw while the arm rests, and wait for it; what it closes on is gripped.
 
-    A jaw that holds something and is to close further goes on holding it.
-
-    Args:
-        jaw: The jaw.
-        aperture: How far, 0 closed to 1 open.
-        motion: The motion of the arm that this is part of; ending it stops the jaw.
-
-    Raises:
-        Interrupted: The motion of the arm was ended; the jaw stops, too.
+    A jaw that holds something and is to close further goes on holding it. Ending ``motion``, the
+    arm's, which this is part of, stops the jaw and raises ``Interrupted``.
     """
     here = jaw.aperture
     if abs(aperture - here) <= SAME_APERTURE or (jaw.is_holding and aperture < here):
@@ -277,9 +260,6 @@ def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
 
 class Gripper:
     """One jaw that opens and closes. A new motion takes over from the one under way.
-
-    Args:
-        executor: The I/O thread that moves it; owned by the rig.
 
     Attributes:
         closed: Jaw angle at aperture 0 [rad]; changes with the calibration.
@@ -316,7 +296,6 @@ class Gripper:
 
     @property
     def is_moving(self) -> bool:
-        """Whether a motion of the jaw is under way."""
         return self._executor.state.jaw_moving
 
     @property
@@ -341,11 +320,7 @@ class Gripper:
     def set_force(self, force: float) -> None:
         """Set how hard grips press; a grip under way changes at once.
 
-        Args:
-            force: As a share of what the servo can keep up, ``GENTLEST`` to 1.
-
-        Raises:
-            ConfigError: It is outside that range.
+        ``force`` is a share of what the servo can keep up, ``GENTLEST`` to 1; else ``ConfigError``.
         """
         if not GENTLEST <= force <= 1.0:
             raise ConfigError("force", force, f"must be between {GENTLEST:g} and 1")
@@ -468,11 +443,7 @@ class Gripper:
         return self._executor.stop(Channel.JAW)
 
     def angle_of(self, aperture: float) -> float:
-        """The jaw angle [rad] that an aperture stands for.
-
-        Raises:
-            ConfigError: Outside 0 to 1.
-        """
+        """The jaw angle [rad] that an aperture stands for; ``ConfigError`` outside 0 to 1."""
         if not 0.0 <= aperture <= 1.0:
             raise ConfigError("aperture", aperture, "must be between 0 (closed) and 1 (open)")
         return self.closed + aperture * (self.opened - self.closed)

@@ -1,8 +1,4 @@
-"""The caps on speed and acceleration of an arm's joints, and the range of their angles.
-
-``JointCaps`` are for motions without limits of their own. ``JointRange`` is the model's limits
-narrowed by the calibration, because the stops differ a little from arm to arm.
-"""
+"""The caps on speed and acceleration of an arm's joints, and the range of their angles."""
 
 from __future__ import annotations
 
@@ -30,11 +26,7 @@ measured now on one side of it, now on the other."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCaps:
-    """Caps on speed and acceleration, the same for all joints.
-
-    Attributes:
-        speed: [rad/s].
-        acceleration: [rad/s^2].
+    """Caps on speed [rad/s] and acceleration [rad/s^2], the same for all joints.
 
     Raises:
         ConfigError: One is outside ``SPEED_RANGE_DEG`` or ``ACCELERATION_RANGE_DEG``.
@@ -48,11 +40,7 @@ class JointCaps:
         _check("acceleration", self.acceleration, ACCELERATION_RANGE_DEG, "deg/s^2")
 
     def checked(self, wanted: JointCaps) -> JointCaps:
-        """``wanted``, if it is not above these caps.
-
-        Raises:
-            ConfigError: It is; the message names the setting.
-        """
+        """``wanted``; ``ConfigError``, which names the setting, if it is above these caps."""
         for name, setting, unit in (
             ("speed", "max_speed_degs_per_sec", "deg/s"),
             ("acceleration", "max_acceleration_degs_per_sec_per_sec", "deg/s^2"),
@@ -80,9 +68,6 @@ is not known beforehand when they must brake, so servos begin late and then have
 
 class CappedJoints:
     """The caps of one arm: its own, and the ceiling that no motion may exceed.
-
-    Args:
-        caps: Its own.
 
     Attributes:
         slowdown: Called before each motion; returns the share of its caps that it may use, 0 to 1.
@@ -155,11 +140,10 @@ def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) 
 
 
 class JointRange(NamedTuple):
-    """The range of the joint angles.
+    """The range of the joint angles, shapes (5,), [rad].
 
-    Attributes:
-        lower: Smallest joint angles, shape (5,), [rad].
-        upper: Largest joint angles, shape (5,), [rad].
+    It is the model's, narrowed by the calibration, because the stops differ a little from arm to
+    arm.
     """
 
     lower: Array
@@ -177,11 +161,7 @@ class JointRange(NamedTuple):
         return JointRange(self.lower - TOLERANCE, self.upper + TOLERANCE)
 
     def check(self, q: Array) -> None:
-        """Refuse joint angles, shape (5,), [rad], that the arm cannot be sent to.
-
-        Raises:
-            OutsideLimits: One of them is; names the joint, its angle and its range.
-        """
+        """Raise ``OutsideLimits`` for joint angles, shape (5,), [rad], outside the range."""
         excess = self._excess(q)
         i = int(np.argmax(excess))
         if not excess[i] <= TOLERANCE:
@@ -197,12 +177,9 @@ class JointRange(NamedTuple):
             )
 
     def check_path(self, q: Array) -> None:
-        """Refuse a path, shape (n, 5), [rad], that leaves the range.
+        """Refuse a path, shape (n, 5), [rad], that leaves the range, as ``check`` does.
 
         A path that starts outside may come in from there, but not go farther out.
-
-        Raises:
-            OutsideLimits: As for ``check``, for the configuration that is furthest off.
         """
         around = JointRange(np.minimum(self.lower, q[0]), np.maximum(self.upper, q[0]))
         excess = np.max(around._excess(q), axis=1)

@@ -1,8 +1,4 @@
-"""Wait for one motion, or interrupt it.
-
-A caller holds a ``Motion`` while the arm plans and moves. Interrupting it ends this motion only,
-never the next one; when it is over already, nothing happens.
-"""
+"""Wait for one motion, or interrupt it, never the next one."""
 
 from __future__ import annotations
 
@@ -47,13 +43,10 @@ class Motion:
         self.halt: Callable[[str], object] | None = None
 
     def result(self, timeout: float | None = None) -> None:
-        """Wait until the arm has arrived.
-
-        Args:
-            timeout: How long to wait on the wall clock [s]; the motion goes on when it passes.
+        """Wait until the arm has arrived, for ``timeout`` on the wall clock [s] at most.
 
         Raises:
-            TimeoutError: It is still under way.
+            TimeoutError: It is still under way, and goes on.
             So101Error: It did not arrive; the error says why.
         """
         end = math.inf if timeout is None else time.monotonic() + timeout
@@ -76,8 +69,8 @@ class Motion:
     def give_up(self, by: str) -> Callable[[str], object] | None:
         """End the preparation of this motion, as ``interrupt`` does.
 
-        Returns:
-            A function that ends its movement; None if it has not begun to move, or ends already.
+        Returns a function that ends its movement; None if it has not begun to move, or ends
+        already.
         """
         with self._lock:
             if self.future.done() or self._interruption.done():
@@ -87,11 +80,7 @@ class Motion:
             return self.halt
 
     def wait_for(self, awaited: Future[T]) -> T:
-        """The result of ``awaited``, which is cancelled as soon as this motion is interrupted.
-
-        Raises:
-            Interrupted: The motion was interrupted first.
-        """
+        """The result of ``awaited``; cancelled, with ``Interrupted``, when this is interrupted."""
         either: list[Future[Any]] = [awaited, self._interruption]
         wait(either, return_when=FIRST_COMPLETED)
         if self._interruption.done():
@@ -100,15 +89,7 @@ class Motion:
         return awaited.result()
 
     def pause(self, clock: Clock, seconds: float) -> None:
-        """Wait, unless this motion is interrupted; called by one thread at a time.
-
-        Args:
-            clock: The clock that measures the time.
-            seconds: How long [s].
-
-        Raises:
-            Interrupted: The motion was interrupted meanwhile.
-        """
+        """Wait [s], unless this motion is interrupted, which raises; one thread at a time."""
         with clock.attend():
             until = clock.now() + seconds
             while clock.now() < until and not self._interruption.done():
@@ -120,7 +101,7 @@ class Motion:
         self._wake.set()
 
     def wait_until(self, clock: Clock, until: float) -> None:
-        """Wait until a time [s], or until ``wake``; called by a thread that attends to ``clock``.
+        """Wait until a time [s], or ``wake``, on a thread that attends to ``clock``.
 
         Raises:
             Interrupted: The motion was interrupted.
@@ -132,8 +113,7 @@ class Motion:
     def begin(self) -> Iterator[None]:
         """Start moving in this block, and set ``halt``; an interruption waits for its end.
 
-        Raises:
-            Interrupted: The motion was interrupted before; the block is not entered.
+        One that came before raises ``Interrupted``; the block is not entered.
         """
         with self._lock:
             self.refuse_interrupted()
@@ -148,11 +128,6 @@ class Motion:
             self.future.set_result(None)
 
     def refuse_interrupted(self) -> None:
-        """Raise if this motion has been interrupted.
-
-        Raises:
-            Interrupted: It has been.
-        """
         if self._interruption.done():
             raise Interrupted(self._interruption.result())
 

@@ -2,10 +2,8 @@
 
 Everything that moves the arm is registered here from the instant it is asked for, so a stop ends
 what is still being prepared as well. The old motion is interrupted and the arm comes to rest before
-the new one begins. A retarget does not stop the arm: it begins first and interrupts then.
-
-Any thread may call. Planning and waiting happen on threads of this queue, and nothing waits while
-it holds the lock.
+the new one begins. A retarget does not stop the arm: it begins first and interrupts then. Any
+thread may call; nothing waits while it holds the lock.
 """
 
 from __future__ import annotations
@@ -48,8 +46,7 @@ _here = threading.local()  # has the motion that a thread carries out
 def wait_here(awaited: Future[T]) -> T:
     """The result of ``awaited``; the motion that the calling thread carries out waits for it.
 
-    Raises:
-        Interrupted: That motion was interrupted; ``awaited`` is cancelled then.
+    ``Interrupted`` if that motion was interrupted; ``awaited`` is cancelled then.
     """
     motion: Motion | None = getattr(_here, "motion", None)
     return awaited.result() if motion is None else motion.wait_for(awaited)
@@ -80,12 +77,9 @@ class MotionQueue:
     def start(self, run: Run, *, goes_on: bool = False) -> Motion:
         """Let ``run`` move the arm once it rests; returns at once.
 
-        The motion raises what ``run`` or its future raises.
-
-        Args:
-            run: Carries the motion out.
-            goes_on: What moves the arm now may go on meanwhile, if ``Motion.playing`` says what it
-                is; the new motion has it as its own then.
+        The motion raises what ``run`` or its future raises. With ``goes_on``, what moves the arm
+        now may go on meanwhile, if ``Motion.playing`` says what it is; the new motion has it as its
+        own then.
 
         Raises:
             Interrupted: The arm was stopped after the request for this motion had arrived.
@@ -134,12 +128,9 @@ class MotionQueue:
     def take_over(self, begin: Callable[[Motion], Future[None]]) -> Motion:
         """Begin a motion that takes over without a stop.
 
-        Args:
-            begin: Begins the motion that it is given; returns at once a future that completes at
-                its end.
-
-        Raises:
-            Interrupted: The arm was stopped after the request for this motion had arrived.
+        ``begin`` begins the motion that it is given, and returns at once a future that completes at
+        its end. ``Interrupted`` if the arm was stopped after the request for this motion had
+        arrived.
         """
         motion = Motion()
         with self.lock:
@@ -152,7 +143,6 @@ class MotionQueue:
         return motion
 
     def close(self) -> None:
-        """End the newest motion, and the threads."""
         self.current.interrupt("shutdown")
         self._threads.shutdown(wait=True)
 

@@ -1,7 +1,4 @@
-"""Make the followings, streams and jogs of an arm, and the collision guard that most share.
-
-The guard also holds back a hand that guides the arm.
-"""
+"""Make the followings, streams and jogs of an arm, and the collision guard that most share."""
 
 from __future__ import annotations
 
@@ -35,14 +32,7 @@ their command and into the floor. Chosen by that measurement."""
 
 
 class Situation(NamedTuple):
-    """The surroundings, range and load that a motion must respect.
-
-    Attributes:
-        scene: What is around the arm and in its hand.
-        range: The range of its joint angles.
-        payload: What the gripper always carries; None for nothing.
-        strength: How much torque the servos bear.
-    """
+    """The surroundings, range and load that a motion must respect."""
 
     scene: Scene
     range: JointRange
@@ -54,7 +44,6 @@ class Situation(NamedTuple):
         return Load.of(model, self.strength, q, carried(self.payload, self.scene.attached))
 
     def is_same(self, other: Situation) -> bool:
-        """Whether all of both are the very same objects."""
         return all(mine is theirs for mine, theirs in zip(self, other, strict=True))
 
 
@@ -63,10 +52,6 @@ class OpenEndedMotions:
 
     Followings, streams and hand guiding share a guard: only the I/O thread uses it, for one of them
     at a time. Making it takes some hundredths of a second, so other threads do that.
-
-    Args:
-        model: The arm.
-        executor: Moves it.
 
     Attributes:
         neighbours: Other arms to keep away from; None if there are none.
@@ -193,16 +178,10 @@ class OpenEndedMotions:
 
 
 class GuidingWall:
-    """Holds back the joints that a hand leads into contact. Only the I/O thread calls it.
+    """Holds back the joints that a hand leads into contact; I/O thread only.
 
     The driver makes a wall of it that the hand feels (``drivers/feetech/hand_guiding.py``).
-
-    Args:
-        guard: Finds what is near.
-        neighbours: Other arms to keep off; None if there are none.
-
-    Attributes:
-        guard: As given. It can be replaced while a hand guides the arm.
+    ``guard`` can be replaced meanwhile.
     """
 
     def __init__(self, guard: Guard, neighbours: Neighbours | None) -> None:

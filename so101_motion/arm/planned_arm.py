@@ -1,7 +1,4 @@
-"""The part of ``Arm`` that plans: it collects state, range, load and surroundings for a request.
-
-Nothing here moves the arm; see ``arm.py``.
-"""
+"""The part of ``Arm`` that plans: it collects state, range, load and surroundings for a request."""
 
 from __future__ import annotations
 
@@ -100,7 +97,6 @@ class PlannedArm(CappedJoints):
 
     @property
     def is_moving(self) -> bool:
-        """Whether a motion is under way, planning not included."""
         return self.state.arm_moving
 
     @property
@@ -133,8 +129,7 @@ class PlannedArm(CappedJoints):
         """What is nearer to each other now than it may be, such as ``"the jaw close to 'crate'"``.
 
         From the measured joints, with the scene, what ``keep_off`` adds, and the other arms of the
-        cell; empty if nothing is.
-        May take some hundredths of a second.
+        cell; empty if nothing is. May take some hundredths of a second.
         """
         state, scene = self.state, self._situation.scene
         with self._looking:
@@ -170,7 +165,6 @@ class PlannedArm(CappedJoints):
 
     @property
     def range(self) -> JointRange:
-        """The range of joint angles that it may be sent to."""
         return self._range
 
     def set_range(self, lower: Array, upper: Array) -> None:

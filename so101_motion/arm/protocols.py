@@ -1,8 +1,4 @@
-"""The interfaces that an ``Arm`` needs from an executor, and from its cell.
-
-``Executor`` moves servos on a port; ``MachineExecutor`` (``viam/client``) has a running machine
-move its arm. ``CellMember`` keeps an arm away from the others of its cell.
-"""
+"""The interfaces that an ``Arm`` needs from an executor, and from its cell."""
 
 from __future__ import annotations
 
@@ -66,11 +62,7 @@ class ArmExecutor(Protocol):
 
 
 class OtherArms(Neighbours, Protocol):
-    """The other arms of a cell, as one arm plans and begins. ``CellMember`` describes it in full.
-
-    Attributes:
-        clock: The arm's clock.
-    """
+    """The other arms of a cell, as one arm plans and begins; see ``CellMember``."""
 
     clock: Clock
 

@@ -1,16 +1,14 @@
 """Carry a motion out while its scene and its goal may change: check it again, plan it again.
 
-The arm always plays a trajectory that ends at rest (``PlannedMotion``). With each new scene what is
-left of it is checked. If that is not free any more, its end is replaced at once by a stop, which
-begins as late as ``STOPS`` allow; and a new plan is asked for that begins in the state in which the
-arm will be in ``LEAD`` ticks. A plan that is there in time takes the place of the rest. After one
-that is late, the next gets more time; when none comes, the arm comes to rest, and it is planned
-from there. So nothing that moves ever waits for a plan.
+The arm always plays a trajectory that ends at rest. With each new scene what is left of it is
+checked. If that is not free any more, its end is replaced at once by a stop, which begins as late
+as ``STOPS`` allow; and a new plan is asked for that begins in the state in which the arm will be in
+``LEAD`` ticks. A plan that is there in time takes the place of the rest; after one that is late,
+the next gets more time; when none comes, the arm comes to rest, and it is planned from there.
 
 What has moved from one scene to the next will go on: for a while, the places where it will be
-within ``FORESIGHT`` are obstacles, too.
-
-A new goal is a new motion, which goes on from what the one before was playing.
+within ``FORESIGHT`` are obstacles, too. A new goal is a new motion, which goes on from what the one
+before was playing.
 """
 
 from __future__ import annotations
@@ -180,7 +178,6 @@ class ReplannedMotion:
         return replace(search, time_budget=brief)
 
     def _search(self) -> Search:
-        """The options of a search now, with what is around the arm and will be soon."""
         search, now, before = self.search(), self.clock.now(), self._given
         is_still = now >= self._since + STILL
         if search is not before:
@@ -288,7 +285,6 @@ class ReplannedMotion:
         return whole, 0
 
     def _note_outcome(self) -> bool:
-        """Whether the outcome of the last splice is known."""
         assert self._joining is not None
         taken, before = self._joining
         if not taken.done():
@@ -314,7 +310,7 @@ class ReplannedMotion:
 
 
 def foreseen(before: Scene, now: Scene, passed: float) -> Scene:
-    """``now``, with the places where things will be that have moved in ``passed`` [s] until now."""
+    """``now``, with the places where things will be that have moved in ``passed`` [s]."""
     was = {each.name: each.T_base_obstacle.p for each in before.obstacles}
     ghosts = list[Obstacle]()
     for each in now.obstacles:

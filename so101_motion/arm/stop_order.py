@@ -2,9 +2,8 @@
 
 A request may have to wait before it can begin a motion: for the positions of other arms, for a
 plan, for servos that come back. A stop that comes meanwhile finds no motion that it could end. So
-requests and stops are numbered in the order in which they arrive, and what would begin a motion for
-a request after a later stop refuses. The number of a request is a context variable: it goes with
-the request into the tasks and threads that carry it out.
+requests and stops are numbered in the order in which they arrive. The number of a request is a
+context variable: it goes with the request into the tasks and threads that carry it out.
 """
 
 from __future__ import annotations
@@ -46,13 +45,6 @@ def is_older(stopped: int) -> bool:
 
 
 def refuse_older(stopped: int) -> None:
-    """Refuse to begin a motion for a request that arrived before a stop.
-
-    Args:
-        stopped: The number of the newest stop of the arm or jaw; 0 for none.
-
-    Raises:
-        Interrupted: It did.
-    """
+    """Raise ``Interrupted`` for a request that arrived before stop ``stopped``; 0 for none."""
     if is_older(stopped):
         raise Interrupted(STOP)
