@@ -35,7 +35,7 @@ from so101_motion.tasks.sweeps import (
     run_sweep,
     scene_text,
 )
-from so101_motion.tasks.sweeps.cluster import dask_executor
+from so101_motion.tasks.sweeps.engine import dask_executor
 from so101_motion.tasks.sweeps.sweep import Sweep
 
 ATLAS = ReachSweep(spacing=0.01)

@@ -430,7 +430,7 @@ def _computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dic
             with WorkerPool(workers) as pool:
                 yield {"executor": pool, "ahead": pool.ahead}
             return
-        from so101_motion.tasks.sweeps.cluster import dask_executor
+        from so101_motion.tasks.sweeps.engine import dask_executor
 
         with dask_executor(dask) as (executor, ahead):
             yield {"executor": executor, "ahead": ahead}

@@ -8,7 +8,7 @@ only whole shards behind: the same sweep into the same folder computes only thos
 - A shard that fails is recorded with the reason and the others go on; the next run tries it again.
 - A worker process that dies (``kill -9``, out of memory) is replaced, and its shard runs again.
 - Ctrl-C: no new shards are handed out, those under way end and are written, then the interrupt is
-  raised. If this process is killed, its workers end after the shard in work.
+  raised. If this process is killed, its workers end, too.
 """
 
 from __future__ import annotations
@@ -17,33 +17,40 @@ import multiprocessing
 import os
 import pickle
 import signal
+import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
     CancelledError,
     Executor,
     Future,
+    ProcessPoolExecutor,
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from so101_motion.common.errors import WorkerError
+from so101_motion.common.errors import ConfigError, MachineUnavailable, WorkerError
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.tasks.sweeps.folder import SweepFolder, combined
 from so101_motion.tasks.sweeps.sweep import Outcome, Sweep, compute, digest
 
 _AHEAD = 3
 """Shards under way for each worker: one in work, and the next ones. Chosen."""
+
+_AHEAD_OF_DASK = 4
+"""Shards under way for each thread of the cluster. Chosen: some are always on the network."""
+
+_PATIENCE = 10.0
+"""How long a scheduler may take to answer [s]. Chosen."""
 
 _DEATHS = 3
 """A shard fails when its process has died so often. Chosen."""
@@ -264,7 +271,8 @@ class _Call:
 class WorkerPool(Executor):
     """Processes of this computer, each of which is replaced when it dies.
 
-    A thread waits for each of them, so it is known which call a process died of.
+    Each is a pool of its own with a thread that waits for it, so it is known which call a process
+    died of.
 
     Args:
         workers: How many processes, all cores but one by default; they start when needed.
@@ -277,67 +285,78 @@ class WorkerPool(Executor):
         workers = workers or max(1, (os.cpu_count() or 1) - 1)
         self.ahead = _AHEAD * workers
         self._threads = ThreadPoolExecutor(workers)
-        self._idle = SimpleQueue[_Worker | None]()
+        self._idle = SimpleQueue[ProcessPoolExecutor | None]()
         for _ in range(workers):
             self._idle.put(None)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call a function in a process; ``BrokenExecutor`` if it kills one after the other."""
-        return self._threads.submit(self._run, pickle.dumps(partial(fn, *args, **kwargs)))
+        return self._threads.submit(self._run, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes after their present calls."""
         self._threads.shutdown(cancel_futures=cancel_futures)
         while not self._idle.empty():
-            if (worker := self._idle.get()) is not None:
-                worker.end()
+            if (process := self._idle.get()) is not None:
+                process.shutdown()
 
-    def _run(self, call: bytes) -> Any:
+    def _run(self, call: Callable[[], Any]) -> Any:
         for _ in range(_DEATHS):
-            worker, left = self._idle.get() or _Worker(), None
+            process: ProcessPoolExecutor | None
+            process = self._idle.get() or ProcessPoolExecutor(1, _SPAWN, _begin)
             try:
-                result, error = worker.result_of(call)
-                left = worker
-            except (EOFError, OSError):
-                worker.end()
-                continue
+                return process.submit(call).result()
+            except BrokenExecutor:
+                process.shutdown()
+                process = None
             finally:
-                self._idle.put(left)
-            if error is not None:
-                raise error
-            return result
+                self._idle.put(process)
         raise BrokenExecutor("its process died: killed, or out of memory")
 
 
-class _Worker:
-    """A process that carries out calls; a fork would copy locks of threads and libraries."""
-
-    def __init__(self) -> None:
-        spawned = multiprocessing.get_context("spawn")
-        self._pipe, its_end = spawned.Pipe()
-        self._process = spawned.Process(target=_serve, args=(its_end,), daemon=True)
-        self._process.start()
-        its_end.close()
-
-    def result_of(self, call: bytes) -> tuple[Any, Exception | None]:
-        """The result of a call or its error; ``EOFError`` or ``OSError`` if the process died."""
-        self._pipe.send_bytes(call)
-        answer: tuple[Any, Exception | None] = self._pipe.recv()
-        return answer
-
-    def end(self) -> None:
-        """Let the process end."""
-        self._pipe.close()
-        self._process.join()
+_SPAWN = multiprocessing.get_context("spawn")  # a fork would copy locks of threads and libraries
 
 
-def _serve(pipe: Connection) -> None:
-    """Carry out calls until the other process ends; Ctrl-C is for that one."""
+def _begin() -> None:
+    """Prepare a process: Ctrl-C is for its parent, and without that it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(EOFError, OSError):
-        while True:
-            call = pipe.recv_bytes()
-            try:
-                pipe.send((pickle.loads(call)(), None))
-            except Exception as error:
-                pipe.send((None, error))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+@contextmanager
+def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
+    """An executor on a Dask cluster, and how many shards to have under way in it.
+
+    Its workers need this package, in the same version.
+
+    Args:
+        address: The scheduler's, such as ``"tcp://scheduler:8786"``.
+
+    Raises:
+        ConfigError: Dask is not installed.
+        MachineUnavailable: No scheduler answers there, or it has no workers.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        reason = "needs dask and distributed; try: pip install 'so101-motion[cluster]'"
+        raise ConfigError("dask", address, reason) from error
+    try:
+        connect: Any = distributed.Client
+        client = connect(address, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise MachineUnavailable(address, f"no Dask scheduler answers: {error}") from error
+    with client:
+        threads = sum(client.nthreads().values())
+        if not threads:
+            reason = f"its Dask scheduler has no workers; start some: dask worker {address}"
+            raise MachineUnavailable(address, reason)
+        # pure=False: Dask would otherwise return a cached result for a shard that it knows.
+        yield client.get_executor(pure=False), _AHEAD_OF_DASK * threads

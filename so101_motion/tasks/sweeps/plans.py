@@ -36,8 +36,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried
 from so101_motion.tasks.sweeps.folder import SweepFolder
 from so101_motion.tasks.sweeps.reach import STEPS
-from so101_motion.tasks.sweeps.sweep import Columns
-from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
+from so101_motion.tasks.sweeps.sweep import NEVER, Columns, WorkBudget
 
 _SCATTER = 1
 """Keeps the random numbers of scenes different from those of problems."""

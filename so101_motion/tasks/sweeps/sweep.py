@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from so101_motion.common.errors import So101Error, clipped
+from so101_motion.common.errors import NoPath, So101Error, clipped
 
 Columns = Mapping[str, NDArray[Any]]
 """The arrays of a shard by name."""
@@ -110,3 +110,32 @@ def digest(columns: Columns) -> str:
         whole.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         whole.update(array.tobytes())
     return whole.hexdigest()
+
+
+NEVER = 1e6
+"""A time budget that no search uses up [s]."""
+
+
+class WorkBudget:
+    """A planner's checkpoint that ends a plan after a number of calls.
+
+    Args:
+        looks: How many calls a plan may take; the library calls every 2048 configurations.
+    """
+
+    def __init__(self, looks: int) -> None:
+        self._most = self._left = looks
+
+    def reset(self) -> None:
+        """Start to count for another plan."""
+        self._left = self._most
+
+    def __call__(self) -> None:
+        """Count a call.
+
+        Raises:
+            NoPath: The budget is used up.
+        """
+        self._left -= 1
+        if self._left < 0:
+            raise NoPath("no path found within the allowed amount of work")
