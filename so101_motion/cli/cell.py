@@ -13,6 +13,7 @@ from so101_motion.cli.param_types import IN_FILE, JOINTS, POINT
 from so101_motion.cli.program import ROUNDS, carry_out, said_for_others
 from so101_motion.cli.shared import (
     Verbs,
+    aside,
     busy_message,
     have_agreed,
     print_json,
@@ -63,13 +64,12 @@ def calibrate(
 
     def touch(one: str, other: str, number: int) -> None:
         text = f"touch {number} of {touches}: let {one} and {other} meet, then press Enter"
-        click.echo(text, err=True)
+        aside(text)
         if not (sys.stdin and sys.stdin.readline()):
             raise click.UsageError("there is no terminal to press Enter on; run it in one")
 
     with quietly(), open_arms(known) as opened:
-        if not yes:
-            have_agreed("All arms will yield to your hands now. Are you holding each of them?")
+        have_agreed("All arms will yield to your hands now. Are you holding each of them?", yes)
         arms = {name: rig.arm for name, rig in opened.rigs.items()}
         fits = measure_bases(arms, touches, touch)
     bases = {name: first.T_cell_base @ fit.T_first_second for name, fit in fits.items()}
@@ -78,10 +78,9 @@ def calibrate(
         print_json("cell-calibrate", {name: _facts(fit) for name, fit in fits.items()})
     for name, fit in fits.items():
         facts = _facts(fit)
-        click.echo(
+        aside(
             f"{name}: at {facts['position_mm']} mm, {facts['rpy_deg']} deg from {first.name};"
-            f" errors of the touches {facts['residuals_mm']} mm",
-            err=True,
+            f" errors of the touches {facts['residuals_mm']} mm"
         )
 
 
@@ -126,17 +125,16 @@ def move(
     with quietly(), open_arms(read_cell(file)) as opened:
         plans = opened.cell.plan_together(goals)
         duration = max(plan.duration for plan in plans.values())
-        click.echo(f"{' and '.join(plans)}: one motion of {duration:.2f} s", err=True)
+        aside(f"{' and '.join(plans)}: one motion of {duration:.2f} s")
         for line in said_for_others(plans):
-            click.echo(line, err=True)
-        if not yes:
-            have_agreed("Move all of them?")
+            aside(line)
+        have_agreed("Move all of them?", yes)
         _wait_for_all(opened.cell, opened.cell.move(plans, wait=False))
         reached = _joints_deg(opened.rigs)
     if as_json:
         print_json("cell-move", {"duration_s": duration, "joints_deg": reached})
     for name, values in reached.items():
-        click.echo(f"{name}: {values} deg", err=True)
+        aside(f"{name}: {values} deg")
 
 
 @verb(cell)
@@ -161,12 +159,12 @@ def run(
     files.read(program)  # refuses a wrong file before the arms are opened
     with quietly(), open_arms(read_cell(file)) as opened:
         made = files.read(program, opened.zeros())
-        carry_out(opened.cell, made, rounds, None if yes else "Move the arms?")
+        made = made if rounds is None else made.with_rounds(rounds)
+        carry_out(opened.cell, made, "Move the arms?", yes)
         reached = _joints_deg(opened.rigs)
     if as_json:
-        done = made.rounds if rounds is None else rounds
-        print_json("cell-run", {"rounds": done, "joints_deg": reached})
-    click.echo("done", err=True)
+        print_json("cell-run", {"rounds": made.rounds, "joints_deg": reached})
+    aside("done")
 
 
 @verb(cell)
@@ -199,14 +197,13 @@ def handover(
     with quietly(), open_arms(known) as opened:
         with busy_message("searching for a place where the hands can meet ..."):
             plan = opened.cell.plan_handover(giver, taker, thing)
-        click.echo(f"{thing} from {giver} to {taker}: {plan.duration:.1f} s of motion", err=True)
-        if not yes:
-            have_agreed(f"Is {thing} in the hand of {giver}, and may all arms move?")
+        aside(f"{thing} from {giver} to {taker}: {plan.duration:.1f} s of motion")
+        have_agreed(f"Is {thing} in the hand of {giver}, and may all arms move?", yes)
         _wait_for_all(opened.cell, opened.cell.start_handover(plan))
     if as_json:
         facts = {"duration_s": plan.duration, "taken": attached_to([plan.taken])[0]}
         print_json("cell-handover", facts)
-    click.echo(f"{taker} holds {thing} now; in {file} it is still with {giver}", err=True)
+    aside(f"{taker} holds {thing} now; in {file} it is still with {giver}")
 
 
 def _joints_deg(rigs: Mapping[str, Rig]) -> dict[str, list[float]]:

@@ -19,6 +19,7 @@ from click.shell_completion import (
 )
 
 from so101_motion.cli.options import argument, verb
+from so101_motion.cli.shared import aside
 from so101_motion.common.errors import So101Error
 
 _BASH = r"""%(complete_func)s() {
@@ -73,7 +74,7 @@ def completion(shell: str = argument(click.Choice(tuple(_COMPLETERS)))) -> None:
     command = click.get_current_context().find_root().command
     click.echo(_COMPLETERS[shell](command, {}, "so101", "_SO101_COMPLETE").source())
     if sys.stdout.isatty():
-        click.echo(f"to load it in every shell: {_HOW[shell]}", err=True)
+        aside(f"to load it in every shell: {_HOW[shell]}")
 
 
 def completed_files(context: object, parameter: object, incomplete: str) -> list[CompletionItem]:

@@ -136,15 +136,12 @@ def convert(
     beyond = {joint: count for joint, count in done.beyond.items() if count}
     if as_json:
         facts = {"from": units, "to": target.kind, "episodes": done.episodes, "frames": done.frames}
-        print_json(
-            "dataset-convert", {"path": str(path), "out": str(out), **facts, "beyond": beyond}
-        )
+        facts |= {"path": str(path), "out": str(out), "beyond": beyond}
+        print_json("dataset-convert", facts)
         return
     for joint, count in beyond.items():
-        click.echo(
-            f"{joint} is beyond the new arm's travel in {count} frames; they were kept", err=True
-        )
-    click.echo(f"written to {out}: {done.episodes} episodes, {done.frames} frames", err=True)
+        aside(f"{joint} is beyond the new arm's travel in {count} frames; they were kept")
+    aside(f"written to {out}: {done.episodes} episodes, {done.frames} frames")
 
 
 @verb(dataset)
@@ -179,7 +176,11 @@ def replay(
     data_set = open_data_set(path, side=side or "")
     kind = _units_kind(data_set, units)
     recorded = read_calibration(recorded_with) or data_set.calibration
-    with quietly(), _with_replay_caps(source).open() as rig:
+    if source.speed is None:
+        source = replace(source, speed=to_rad(_SPEED_DEG))
+    if source.acceleration is None:
+        source = replace(source, acceleration=to_rad(_ACCELERATION_DEG))
+    with quietly(), source.open() as rig:
         if scene is not None:
             rig.arm.scene = scene
         meant = units_of(kind, recorded or calibration_of(rig))
@@ -203,8 +204,7 @@ def replay(
                 aside(
                     f"{joint} is beyond this arm's range in {count} frames; it waits at its limit"
                 )
-        if not yes:
-            have_agreed(f"Move the {source.what}?")
+        have_agreed(f"Move the {source.what}?", yes)
         with stops_on_ctrl_c(rig.arm):
             outcome = replay_episode(rig, planned)
     if as_json:
@@ -216,13 +216,6 @@ def replay(
             click.echo(f"held back for {outcome.held_s:.1f} s: {', '.join(outcome.held_by)}")
     if outcome.held_by:
         raise SystemExit(CHECK_FAILED)
-
-
-def _with_replay_caps(source: Source) -> Source:
-    """The source with the caps of a replay unless it has its own."""
-    speed = to_rad(_SPEED_DEG) if source.speed is None else source.speed
-    acceleration = to_rad(_ACCELERATION_DEG) if source.acceleration is None else source.acceleration
-    return replace(source, speed=speed, acceleration=acceleration)
 
 
 def _units_kind(data_set: DataSet, units: str | None) -> str:

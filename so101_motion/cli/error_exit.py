@@ -114,7 +114,7 @@ _EXIT_CODES: tuple[tuple[type[So101Error], int], ...] = (
     (ConfigError, 2),
 )
 
-KINDS: dict[int, tuple[str, str]] = {
+KINDS: dict[int, tuple[str, str]] = {  # name and default message of each exit code
     1: ("unexpected", "something unexpected happened"),
     2: ("usage", "the command line is wrong"),
     3: ("unavailable", "there is no such device"),
@@ -124,16 +124,13 @@ KINDS: dict[int, tuple[str, str]] = {
     7: ("stopped", "stopped before the end"),
     130: ("interrupted", "ended by Ctrl-C"),
 }
-"""Name and default message of each exit code."""
 
 
 @contextmanager
 def reports_errors(*, as_json: bool = False) -> Iterator[None]:
     """Print the errors raised in this block and exit with their code; Ctrl-C is 130.
 
-    Raises:
-        SystemExit: With the code.
-        click.ClickException: A wrong usage, which click prints.
+    A wrong usage is raised again, for click to print.
     """
     try:
         yield
@@ -156,9 +153,13 @@ def _tell(error: BaseException, *, as_json: bool) -> None:
         raise SystemExit(code) from error
     if isinstance(error, SystemExit):  # the verb has printed why
         if isinstance(error.code, int) and error.code:
-            _print_for_programs(_by_code(error.code), error.code, as_json=as_json)
+            text = ErrorText(what=KINDS.get(error.code, KINDS[1])[1])
+            _print_for_programs(text, error.code, as_json=as_json)
     elif isinstance(error, click.ClickException):
-        _print_for_programs(_misused(error), error.exit_code, as_json=as_json)
+        context = getattr(error, "ctx", None)
+        advice = "" if context is None else f"{context.command_path} --help"
+        text = ErrorText(what=error.format_message(), advice=advice)
+        _print_for_programs(text, error.exit_code, as_json=as_json)
     elif isinstance(error, click.Abort | click.exceptions.Exit | BrokenPipeError):
         pass  # click handles these; a closed pipe ends the verb without a message
     elif isinstance(error, Exception) and not os.environ.get(DEBUG):
@@ -211,13 +212,3 @@ def _unexpected(error: Exception) -> ErrorText:
         why=why,
         advice=f"run it again with {DEBUG}=1 to see where, and please report it",
     )
-
-
-def _by_code(code: int) -> ErrorText:
-    return ErrorText(what=KINDS.get(code, KINDS[1])[1])
-
-
-def _misused(error: click.ClickException) -> ErrorText:
-    context = getattr(error, "ctx", None)
-    advice = "" if context is None else f"{context.command_path} --help"
-    return ErrorText(what=error.format_message(), advice=advice)

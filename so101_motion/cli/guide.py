@@ -12,6 +12,8 @@ from so101_motion.cli.param_types import IN_FILE, SECONDS, Finite, OutFile
 from so101_motion.cli.shared import (
     STOPPED,
     Verbs,
+    answer,
+    aside,
     have_agreed,
     print_json,
     quietly,
@@ -58,8 +60,7 @@ def record(
 
     files.refuse_taken(file, replace=replace)
     with quietly(), source.open() as rig:
-        if not yes:
-            have_agreed("The arm will yield to your hand now. Are you holding it?")
+        have_agreed("The arm will yield to your hand now. Are you holding it?", yes)
         rig.arm.set_manual(True)
         recorder = PathRecorder(rig.executor, jaw_of(rig))
         try:
@@ -71,11 +72,11 @@ def record(
         if not recorder.ended_by:
             rig.arm.set_manual(False)
     if recorder.ended_by:
-        click.echo(f"ended: {recorder.ended_by}", err=True)
+        aside(f"ended: {recorder.ended_by}")
     if as_json:
         print_json("guide-record", {"file": str(file), **_facts(path)})
     else:
-        click.echo(f"saved {file}: {_in_words(path)}", err=True)
+        aside(f"saved {file}: {_in_words(path)}")
     if recorder.ended_by:
         raise SystemExit(STOPPED)
 
@@ -142,18 +143,16 @@ def replay(
         for number in range(times):
             found = plan_replay(rig.arm, path, gripper=gripper, tolerance=to_rad(tolerance))
             if number == 0 and not as_json:
-                click.echo(f"{file}: {_in_words(path)}, recorded", err=True)
-                click.echo(_planned(found), err=True)
-            if number == 0 and not yes:
-                have_agreed(f"Move the {source.what}?")
+                aside(f"{file}: {_in_words(path)}, recorded")
+                aside(_planned(found))
+            have_agreed(f"Move the {source.what}?", yes or number > 0)
             with stops_on_ctrl_c(rig.arm):
                 start_replay(rig.arm, gripper, found).result()
         off_deg = float(to_deg(abs(rig.arm.state.q - found.plans[-1].q_goal).max()))
-        if as_json:
-            facts = {"file": str(file), **_facts(path), "replay_s": found.duration}
-            print_json("guide-replay", {**facts, "times": times, "off_deg": off_deg})
-        else:
-            click.echo(f"arrived: joints within {off_deg:.2f} deg of the path's end")
+        facts = {"file": str(file), **_facts(path), "replay_s": found.duration}
+        facts |= {"times": times, "off_deg": off_deg}
+        text = f"arrived: joints within {off_deg:.2f} deg of the path's end"
+        answer(as_json, "guide-replay", facts, text)
 
 
 @verb(guide, "list")
@@ -168,14 +167,13 @@ def list_(
 
     kept = files.listed(folder)
     if as_json:
-        paths = [{"name": each.name, "recorded_at": each.recorded_at, **_facts(each.path)}
-                 for each in kept]  # fmt: skip
+        paths = [{"name": k.name, "recorded_at": k.recorded_at, **_facts(k.path)} for k in kept]
         print_json("guide-list", {"folder": str(folder), "paths": paths})
         return
     for each in kept:
         click.echo(f"{each.name:<24} {_in_words(each.path)}  {each.recorded_at}")
     if not kept:
-        click.echo("no paths in this folder; so101 guide record makes one", err=True)
+        aside("no paths in this folder; so101 guide record makes one")
 
 
 def _in_words(path: GuidedPath) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
 from concurrent.futures import wait
@@ -16,7 +17,6 @@ import numpy as np
 from so101_motion.cli.completion import completed_poses
 from so101_motion.cli.options import JSON, YES, flag, option, together, verb
 from so101_motion.cli.param_types import JOINTS, POINT, SCENE, OutFile
-from so101_motion.cli.plan_table import plan_table
 from so101_motion.cli.shared import (
     aside,
     busy_message,
@@ -143,7 +143,10 @@ def plan(
     so101 plan --sim --xyz 190,200,100 --from 65,-20,30,50,0 --scene examples/table.json
     so101 plan --machine my-arm.local:8080 --pose ready
     """  # noqa: D301
-    _check_file_name(out)
+    if out is not None:  # refuses what the plan could not be saved to, before planning
+        from so101_motion.files.trajectory_export import check_name, export
+
+        check_name(out.name)
     if q_from is not None:
         if not isinstance(source, Source) or source.port is not None:
             raise click.UsageError("--from works only with --sim; leave it out for a real arm")
@@ -156,8 +159,6 @@ def plan(
         if not as_json:
             click.echo(plan_table(found))
         if out is not None:
-            from so101_motion.files.trajectory_export import export
-
             export(found.trajectory, out)
             aside(f"saved {out}")
         if html is not None:
@@ -192,27 +193,16 @@ def move(
         found = _planned(rig, goal, scene, route_effort)
         if not as_json:
             click.echo(plan_table(found))
-        if not yes:
-            have_agreed(f"Move the {source.what} for {found.duration:.1f} s?")
-        motion = rig.arm.move(found, wait=False)
-        _wait(rig, motion, found)
+        have_agreed(f"Move the {source.what} for {found.duration:.1f} s?", yes)
+        _wait(rig, rig.arm.move(found, wait=False), found)
         state = rig.arm.state
         off_deg = float(to_deg(np.max(np.abs(state.q - found.q_goal))))
         if as_json:
             arrived = {"q_deg": to_deg(state.q).tolist(), "off_deg": off_deg}
             print_json("move", {"source": source.what, **_facts(found), "arrived": arrived})
         else:
-            p = to_mm(rig.arm.T_base().p)
-            where = ", ".join(f"{x:.1f}" for x in p)
-            click.echo(f"arrived: tool at ({where}) mm, joints within {off_deg:.2f} deg")
-
-
-def _check_file_name(out: Path | None) -> None:
-    """Refuse a file that the plan could not be saved to, before planning."""
-    if out is not None:
-        from so101_motion.files.trajectory_export import check_name
-
-        check_name(out.name)
+            where = in_mm(rig.arm.T_base().p)
+            click.echo(f"arrived: tool at {where}, joints within {off_deg:.2f} deg")
 
 
 def _planned(rig: RigLike, goal: Goal | str, scene: Scene | None, effort: int) -> Plan:
@@ -241,6 +231,47 @@ def _facts(found: Plan) -> dict[str, object]:
         "stages_ms": {name: round(ms, 3) for name, ms in report.stages_ms.items()},
         "path_deg": to_deg(found.path).tolist(),
     }
+
+
+def in_mm(p: np.ndarray) -> str:
+    """A point [m] in words."""
+    return f"({', '.join(f'{x:.1f}' for x in to_mm(p))}) mm"
+
+
+_NUMBERS, _SPARKS = 40, 40  # columns; chosen: together the width of a usual terminal
+
+
+def plan_table(plan: Plan) -> str:
+    """A plan as a table for the terminal: travel, peak speed and speed over time per joint."""
+    trajectory = plan.trajectory
+    travel_deg = to_deg(trajectory.q[-1] - trajectory.q[0])
+    peak_deg = to_deg(np.max(np.abs(trajectory.qd), axis=0))
+    tool_mm = float(to_mm(np.sum(np.linalg.norm(np.diff(plan.tool_path, axis=0), axis=1))))
+    width = min(shutil.get_terminal_size().columns - _NUMBERS, _SPARKS)
+    planned_ms = plan.report.stages_ms["total"]
+    lines = [
+        f"{plan.duration:.2f} s, {len(trajectory)} setpoints {1e3 * trajectory.dt:g} ms apart, "
+        f"tool path {tool_mm:.0f} mm, planned in {planned_ms:.1f} ms"
+        + (" (the time was up, a quicker route may exist)" if plan.report.out_of_time else ""),
+        "",
+        f"{'joint':<14}{'travel':>10}{'peak speed':>13}   speed over time"[
+            : _NUMBERS + max(width, 0)
+        ],
+    ]
+    for i, joint in enumerate(ARM_JOINTS):
+        lines.append(
+            f"{joint:<14}{travel_deg[i]:>6.1f} deg{peak_deg[i]:>7.1f} deg/s   "
+            + _sparkline(np.abs(trajectory.qd[:, i]), float(np.max(plan.limits.velocity)), width)
+        )
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _sparkline(values: np.ndarray, top: float, width: int) -> str:
+    if width < 1:
+        return ""
+    bars = " ▁▂▃▄▅▆▇█"
+    columns = [float(np.max(part)) for part in np.array_split(values, min(width, len(values)))]
+    return "".join(bars[round(min(value / top, 1.0) * (len(bars) - 1))] for value in columns)
 
 
 def _wait(rig: RigLike, motion: Motion, found: Plan) -> None:

@@ -13,9 +13,10 @@ from so101_motion.cli.completion import completed_programs
 from so101_motion.cli.options import JSON, YES, argument, option, verb
 from so101_motion.cli.param_types import SCENE
 from so101_motion.cli.shared import (
+    answer,
+    aside,
     busy_message,
     have_agreed,
-    print_json,
     quietly,
     stops_on_ctrl_c,
 )
@@ -59,45 +60,48 @@ def run(
         made = files.read(files.find(program), {ARM: rig.connection.encoder_zeros})
         if scene is not None:
             rig.arm.scene = scene
-        carry_out(
-            Solo.of(rig), made, rounds, None if yes else f"Move the {source.what}?", quiet=as_json
-        )
-        if as_json:
-            facts = {
-                "waypoints": [each.name for each in made.waypoints],
-                "rounds": made.rounds if rounds is None else rounds,
-            }
-            loops = files.loops_to(made.loops)
-            where = {"q_deg": to_deg(rig.arm.state.q).tolist()}
-            print_json("run", {"source": source.what, **facts, "loops": loops, "arrived": where})
-        else:
-            click.echo("done")
+        made = made if rounds is None else made.with_rounds(rounds)
+        carry_out(Solo.of(rig), made, f"Move the {source.what}?", yes, quiet=as_json)
+        facts = {
+            "source": source.what,
+            "waypoints": [each.name for each in made.waypoints],
+            "rounds": made.rounds,
+            "loops": files.loops_to(made.loops),
+            "arrived": {"q_deg": to_deg(rig.arm.state.q).tolist()},
+        }
+        answer(as_json, "run", facts, "done")
 
 
 def carry_out(
-    arms: Arms, program: Program, rounds: int | None, question: str | None, *, quiet: bool = False
+    arms: Arms, program: Program, question: str, yes: bool, *, quiet: bool = False
 ) -> None:
-    """Plan a program as a whole, print the plan, ask, and run it; Ctrl-C stops all arms.
+    """Plan a program as a whole, print the plan unless ``quiet``, ask, and run it.
 
-    Args:
-        arms: The arms.
-        program: The program.
-        rounds: How often it is repeated; as it says itself if not given.
-        question: What the user must agree to first; None for nothing.
-        quiet: Whether the plan is not printed.
+    Ctrl-C stops all arms.
     """
     from so101_motion.tasks.program import rehearse, start_program
 
-    if rounds is not None:
-        program = program.with_rounds(rounds)
     with busy_message("planning the program ..."):
         rehearsal = rehearse(arms, program)
     if not quiet:
-        click.echo(_planned(rehearsal), err=True)
-    if question is not None:
-        have_agreed(question)
+        aside(_planned(rehearsal))
+    have_agreed(question, yes)
     with stops_on_ctrl_c(arms):
         await_end(start_program(arms, rehearsal))
+
+
+def await_end(run: ProgramRun) -> None:
+    """Wait for the end, and print the present round and step on a terminal."""
+    shown = ""
+    while not wait((run.future,), 0.1).done:
+        where = run.where
+        if where.index < len(run.program) and sys.stderr.isatty():
+            laps = "".join(f", time {lap + 1}" for lap in where.laps)
+            now = f"round {where.round + 1}{laps}, {run.program.called(where.index)}"
+            if now != shown:
+                aside(now)
+            shown = now
+    run.future.result()
 
 
 def _planned(rehearsal: Rehearsal) -> str:
@@ -124,22 +128,3 @@ def said_for_others(plans: Mapping[str, Plan]) -> Iterator[str]:
     for name, plan in plans.items():
         if plan.report.for_others:
             yield f"  {name} {plan.report.for_others}"
-
-
-def await_end(run: ProgramRun) -> None:
-    """Wait for the end, and print the present round and step on a terminal."""
-    shown = None
-    while not wait((run.future,), 0.1).done:
-        shown = _show(run, run.program, shown)
-    run.future.result()
-
-
-def _show(run: ProgramRun, program: Program, shown: str | None) -> str | None:
-    where = run.where
-    if where.index >= len(program) or not sys.stderr.isatty():
-        return shown
-    laps = "".join(f", time {lap + 1}" for lap in where.laps)
-    now = f"round {where.round + 1}{laps}, {program.called(where.index)}"
-    if now != shown:
-        click.echo(now, err=True)
-    return now

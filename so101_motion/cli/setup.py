@@ -193,12 +193,9 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
             key = {"api_key_id": machine.api_key_id, "api_key": machine.api_key}
             opened = stack.enter_context(Machine.connect(machine.address, **key))
         served = viewer.serve_setup(
-            host=page.host,
-            port=page.port,
-            allow_remote=page.allow_remote,
             ports=() if port is None or opened is not None else (port,),
             machine=opened,
-            key_of=page.key_of(f"setup of {machine.address if machine else port or 'a kit'}"),
+            **page.server(f"setup of {machine.address if machine else port or 'a kit'}"),
         )
         try:
             keep_open(stack.enter_context(served), page)

@@ -169,8 +169,7 @@ _DOES = {
     Mode.CALIBRATING: "is being calibrated",
 }
 
-opened: list[Callable[[], str]] = []
-"""Each tells what an arm does that this verb has opened."""
+opened: list[Callable[[], str]] = []  # each tells what an arm does that this verb has opened
 
 
 def note_opened(what: str, rig: R) -> R:

@@ -35,11 +35,10 @@ R = TypeVar("R", bound="RigLike")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _SourceWithCaps:
-    """A source with caps of its own."""
+    """A source with caps of its own; None for those of the arm or its machine."""
 
-    speed: float | None = None  # joint speed cap [rad/s]; None for the arm's or its machine's
-    # joint acceleration cap [rad/s^2]; None for the arm's or its machine's
-    acceleration: float | None = None
+    speed: float | None = None  # joint speed cap [rad/s]
+    acceleration: float | None = None  # joint acceleration cap [rad/s^2]
 
     @property
     def what(self) -> str:
@@ -69,24 +68,18 @@ class Source(_SourceWithCaps):
     """An arm of this computer: simulated or on a port."""
 
     port: str | None  # serial port of a real or emulated arm; None for the simulated one
-    # its calibration; None to search for the one that fits its servos
-    calibration_file: Path | None = None
-    # first joint angles of the simulated arm, shape (5,), [rad]; None for zeros
-    q_start: Array | None = None
+    calibration_file: Path | None = None  # None to search for the one that fits its servos
+    q_start: Array | None = None  # of the simulated arm, shape (5,), [rad]; None for zeros
     say: Callable[[str], None] = aside  # prints a note about the calibration
 
     @property
     def what(self) -> str:
-        """The source in words."""
         return "simulated arm" if self.port is None else f"arm on {self.port}"
 
     def open(self) -> Rig:
         """Open the arm and its gripper.
 
         If its servos hold another calibration than the file, the user is asked at a terminal.
-
-        Raises:
-            So101Error: It cannot be reached, or a setting is not valid.
         """
         from so101_motion.arm.shared_worker import planner_started
 
@@ -103,8 +96,7 @@ class Source(_SourceWithCaps):
         if self.port is None:
             with interrupts.held():
                 return self._capped(open_simulated(q_start=self.q_start))
-        file = self.known_calibration()
-        asked = ServoSettings(port=self.port, calibration_file=file)
+        asked = ServoSettings(port=self.port, calibration_file=self.known_calibration())
         asked = asked.with_arm(SERVO_IDS)
         try:
             with interrupts.held():
@@ -122,7 +114,7 @@ class Source(_SourceWithCaps):
         """Open the arm without driving it: nothing is written to a servo, a limp arm stays limp.
 
         Raises:
-            So101Error: A servo of the arm does not answer, or as ``open``.
+            PortUnavailable: A servo of the arm does not answer.
         """
         from so101_motion.rig.hardware_rig import open_hardware
         from so101_motion.rig.servo_driver import ServoSettings
@@ -142,64 +134,54 @@ class Source(_SourceWithCaps):
         return self._capped(rig)
 
     def known_calibration(self) -> Path | None:
-        """The calibration file that ``open`` uses; None without one.
+        """The calibration file that ``open`` uses, with a note about it; None without one.
 
         Raises:
-            So101Error: The named file cannot be read.
+            CalibrationError: The named file cannot be read.
+            PortUnavailable: The servos talk at another rate than the arm is driven at.
         """
         from so101_motion.calib.record import store
+        from so101_motion.cli.port_choice import look_at
+        from so101_motion.drivers.bus.defaults import BAUDRATE
 
         if self.calibration_file is not None:
             # The rig would ignore a file that it cannot use; a named one must be usable.
             return store.read(store.resolve(str(self.calibration_file))).path
-        return None if self.port is None else _known_calibration(self.port, self.say)
-
-
-def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
-    """The calibration file that fits the arm on a port, with a note about it.
-
-    Raises:
-        PortUnavailable: Its servos talk at another rate than the arm is driven at.
-    """
-    from so101_motion.cli.port_choice import look_at
-    from so101_motion.drivers.bus.defaults import BAUDRATE
-
-    report = look_at(port)
-    if report.baudrate != BAUDRATE:
-        reason = f"its servos talk at {report.baudrate} baud; so101 setup --repair sets {BAUDRATE}"
-        raise PortUnavailable(port, reason)
-    if report.calibration is not None:
-        say(f"calibration: {report.calibration}")
-    elif report.joints:  # without any, opening the arm fails and says why
-        say(
-            "no calibration file of this arm was found, so zero is the middle of each joint's"
-            " travel and points are some 40 mm off; so101 calibrate makes one, --calibration names"
-            " one"
-        )
-    return report.calibration
+        if self.port is None:
+            return None
+        report = look_at(self.port)
+        if report.baudrate != BAUDRATE:
+            reason = (
+                f"its servos talk at {report.baudrate} baud; so101 setup --repair sets {BAUDRATE}"
+            )
+            raise PortUnavailable(self.port, reason)
+        if report.calibration is not None:
+            self.say(f"calibration: {report.calibration}")
+        elif report.joints:  # without any, opening the arm fails and says why
+            self.say(
+                "no calibration file of this arm was found, so zero is the middle of each joint's"
+                " travel and points are some 40 mm off; so101 calibrate makes one, --calibration"
+                " names one"
+            )
+        return report.calibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MachineSource(_SourceWithCaps):
     """The arm of a running Viam machine."""
 
-    address: str  # the machine's address
-    api_key_id: str | None = None  # the id of an API key; None for a plain, direct connection
-    api_key: str | None = field(default=None, repr=False)  # the key
+    address: str
+    api_key_id: str | None = None  # None for a plain, direct connection
+    api_key: str | None = field(default=None, repr=False)
     arm: str | None = None  # which of its arms; None for the only one
     gripper: str | None = None  # which of its grippers; None for the only one
 
     @property
     def what(self) -> str:
-        """The source in words."""
         return f"arm of machine {self.address}"
 
     def open(self) -> MachineRig:
-        """Open the arm and its gripper; nothing moves.
-
-        Raises:
-            So101Error: It cannot be reached, or a setting is not valid.
-        """
+        """Open the arm and its gripper; nothing moves."""
         from so101_motion.viam.client import MachineRig
 
         with busy_message(f"connecting to machine {self.address}"):
@@ -215,9 +197,7 @@ class MachineSource(_SourceWithCaps):
     open_to_look = open
 
 
-AnySource = Source | MachineSource
-"""An arm of this computer or of a machine. Both open a rig that fits ``RigLike``."""
-
+AnySource = Source | MachineSource  # both open a rig that fits ``RigLike``
 S = TypeVar("S", bound=AnySource)
 
 
@@ -236,9 +216,9 @@ def with_caps(source: S, speed_deg: float | None, acceleration_deg: float | None
 class CellSource:
     """Several arms that share a space."""
 
-    file: CellFile  # the content of a cell file
-    title: str  # a heading
-    path: Path | None = None  # where it was read; None for arms that no file names
+    file: CellFile
+    title: str
+    path: Path | None = None  # of ``file``; None for arms that no file names
 
     @property
     def what(self) -> str:
@@ -246,7 +226,7 @@ class CellSource:
         return ", ".join(each.name for each in self.file.arms)
 
     def open(self) -> CellRigs:
-        """Open all arms; raises as ``open_cell``."""
+        """Open all arms."""
         return open_arms(self.file)
 
 
@@ -261,22 +241,15 @@ def open_arms(file: CellFile) -> CellRigs:
         return opened
 
 
-def read_cell_source(path: Path) -> CellSource:
-    """The arms of a cell file; raises as ``read_cell``."""
-    from so101_motion.files.cell_file import read_cell
-
-    return CellSource(file=read_cell(path), title=f"Arms of {path.name}", path=path)
-
-
 def _source(
     sim: bool,
     port: str | None,
     calibration: Path | None,
     machine: MachineSource | None = None,
-    **cells: Path | None,
+    cell: Path | None = None,
 ) -> AnySource | CellSource:
     """The source that the options of ``SOURCE``, ``ANY_SOURCE`` or ``ARM_OR_CELL`` name."""
-    context, cell = click.get_current_context(), cells.get("cell")
+    context = click.get_current_context()
     asked = {"--sim": sim or None, "--port": port, "--machine": machine, "--cell": cell}
     chosen = chosen_among(asked)
     if chosen is None and context.params.get("atlas") is not None:
@@ -289,7 +262,9 @@ def _source(
     if chosen == "--machine" and machine is not None:
         return machine
     if chosen == "--cell" and cell is not None:
-        return read_cell_source(cell)
+        from so101_motion.files.cell_file import read_cell
+
+        return CellSource(file=read_cell(cell), title=f"Arms of {cell.name}", path=cell)
     return Source(port=port if chosen == "--port" else None, calibration_file=calibration)
 
 
@@ -308,7 +283,7 @@ CALIBRATION = option(
     click.Path(path_type=Path),
 )
 
-MACHINE = together(
+MACHINE = together(  # a running machine; None if none is named
     _machine,
     address=option(
         "A running Viam machine (or SO101_MACHINE).", name="--machine", envvar="SO101_MACHINE",
@@ -325,41 +300,30 @@ MACHINE = together(
     arm=option("With --machine: which arm, if it has several.", metavar="NAME"),
     gripper=option("With --machine: which gripper, if several.", metavar="NAME"),
 )  # fmt: skip
-"""A running machine; None if none is named."""
 
 _LOCAL = {
     "sim": flag("The simulated arm; needs no hardware."),
     "port": port_option("Serial port of the arm, such as /dev/ttyACM0"),
     "calibration": CALIBRATION,
 }
+_CELL = option("Several arms that share a space: a cell file, as for so101 cell.", IN_FILE)
 
-SOURCE = together(_source, **_LOCAL)
-"""A ``Source``, for verbs that work on servos."""
-
+SOURCE = together(_source, **_LOCAL)  # a ``Source``, for verbs that work on servos
 ANY_SOURCE = together(_source, **_LOCAL, machine=MACHINE)
-"""An arm of this computer or of a machine."""
-
-ARM_OR_CELL = together(
-    _source,
-    **_LOCAL,
-    machine=MACHINE,
-    cell=option("Several arms that share a space: a cell file, as for so101 cell.", IN_FILE),
-)
+ARM_OR_CELL = together(_source, **_LOCAL, machine=MACHINE, cell=_CELL)
 
 
 def paced(source: Any) -> Any:
     """The options of ``source`` with ``--speed`` and ``--acceleration``."""
+    speeds, accelerations = Finite(*SPEED_RANGE_DEG), Finite(*ACCELERATION_RANGE_DEG)
     return together(
         with_caps,
         source=source,
-        speed_deg=option(
-            "Joint speed cap.", Finite(*SPEED_RANGE_DEG), name="--speed", metavar="DEG/S"
-        ),
+        speed_deg=option("Joint speed cap.", speeds, name="--speed", metavar="DEG/S"),
         acceleration_deg=option(
-            "Joint acceleration cap.", Finite(*ACCELERATION_RANGE_DEG), name="--acceleration",
-            metavar="DEG/S2",
+            "Joint acceleration cap.", accelerations, name="--acceleration", metavar="DEG/S2"
         ),
-    )  # fmt: skip
+    )
 
 
 _PARAMETERS = {"--sim": "sim", "--port": "port", "--machine": "address", "--cell": "cell"}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion.cli.options import JSON, verb
-from so101_motion.cli.shared import print_json, quietly
+from so101_motion.cli.shared import answer, print_json, quietly
 from so101_motion.cli.sources import ANY_SOURCE, MACHINE, AnySource, MachineSource, Source
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
@@ -19,10 +19,8 @@ from so101_motion.common.units import range_deg, to_deg, to_mm, to_rad
 if TYPE_CHECKING:
     from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.rig.protocols import RigLike
-    from so101_motion.rig.rig import Rig
 
-_PATIENCE = 1.0
-"""How long to wait for a first answer of the servos [s]; chosen for a busy computer."""
+_PATIENCE = 1.0  # how long to wait for a first answer of the servos [s]; chosen for a busy computer
 
 
 @verb()
@@ -39,8 +37,8 @@ def status(source: AnySource = ANY_SOURCE, as_json: bool = JSON) -> None:
         seen = _facts(source, rig)
     if as_json:
         print_json("status", seen)
-        return
-    _print_state(seen)
+    else:
+        _print_state(seen)
 
 
 @verb()
@@ -63,33 +61,28 @@ def stop(machine: MachineSource | None = MACHINE, as_json: bool = JSON) -> None:
         if rig.has_gripper:
             rig.gripper.stop()
         state = rig.arm.state
-    if as_json:
-        q_deg = _by_joint(to_deg(state.q))
-        print_json("stop", {"source": machine.what, "mode": state.mode.value, "q_deg": q_deg})
-    else:
-        click.echo(f"the {machine.what} is {state.mode.value}")
+    what, mode = machine.what, state.mode.value
+    facts = {"source": what, "mode": mode, "q_deg": _by_joint(to_deg(state.q))}
+    answer(as_json, "stop", facts, f"the {what} is {mode}")
 
 
 def _open_to_read(source: AnySource) -> RigLike:
     """Open the arm without moving or holding it."""
-    if isinstance(source, Source) and source.port is not None:
-        return _open_port_to_read(source, source.port)
-    return source.open()
-
-
-def _open_port_to_read(source: Source, port: str) -> Rig:
+    if not isinstance(source, Source) or source.port is None:
+        return source.open()
     from so101_motion.calib.record.record import NEW_IDS, misplaced
     from so101_motion.cli.port_choice import look_at
     from so101_motion.rig.hardware_rig import open_hardware
     from so101_motion.rig.servo_driver import ServoSettings
 
-    report = look_at(port)
+    report = look_at(source.port)
     if wrong := misplaced(report.servo_ids, {}):
         raise CalibrationError(None, wrong, NEW_IDS)
     file = source.calibration_file or report.calibration
-    return open_hardware(
-        ServoSettings(port=port, baudrate=report.baudrate, timeout=None, calibration_file=file)
+    settings = ServoSettings(
+        port=source.port, baudrate=report.baudrate, timeout=None, calibration_file=file
     )
+    return open_hardware(settings)
 
 
 def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:

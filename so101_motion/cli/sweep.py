@@ -20,6 +20,7 @@ from so101_motion.cli.param_types import (
     SCENE,
     SCENE_FILE,
     Finite,
+    Parsed,
     read_scene,
 )
 from so101_motion.cli.shared import CHECK_FAILED, Verbs, aside, print_json
@@ -41,11 +42,9 @@ if TYPE_CHECKING:
     from so101_motion.tasks.sweeps.placement import Placement
     from so101_motion.tasks.sweeps.sweep import Sweep
 
-_EVERY = 10.0
-"""How often progress is printed without a terminal [s]."""
+_EVERY = 10.0  # how often progress is printed without a terminal [s]
 
-_SHOWN = 5
-"""Most failures that are printed one by one."""
+_SHOWN = 5  # most failures that are printed one by one
 
 
 @click.group(cls=Verbs)
@@ -129,15 +128,11 @@ def reach(
     from so101_motion.tasks.sweeps import Atlas, ReachSweep, scene_text
     from so101_motion.tasks.sweeps.reach import in_words
 
-    direction = None
-    if approach is not None:
-        x, y, z = approach.tolist()
-        direction = (x, y, z)
     work = ReachSweep(
         spacing=to_m(spacing_mm),
         scene=scene_text(scene or Scene()),
         frame=frame,
-        approach=direction,
+        approach=None if approach is None else tuple(approach.tolist()),
         tolerance=to_rad(tolerance_deg),
         payload=payload,
         voltage=voltage,
@@ -188,61 +183,46 @@ def plans(
     run(work, lambda folder: {name: round(v, 3) for name, v in plans_summary(folder).items()})
 
 
-_FARTHEST_MM = 5000.0
+Ends = tuple[float, float]
 
 
-class FromTo(click.ParamType[tuple[float, float]]):
+def _from_to(most: float) -> Parsed:
     """A number, or two with a colon between them: from, to."""
 
-    name = "FROM:TO"
-
-    def __init__(self, most: float) -> None:
-        self._most = most
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        """Read both ends, the smaller one first."""
-        if isinstance(value, tuple):
-            return value
+    def read(text: str) -> tuple[float, float]:
+        low, _, high = text.partition(":")
         try:
-            low, _, high = str(value).partition(":")
             ends = float(low), float(high or low)
         except ValueError:
-            self.fail(f"{value!r} is not FROM:TO, such as -200:200", param, ctx)
-        if not (ends[0] <= ends[1] and max(map(abs, ends)) <= self._most):
-            self.fail(
-                f"{value!r} must be two numbers within {self._most:g}, the smaller one first",
-                param, ctx,
-            )  # fmt: skip
+            raise ValueError("is not FROM:TO, such as -200:200") from None
+        if not (ends[0] <= ends[1] and max(map(abs, ends)) <= most):
+            raise ValueError(f"must be two numbers within {most:g}, the smaller one first")
         return ends
+
+    return Parsed("FROM:TO", read)
 
 
 def _region(
-    x_mm: tuple[float, float],
-    y_mm: tuple[float, float],
-    z_mm: tuple[float, float],
-    turn_deg: tuple[float, float],
-    mount: str,
-    facing_deg: float,
-    spacing_mm: float,
-    turn_step_deg: float,
-) -> Region:
+    x_mm: Ends, y_mm: Ends, z_mm: Ends, turn_deg: Ends,
+    mount: str, facing_deg: float, spacing_mm: float, turn_step_deg: float,
+) -> Region:  # fmt: skip
     from so101_motion.tasks.sweeps.mounting import Region
 
+    x, y, z = ((to_m(low), to_m(high)) for low, high in (x_mm, y_mm, z_mm))
     return Region(
-        x=_ends(to_m, x_mm), y=_ends(to_m, y_mm), z=_ends(to_m, z_mm),
-        turn=_ends(to_rad, turn_deg), mount=mount, facing=to_rad(facing_deg),
+        x=x, y=y, z=z, turn=(to_rad(turn_deg[0]), to_rad(turn_deg[1])),
+        mount=mount, facing=to_rad(facing_deg),
         spacing=to_m(spacing_mm), turn_step=to_rad(turn_step_deg),
     )  # fmt: skip
 
 
+_LENGTHS = _from_to(5000.0)
 _REGION = together(
     _region,
-    x_mm=option("Where the base may be in the cell, along x.", FromTo(_FARTHEST_MM), "-300:300"),
-    y_mm=option("The same along y.", FromTo(_FARTHEST_MM), "-300:300"),
-    z_mm=option("The same along z; 0 is on the table.", FromTo(_FARTHEST_MM), "0"),
-    turn_deg=option("How it may be turned.", FromTo(360.0), "-180:180"),
+    x_mm=option("Where the base may be in the cell, along x.", _LENGTHS, "-300:300"),
+    y_mm=option("The same along y.", _LENGTHS, "-300:300"),
+    z_mm=option("The same along z; 0 is on the table.", _LENGTHS, "0"),
+    turn_deg=option("How it may be turned.", _from_to(360.0), "-180:180"),
     mount=option(
         "What it is screwed to.", click.Choice(["table", "wall", "upside-down"]), "table"
     ),
@@ -352,22 +332,17 @@ def _others(
     if placed is not None and placed not in names:
         raise click.UsageError(f"{file} has no arm {placed}; it has {', '.join(names)}")
     folded = next(pose.q for pose in POSES if pose.name == "rest")
-    q = [to_rad(each) for each in q_deg] or [folded]
+    configurations = [to_rad(each) for each in q_deg] or [folded]
+    at = tuple((*q.tolist(), JAW_CLOSED) for q in configurations)
     others = []
     for each in cell.arms:
-        if each.name == placed:
-            continue
-        x, y, z = each.T_cell_base.p.tolist()
-        roll, pitch, yaw = each.T_cell_base.rpy.tolist()
-        configurations = tuple((*of.tolist(), JAW_CLOSED) for of in q)
-        others.append(
-            FixedArm(name=each.name, position=(x, y, z), rpy=(roll, pitch, yaw), q=configurations)
-        )
+        if each.name != placed:
+            x, y, z = each.T_cell_base.p.tolist()
+            roll, pitch, yaw = each.T_cell_base.rpy.tolist()
+            others.append(
+                FixedArm(name=each.name, position=(x, y, z), rpy=(roll, pitch, yaw), q=at)
+            )
     return cell.scene, tuple(others)
-
-
-def _ends(convert: Callable[[float], float], ends: tuple[float, float]) -> tuple[float, float]:
-    return convert(ends[0]), convert(ends[1])
 
 
 def _print_placement(placement: Placement, out: Path, *, as_json: bool) -> None:
@@ -375,17 +350,15 @@ def _print_placement(placement: Placement, out: Path, *, as_json: bool) -> None:
 
     rows = [in_figures(base) for base in placement.best]
     if as_json:
-        print_json(
-            "sweep-place",
-            {
-                "out": str(out),
-                "screened": len(placement.screened),
-                "planned": placement.planned,
-                "failed": placement.failed,
-                "best": rows,
-                "sha256": placement.sha256,
-            },
-        )
+        facts = {
+            "out": str(out),
+            "screened": len(placement.screened),
+            "planned": placement.planned,
+            "failed": placement.failed,
+            "best": rows,
+            "sha256": placement.sha256,
+        }
+        print_json("sweep-place", facts)
         return
     click.echo("    x     y     z [mm]  turn [deg]  time [s]  clearance [mm]  torque left  robust")
     for number, row in enumerate(rows, 1):
@@ -403,19 +376,19 @@ def _print_placement(placement: Placement, out: Path, *, as_json: bool) -> None:
 
 
 def _atlas_facts(summary: dict[str, float]) -> dict[str, object]:
-    facts: dict[str, object] = {
+    branches = {
+        f"reachable in {n} branch{'es' if n > 1 else ''}": summary[f"with_{n}_branches"]
+        for n in (1, 2, 3, 4)
+    }
+    return {
         "points within the joint limits": summary["within_limits"],
         "free of contact": summary["free"],
         "reachable": summary["reachable"],
         "reachable volume [l]": round(1e3 * summary["volume_m3"], 2),
+        **branches,
+        "median clearance [mm]": round(to_mm(summary["median_clearance"]), 1),
+        "median torque left [%]": round(100.0 * summary["median_torque_left"], 1),
     }
-    for count in (1, 2, 3, 4):
-        facts[f"reachable in {count} branch{'es' if count > 1 else ''}"] = summary[
-            f"with_{count}_branches"
-        ]
-    facts["median clearance [mm]"] = round(to_mm(summary["median_clearance"]), 1)
-    facts["median torque left [%]"] = round(100.0 * summary["median_torque_left"], 1)
-    return facts
 
 
 @contextmanager
@@ -442,8 +415,16 @@ def _computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dic
 @contextmanager
 def _show_progress(work: Sweep) -> Iterator[Callable[[Progress], None]]:
     """Show progress: a bar on a terminal, otherwise a line every few seconds."""
+    due = time.monotonic() + _EVERY
+
+    def tell(progress: Progress) -> None:
+        nonlocal due
+        if time.monotonic() >= due:
+            due = time.monotonic() + _EVERY
+            aside(f"{progress.done} of {progress.shards}: {_in_words(progress, work.unit)}")
+
     if not sys.stderr.isatty():
-        yield _Lines(work.unit)
+        yield tell
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
@@ -457,18 +438,6 @@ def _show_progress(work: Sweep) -> Iterator[Callable[[Progress], None]]:
             bar.update(task, completed=done, description=_in_words(progress, work.unit))
 
         yield show
-
-
-class _Lines:
-    """Prints a line of progress every ``_EVERY`` seconds."""
-
-    def __init__(self, unit: str) -> None:
-        self._unit, self._next = unit, time.monotonic() + _EVERY
-
-    def __call__(self, progress: Progress) -> None:
-        if time.monotonic() >= self._next:
-            self._next = time.monotonic() + _EVERY
-            aside(f"{progress.done} of {progress.shards}: {_in_words(progress, self._unit)}")
 
 
 def _in_words(progress: Progress, unit: str) -> str:
@@ -490,17 +459,15 @@ def _print_result(
     if len(result.failed) > _SHOWN:
         aside(f"and {len(result.failed) - _SHOWN} more; sweep.json has all of them")
     if as_json:
-        print_json(
-            f"sweep-{work.kind}",
-            {
-                "out": str(result.folder),
-                "shards": result.shards,
-                "computed": result.computed,
-                "failed": {str(shard): why for shard, why in result.failed.items()},
-                "result": facts,
-                "sha256": result.sha256,
-            },
-        )
+        whole = {
+            "out": str(result.folder),
+            "shards": result.shards,
+            "computed": result.computed,
+            "failed": {str(shard): why for shard, why in result.failed.items()},
+            "result": facts,
+            "sha256": result.sha256,
+        }
+        print_json(f"sweep-{work.kind}", whole)
         return
     for name, value in facts.items():
         click.echo(f"{name + ':':<34}{value}")

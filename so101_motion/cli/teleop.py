@@ -11,7 +11,7 @@ import click
 
 from so101_motion.cli.options import JSON, START, flag, option, verb
 from so101_motion.cli.param_types import PER_JOINT, PORT, SCENE, SECONDS, Finite, OutFile
-from so101_motion.cli.shared import STOPPED, have_agreed, print_json
+from so101_motion.cli.shared import STOPPED, aside, have_agreed, print_json
 from so101_motion.cli.sources import Source
 from so101_motion.common import interrupts
 from so101_motion.common.modes import HELD, Mode
@@ -95,8 +95,7 @@ def teleop(
         following = stack.enter_context(_open(follower, follower_calibration))
         if scene is not None:
             following.arm.scene = scene
-        if not yes:
-            have_agreed("The leader goes limp now. Are you holding it?")
+        have_agreed("The leader goes limp now. Are you holding it?", yes)
         leads, follows = (
             LocalArm(station=rig, jaw=None if no_gripper else rig) for rig in (leading, following)
         )
@@ -116,7 +115,7 @@ def teleop(
         if as_json:
             print_json("teleop", _facts(last, record))
         elif record is not None:
-            click.echo(f"saved {record}", err=True)
+            aside(f"saved {record}")
         if interrupts.first() and last.is_running:
             return  # the end of every verb tells how a signal leaves the arms
         print_end(last, leading.arm.state.mode, following.arm.state.mode)
@@ -144,7 +143,7 @@ def _watch(session: Any, seconds: float | None) -> None:
         while session.status.is_running and (end is None or time.monotonic() < end):
             words = _in_words(session.status)
             if words != shown:
-                click.echo(words, err=True)
+                aside(words)
                 shown = words
             time.sleep(_EVERY if end is None else min(_EVERY, max(end - time.monotonic(), 0.0)))
     except KeyboardInterrupt:
@@ -152,15 +151,9 @@ def _watch(session: Any, seconds: float | None) -> None:
 
 
 def print_end(last: Status, leader: Mode, follower: Mode) -> None:
-    """Print that it has ended; if it ended by itself, print why and exit with ``STOPPED``.
-
-    Args:
-        last: The state just before the end.
-        leader: The mode that the leader is in now.
-        follower: That of the follower.
-    """
+    """Print that it has ended; if it ended by itself, print why and exit with ``STOPPED``."""
     if not last.is_running:
-        click.echo(f"ended: {last.reason}", err=True)
+        aside(f"ended: {last.reason}")
         raise SystemExit(STOPPED)
     told = []
     for side, mode in (("leader", leader), ("follower", follower)):
@@ -168,7 +161,7 @@ def print_end(last: Status, leader: Mode, follower: Mode) -> None:
             told.append(f"the {side} is in a fault")
         elif mode not in HELD:
             told.append(f"the {side} is not held")
-    click.echo(f"ended: {'; '.join(told) or 'both arms hold'}", err=True)
+    aside(f"ended: {'; '.join(told) or 'both arms hold'}")
 
 
 def _in_words(status: Status) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from so101_motion.cli.options import DRY_RUN, flag, verb
+from so101_motion.cli.shared import aside
 from so101_motion.common.errors import PortUnavailable
 
 _EXPLANATION = """\
@@ -46,13 +47,13 @@ def install_udev(
         write_rule(host_checks.RULES)
         return
     if install:
-        click.echo(f"would be written to {host_checks.RULES} and activated:", err=True)
+        aside(f"would be written to {host_checks.RULES} and activated:")
     click.echo(host_checks.udev_rules(), nl=False)
-    click.echo(f"\n{_EXPLANATION}\n{_BRLTTY}", err=True)
+    aside(f"\n{_EXPLANATION}\n{_BRLTTY}")
     if host_checks.is_rule_installed():
-        click.echo(f"It is installed: {host_checks.RULES}", err=True)
+        aside(f"It is installed: {host_checks.RULES}")
     else:
-        click.echo(f"To install it:\n    {_as_root()}", err=True)
+        aside(f"To install it:\n    {_as_root()}")
 
 
 def write_rule(path: Path) -> None:
@@ -66,23 +67,15 @@ def write_rule(path: Path) -> None:
         reason = f"{error.strerror}; do it as root: {_as_root()}"
         raise PortUnavailable(str(path), reason) from error
     click.echo(f"written to {path}")
-    if _activate_rules():
-        click.echo("active now; if a port is still refused, plug the adapter in again", err=True)
-    else:
-        click.echo("active from the next start of this computer", err=True)
-
-
-def _activate_rules() -> bool:
-    """Let udev read its rules again; False if that failed."""
     udevadm = shutil.which("udevadm")
-    if udevadm is None:
-        return False
-    reload = [udevadm, "control", "--reload"]
-    again = [udevadm, "trigger", "--subsystem-match=tty"]
-    return all(
-        subprocess.run(command, capture_output=True, check=False).returncode == 0
-        for command in (reload, again)
-    )
+    commands = (("control", "--reload"), ("trigger", "--subsystem-match=tty"))
+    if udevadm is not None and all(
+        subprocess.run([udevadm, *command], capture_output=True, check=False).returncode == 0
+        for command in commands
+    ):
+        aside("active now; if a port is still refused, plug the adapter in again")
+    else:
+        aside("active from the next start of this computer")
 
 
 def _as_root() -> str:

@@ -12,7 +12,6 @@ from so101_motion.cli.calibration import calibration
 from so101_motion.cli.cell import cell
 from so101_motion.cli.completion import completion
 from so101_motion.cli.dataset import dataset
-from so101_motion.cli.demo import demo
 from so101_motion.cli.doctor import doctor
 from so101_motion.cli.emulate import emulate
 from so101_motion.cli.error_exit import reports_errors
@@ -28,7 +27,7 @@ from so101_motion.cli.sweep import sweep
 from so101_motion.cli.teleop import teleop
 from so101_motion.cli.udev import install_udev
 from so101_motion.cli.viam import viam
-from so101_motion.cli.view import view
+from so101_motion.cli.view import demo, view
 from so101_motion.common import interrupts
 
 _SECTIONS: dict[str, tuple[click.Command, ...]] = {

@@ -13,6 +13,7 @@ from so101_motion.cli.shared import (
     CHECK_FAILED,
     NO_DEVICE,
     Verbs,
+    aside,
     busy_message,
     print_json,
     quietly,
@@ -45,12 +46,13 @@ def import_(file: TextIO = argument(click.File(encoding="utf-8")), as_json: bool
     migration = migrate(_content(file))
     if as_json:
         told = ("name", "model", "problem", "notes")
-        parts = [{key: getattr(part, key) for key in told} for part in migration.parts]
-        facts = {"notes": migration.notes, "steps_back": migration.steps_back()}
-        print_json(
-            "viam-import",
-            {"parts": parts, **facts, "configuration": migration.configuration()},
-        )
+        facts = {
+            "parts": [{key: getattr(part, key) for key in told} for part in migration.parts],
+            "notes": migration.notes,
+            "steps_back": migration.steps_back(),
+            "configuration": migration.configuration(),
+        }
+        print_json("viam-import", facts)
     else:
         _tell(migration)
         click.echo(json.dumps(migration.configuration(), indent=2))
@@ -111,7 +113,7 @@ def _tell(migration: Migration) -> None:
                 echo(f"{word}: {part.name or part.model}: {line}", err=True)
     for note in migration.notes:
         echo(f"note: {note}", err=True)
-    click.echo("what behaves differently here: docs/migrating.md; to go back:", err=True)
+    aside("what behaves differently here: docs/migrating.md; to go back:")
     for line in migration.steps_back():
         echo(f"- {line}", indent="  ", err=True)
-    click.echo("replace the entries of these names with the following; leave the rest:", err=True)
+    aside("replace the entries of these names with the following; leave the rest:")

@@ -1,4 +1,4 @@
-"""``so101 view``: serve the page for a simulated arm, an arm on a port, a machine or a cell."""
+"""``so101 view`` and ``so101 demo``: serve the page for an arm, a machine's arm or a cell."""
 
 from __future__ import annotations
 
@@ -12,64 +12,99 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import click
+import numpy as np
 
 from so101_motion.cli.options import flag, option, together, verb
-from so101_motion.cli.param_types import IN_FILE, PORT
-from so101_motion.cli.shared import import_preview, in_lines
+from so101_motion.cli.param_types import IN_FILE, PORT, read_scene
+from so101_motion.cli.plan_move import in_mm, plan_table
+from so101_motion.cli.shared import aside, import_preview, in_lines, note_opened, stops_on_ctrl_c
 from so101_motion.cli.sources import ARM_OR_CELL, AnySource, CellSource, Source
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
+from so101_motion.common.units import to_mm
 
 if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.rig.protocols import RigLike
-    from so101_motion.tasks.sweeps.atlas import Atlas
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
     """The address and options of the page."""
 
-    host: str  # address to listen on
-    port: int | None  # port to listen on; None for 8080 or the next free one after it
-    allow_remote: bool  # whether other computers may open the page
-    browser: bool  # whether to open the page in a browser
-    new_link: bool  # whether the links of earlier starts become invalid
+    host: str
+    web_port: int | None  # None for 8080 or the next free one after it
+    allow_remote: bool
+    no_browser: bool
+    new_link: bool
 
     def server(self, what: str) -> dict[str, Any]:
-        """The arguments of ``start_guarded`` for the page of ``what``."""
-        return {
-            "host": self.host,
-            "port": self.port,
-            "allow_remote": self.allow_remote,
-            "key_of": self.key_of(what),
-        }
+        """The arguments of ``start_guarded`` for the page of ``what``.
 
-    def key_of(self, what: str) -> Callable[[int], str]:
-        """A function that gives the page's key: that of its last start on the same port."""
+        Its key is that of its last start on the same port.
+        """
         from so101_viewer.server import kept_key
 
         def key(port: int) -> str:
-            if self.port == 0:  # another port with every start
+            if self.web_port == 0:  # another port with every start
                 return str(kept_key.new_key())
             return str(kept_key.key_for(what, port, is_new=self.new_link))
 
-        return key
-
-
-def _page(web_port: int | None, no_browser: bool, **more: Any) -> Page:
-    return Page(port=web_port, browser=not no_browser, **more)
+        address = {"host": self.host, "port": self.web_port, "allow_remote": self.allow_remote}
+        return {**address, "key_of": key}
 
 
 PAGE = together(
-    _page,
+    Page,
     host=option("Address the page listens on.", default="127.0.0.1"),
     web_port=option("Port the page listens on.", int, show_default="8080, or the next free one"),
     allow_remote=flag("Allow a --host that other computers can reach."),
     no_browser=flag("Only print the link."),
     new_link=flag("Make the links of earlier starts invalid."),
 )
-"""The options of the page."""
+
+
+@verb()
+def demo(
+    text: bool = flag("Show a plan and the move in the terminal, no browser."),
+    arms: int = option(
+        "Number of arms; they share the space and keep apart.", click.IntRange(1, 8), 1
+    ),
+    page: Page = PAGE,
+) -> None:
+    """Run the simulated arm with its page in the browser; needs no hardware."""
+    if text and arms > 1:
+        raise click.UsageError("--text shows a single arm; leave out --arms")
+    if text:
+        _demo_in_text()
+    elif arms > 1:
+        from so101_motion.files.cell_file import arms_in_a_circle
+
+        file = arms_in_a_circle(arms)
+        show(CellSource(file=file, title=f"{arms} simulated arms"), page)
+    else:
+        show(Source(port=None), page)
+
+
+def _demo_in_text() -> None:
+    from so101_motion.opening import point
+    from so101_motion.rig.simulated_rig import open_simulated
+
+    p_wanted = np.array([0.250, 0.120, 0.150])
+    x_mm, y_mm, z_mm = to_mm(p_wanted)
+    with note_opened("simulated arm", open_simulated()) as rig:
+        plan = rig.arm.plan(point(*p_wanted))
+        click.echo(f"Simulated arm: move the tool to ({x_mm:g}, {y_mm:g}, {z_mm:g}) mm\n")
+        click.echo(plan_table(plan))
+        click.echo("\nmoving ...", nl=False)
+        sys.stdout.flush()
+        motion = rig.arm.move(plan, wait=False)
+        with stops_on_ctrl_c(rig.arm):
+            motion.result()
+        p = rig.arm.T_base().p
+        where, off_mm = in_mm(p), to_mm(float(np.linalg.norm(p - p_wanted)))
+        click.echo(f" arrived at {where}, {off_mm:.2f} mm off (simulated)")
+        click.echo("\nnext: so101 demo        the same in the browser")
 
 
 @verb()
@@ -135,48 +170,34 @@ def show(
     camera: str | None = None,
     atlas: Path | None = None,
 ) -> None:
-    """Serve the page until Ctrl-C.
-
-    Args:
-        source: The arm, or several.
-        page: The address and options of the page.
-        scene_file: The obstacles around the arm, or the file of several; the page saves changes to
-            this file.
-        leader: The arm that this one may follow, if there is one.
-        camera: A camera's device or address, or its name on the machine; or None.
-        atlas: The folder of an atlas to show, or None.
-
-    Raises:
-        ConfigError: The page cannot be served there, the camera is none of these, or the scene or
-            atlas cannot be read.
-    """
+    """Serve the page until Ctrl-C; it saves changes of scene or cell to ``scene_file``."""
     from so101_motion.arm.shared_worker import planner_started
-    from so101_motion.files.scene_file import read_scene
 
     with planner_started():
         viewer, is_cell = import_preview(), isinstance(source, CellSource)
-        _check_camera(camera, has_machine=not isinstance(source, (Source, CellSource)))
-        scene = None if scene_file is None or is_cell else read_scene(scene_file)
+        if camera is not None:
+            from so101_viewer.panels.camera_panel import check_camera
+
+            check_camera(camera, has_machine=not isinstance(source, (Source, CellSource)))
+        scene = None if is_cell else read_scene(scene_file)
         if scene is not None and isinstance(source, Source) and source.port is None:
             source = replace(source, q_start=_free_pose(scene))
+        reach = None
+        if atlas is not None:
+            from so101_motion.tasks.sweeps.atlas import Atlas
+
+            reach = Atlas.read(atlas)
         arm = viewer.Source(
             title=source.title,
             open=source.open if isinstance(source, CellSource) else _opener(source, scene),
             scene_file=scene_file,
             open_leader=None if leader is None else leader.open,
             camera=camera,
-            atlas=None if atlas is None else _atlas_in(atlas),
+            atlas=reach,
         )
         with in_lines(), viewer.serve_source(arm, **page.server(source.title)) as preview:
-            click.echo(f"so101: {source.what}", err=True)
+            aside(f"so101: {source.what}")
             keep_open(preview, page)
-
-
-def _check_camera(camera: str | None, *, has_machine: bool) -> None:
-    if camera is not None:
-        from so101_viewer.panels.camera_panel import check_camera
-
-        check_camera(camera, has_machine=has_machine)
 
 
 def keep_open(served: Any, page: Page) -> None:
@@ -184,11 +205,11 @@ def keep_open(served: Any, page: Page) -> None:
     from so101_viewer.server.guarded_server import DEFAULT_PORT
 
     port = urlsplit(served.url).port
-    if page.port is None and port != DEFAULT_PORT:
-        click.echo(f"so101: port {DEFAULT_PORT} is taken, so the page is on port {port}", err=True)
+    if page.web_port is None and port != DEFAULT_PORT:
+        aside(f"so101: port {DEFAULT_PORT} is taken, so the page is on port {port}")
     click.echo(f"open   {served.url}")
-    click.echo("       (anyone with this link can move the arm; Ctrl-C to quit)", err=True)
-    if page.browser and _has_screen():
+    aside("       (anyone with this link can move the arm; Ctrl-C to quit)")
+    if not page.no_browser and _has_screen():
         import webbrowser
 
         webbrowser.open(served.url_for_once())
@@ -203,7 +224,7 @@ def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
     def say(text: str) -> None:
         if text not in printed:
             printed.add(text)
-            click.echo(text, err=True)
+            aside(text)
 
     quiet = replace(source, say=say) if isinstance(source, Source) else source
 
@@ -214,12 +235,6 @@ def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
         return rig
 
     return opened
-
-
-def _atlas_in(folder: Path) -> Atlas:
-    from so101_motion.tasks.sweeps.atlas import Atlas
-
-    return Atlas.read(folder)
 
 
 def _free_pose(scene: Scene) -> Array | None:

@@ -18,8 +18,7 @@ from typing import Any, ClassVar, Self
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_m, to_rad
 
-SPEED_RANGE_DEG = (3.0, 180.0)
-"""Joint speeds that can be set [deg/s]; the published module's range."""
+SPEED_RANGE_DEG = (3.0, 180.0)  # joint speeds that can be set [deg/s]; the published module's range
 
 ACCELERATION_RANGE_DEG = (10.0, 500.0)
 """Joint accelerations that can be set [deg/s^2]; the published module's range."""
@@ -27,8 +26,7 @@ ACCELERATION_RANGE_DEG = (10.0, 500.0)
 SERVO_VOLTAGES = (7.4, 12.0)
 """Rated voltages of the servos the arm is sold with [V], the default first."""
 
-HEAVIEST = 5.0
-"""Largest payload that is accepted [kg]; a larger number was probably meant as grams."""
+HEAVIEST = 5.0  # largest payload that is accepted [kg]; a larger number was probably meant as grams
 
 _TO_SI: Mapping[str, Callable[[float], float]] = {
     "mm": to_m, "deg": to_rad, "deg/s": to_rad, "deg/s^2": to_rad,

@@ -22,8 +22,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 
-KEY = "encoder_zeros"
-"""The key of the zeros in a file."""
+KEY = "encoder_zeros"  # the key of the zeros in a file
 
 MOST = np.radians(10.0)
 """Largest difference of a zero that one arm's calibrations have [rad]: recordings of the travel
@@ -44,8 +43,7 @@ class EncoderZero:
     ticks: float
 
 
-EncoderZeros = Mapping[str, EncoderZero]
-"""The zeros of an arm's joints, by joint."""
+EncoderZeros = Mapping[str, EncoderZero]  # the zeros of an arm's joints, by joint
 
 
 def zeros_to(zeros: EncoderZeros | None) -> dict[str, object]:
@@ -60,11 +58,7 @@ def zeros_to(zeros: EncoderZeros | None) -> dict[str, object]:
 
 
 def zeros_from(content: Mapping[str, object]) -> EncoderZeros | None:
-    """The zeros in the parsed JSON of a file; None if it has none.
-
-    Raises:
-        ConfigError: They are not valid.
-    """
+    """The zeros in the parsed JSON of a file; None if it has none."""
     given = content.get(KEY)
     if given is None:
         return None

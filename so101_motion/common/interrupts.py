@@ -26,8 +26,7 @@ from types import FrameType
 _REPEAT = 0.2  # [s] between two attempts to raise
 _PATIENCE = 10.0  # [s] for the end of the program after the first signal
 
-_HARMLESS = ("MainThread", "so101-planning")
-"""Threads that drive no arm and serve no page."""
+_HARMLESS = ("MainThread", "so101-planning")  # threads that drive no arm and serve no page
 
 _IMPORT = "<frozen importlib._bootstrap>"
 

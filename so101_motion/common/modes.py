@@ -26,11 +26,9 @@ class Mode(Enum):
     FAULT = "fault"
 
 
-LONGEST_GUIDING = 86400.0
-"""Longest time manual mode can be limited to [s]; chosen, a day."""
+LONGEST_GUIDING = 86400.0  # longest time manual mode can be limited to [s]; chosen, a day
 
-HELD = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
-"""The modes in which all joints are held."""
+HELD = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)  # the modes in which all joints are held
 
 
 class Event(Enum):

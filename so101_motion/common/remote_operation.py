@@ -18,8 +18,7 @@ import msgspec
 from so101_motion.common.errors import So101Error
 from so101_motion.common.operation import Operation, View
 
-PERIOD = 0.12
-"""How often the view is read [s]; chosen: bars that move with the hand."""
+PERIOD = 0.12  # how often the view is read [s]; chosen: bars that move with the hand
 
 _SEEN = 1.0  # [s]; a view that nobody has looked at for longer is not read again
 

@@ -27,8 +27,7 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-LONGEST_WAIT = 10.0
-"""How long to wait for another writer [s]; writing takes milliseconds. Chosen."""
+LONGEST_WAIT = 10.0  # How long to wait for another writer [s]; writing takes milliseconds. Chosen.
 
 _ABANDONED = 60.0
 """A temporary file older than this was left by a writer that was killed [s]. Chosen; writing takes
@@ -48,9 +47,11 @@ def write(path: Path, data: bytes) -> None:
         file.write(data)
 
 
-def save(what: str, path: Path, data: bytes) -> None:
+def save(what: str, path: Path, data: bytes, *, make_folder: bool = False) -> None:
     """Write as ``write`` does; ``ConfigError`` about ``what`` if the file cannot be written."""
     try:
+        if make_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
         write(path, data)
     except OSError as error:
         reason = f"cannot be written: {error.strerror or error}"

@@ -46,8 +46,7 @@ from so101_motion.files.scene_file import (
 from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.collision.shape_files import LARGEST_FILE
 
-UPRIGHT = 1e-6
-"""Largest lean of a base that still counts as upright [rad]; rounding."""
+UPRIGHT = 1e-6  # largest lean of a base that still counts as upright [rad]; rounding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

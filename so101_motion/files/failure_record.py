@@ -28,18 +28,13 @@ _log = logging.getLogger(__name__)
 
 SCHEMA = "so101/failure/1"
 
-KEPT = 20
-"""How many records are kept; one has about 60 kB at 100 Hz. Chosen."""
+KEPT = 20  # How many records are kept; one has about 60 kB at 100 Hz. Chosen.
 
 _numbers = itertools.count(1)
 
 
 def folder() -> Path:
-    """The folder of the records.
-
-    Raises:
-        ConfigError: This user has no home.
-    """
+    """The folder of the records; ``ConfigError`` if this user has no home."""
     return user_storage.folder() / "failures"
 
 

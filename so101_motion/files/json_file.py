@@ -14,8 +14,7 @@ from pathlib import Path
 from so101_motion.common import git_lfs
 from so101_motion.common.errors import CalibrationError, ConfigError, quoted
 
-LARGEST = 65_536
-"""Largest file that is read [byte]; a calibration has about 1000 bytes. Chosen."""
+LARGEST = 65_536  # Largest file that is read [byte]; a calibration has about 1000 bytes. Chosen.
 
 
 class Object(dict[str, object]):

@@ -12,7 +12,8 @@ that save a pose at the same time both keep theirs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,12 +26,13 @@ from so101_motion.files import user_storage
 
 SCHEMA = "so101/poses/1"
 
-MOST = 200
-"""Most poses that a user may save. Chosen; nobody finds anything in a longer list."""
+MOST = 200  # Most poses that a user may save. Chosen; nobody finds anything in a longer list.
 
 
 class SavedPoses:
     """Finds, saves, renames and deletes named poses.
+
+    Every method raises ``ConfigError`` for a file that cannot be read or written, or a wrong name.
 
     Args:
         path: The file of the user's own poses; by default the one in the user's data directory.
@@ -43,11 +45,7 @@ class SavedPoses:
         self._path, self._zeros = path, zeros
 
     def own(self) -> tuple[NamedPose, ...]:
-        """The user's own poses, in the order in which they were saved.
-
-        Raises:
-            ConfigError: Their file cannot be read.
-        """
+        """The user's own poses, in the order in which they were saved."""
         path = self.file()
         if not path.exists():
             return ()
@@ -72,64 +70,45 @@ class SavedPoses:
         return NamedPose(name=name, q=pose.q + off, zeros=now) if off.any() else pose
 
     def save(self, name: str, q: Array) -> NamedPose:
-        """Save joint angles ``q``, shape (5,), [rad], as ``name``; replaces a pose of that name.
-
-        Raises:
-            ConfigError: The name cannot be used, or the file cannot be written.
-        """
+        """Save joint angles ``q``, shape (5,), [rad], as ``name``; replaces a pose of that name."""
         pose = NamedPose(name=_free_name(name), q=q, zeros=self._zeros())
-
-        def add(poses: list[NamedPose]) -> list[NamedPose]:
-            if not _has(poses, pose.name):
-                return [*poses, pose]
-            return [pose if each.name == pose.name else each for each in poses]
-
-        self._change(add)
+        with self._changing() as poses:
+            poses[pose.name] = pose
         return pose
 
     def rename(self, name: str, new: str) -> None:
-        """Rename the user's own pose ``name``.
-
-        Raises:
-            ConfigError: There is no such pose, or the new name is taken or cannot be used.
-        """
+        """Rename the user's own pose ``name``; it keeps its place."""
         new = _free_name(new)
-
-        def change(poses: list[NamedPose]) -> list[NamedPose]:
+        with self._changing() as poses:
             _refuse_missing(poses, name)
-            if new != name and _has(poses, new):
+            if new != name and new in poses:
                 raise ConfigError("pose name", new, "is taken; choose another")
-            return [replace(pose, name=new) if pose.name == name else pose for pose in poses]
-
-        self._change(change)
+            renamed = [replace(p, name=new) if p.name == name else p for p in poses.values()]
+            poses.clear()
+            poses.update((pose.name, pose) for pose in renamed)
 
     def delete(self, name: str) -> None:
-        """Delete the user's own pose ``name``.
-
-        Raises:
-            ConfigError: There is no such pose, or the file cannot be written.
-        """
-
-        def remove(poses: list[NamedPose]) -> list[NamedPose]:
+        """Delete the user's own pose ``name``."""
+        with self._changing() as poses:
             _refuse_missing(poses, name)
-            return [pose for pose in poses if pose.name != name]
-
-        self._change(remove)
+            del poses[name]
 
     def file(self) -> Path:
         """The file of the user's own poses."""
         return self._path or user_storage.folder() / "poses.json"
 
-    def _change(self, change: Callable[[list[NamedPose]], list[NamedPose]]) -> None:
+    @contextmanager
+    def _changing(self) -> Iterator[dict[str, NamedPose]]:
+        """The user's own poses by name; what the block makes of them is written."""
         path = self.file()
         with user_storage.locked(path):
-            poses = change(list(self.own()))
+            poses = {pose.name: pose for pose in self.own()}
+            yield poses
             if len(poses) > MOST:
                 raise ConfigError("poses", len(poses), f"are more than {MOST}; delete some first")
             listed = [
-                {"name": pose.name, "q_deg": user_storage.joints_to_deg(pose.q)}
-                | zeros_to(pose.zeros)
-                for pose in poses
+                {"name": name, "q_deg": user_storage.joints_to_deg(pose.q)} | zeros_to(pose.zeros)
+                for name, pose in poses.items()
             ]
             has_zeros = any(KEY in each for each in listed)
             schema = user_storage.with_zeros(SCHEMA) if has_zeros else SCHEMA
@@ -153,10 +132,6 @@ def _free_name(name: str) -> str:
     return name
 
 
-def _has(poses: Iterable[NamedPose], name: str) -> bool:
-    return any(pose.name == name for pose in poses)
-
-
-def _refuse_missing(poses: Iterable[NamedPose], name: str) -> None:
-    if not _has(poses, name):
+def _refuse_missing(poses: Container[str], name: str) -> None:
+    if name not in poses:
         raise ConfigError("pose", name, "is not one of your own poses")

@@ -43,8 +43,7 @@ uint32 nanosec
 """
 """The definition of ``sensor_msgs/msg/JointState``, as MCAP files carry it."""
 
-STRING = "string data\n"
-"""The definition of ``std_msgs/msg/String``."""
+STRING = "string data\n"  # the definition of ``std_msgs/msg/String``
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

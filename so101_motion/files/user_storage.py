@@ -24,14 +24,12 @@ from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files import atomic, json_file
 from so101_motion.files.json_file import Object
 
-LARGEST = 1_000_000
-"""Largest file that is read [byte]. Chosen."""
+LARGEST = 1_000_000  # Largest file that is read [byte]. Chosen.
 
 LARGEST_OF_ALL = 20_000_000
 """The same for guided paths and programs; the longest recording has a fifth of that."""
 
-LONGEST_NAME = 40
-"""Most characters of a name that a user gives; chosen, it fits on a button."""
+LONGEST_NAME = 40  # most characters of a name that a user gives; chosen, it fits on a button
 
 _KINDS = tuple(
     f"so101/{kind}/{number}"
@@ -40,16 +38,11 @@ _KINDS = tuple(
 )
 """The schemas of files that may have zeros."""
 
-_WIDEST_DEG = 360.0
-"""Larger joint angles in a file are refused [deg]."""
+_WIDEST_DEG = 360.0  # larger joint angles in a file are refused [deg]
 
 
 def folder() -> Path:
-    """The folder of the user's files.
-
-    Raises:
-        ConfigError: This user has no home.
-    """
+    """The folder of the user's files; ``ConfigError`` if this user has no home."""
     try:
         return user_data_folder() / "so101_motion"
     except OSError as error:
@@ -65,14 +58,10 @@ def remove_old_leftovers() -> None:
 
 
 def checked_name(name: object, *, what: str) -> str:
-    """Check a name and strip the blanks around it.
-
-    Args:
-        name: The name as typed or as read from a file.
-        what: What it names, such as ``"pose"``.
+    """Strip the blanks around a name of ``what``, such as ``"pose"``.
 
     Raises:
-        ConfigError: Empty, too long, or not printable.
+        ConfigError: It is empty, too long, or not printable.
     """
     short = name.strip() if isinstance(name, str) else ""
     if not short:
@@ -88,11 +77,7 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\..*)?", re.IGNORECASE
 
 
 def refuse_reserved(name: str, *, what: str) -> None:
-    """Refuse names that Windows reserves or cuts short, so that files can be copied there.
-
-    Raises:
-        ConfigError: No file can be called that.
-    """
+    """Refuse names that Windows reserves or cuts short, so that files can be copied there."""
     if _RESERVED.fullmatch(name) or name[-1:] in (" ", "."):
         raise ConfigError(what, name, "cannot be the name of a file on Windows; choose another")
 
@@ -105,26 +90,14 @@ def with_zeros(schema: str) -> str:
 def read(
     path: Path, *, schema: str, also: Collection[str] = (), largest: int = LARGEST
 ) -> Mapping[str, object]:
-    """Read the JSON object in the file at ``path``.
-
-    Args:
-        path: The file.
-        schema: What it must be, such as ``"so101/poses/1"``.
-        also: What else it may be, such as that of before.
-        largest: Largest file that is read [byte].
+    """Read a JSON object with ``schema``, such as ``"so101/poses/1"``, or one of ``also``.
 
     Raises:
-        ConfigError: It is not there, cannot be read, or is something else.
+        ConfigError: It is not there, cannot be read, has more than ``largest`` bytes, or is
+            something else.
     """
     what = _kind(schema)
-    try:
-        if path.stat().st_size > largest:
-            raise ConfigError(what, str(path), f"is larger than a file of {what} can be")
-        found = json_file.content(path.read_bytes())
-    except OSError as error:
-        raise ConfigError(what, str(path), f"cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise ConfigError(what, str(path), str(error)) from error
+    found = json_file.read_setting(what, path, largest)
     content = found if isinstance(found, Object) else Object()
     written = content.get("schema")
     if written == schema or written in also:
@@ -141,18 +114,13 @@ def read(
 def write(
     path: Path, content: Mapping[str, object], *, schema: str, indent: int | None = 1
 ) -> None:
-    """Write ``content`` to the file at ``path``; makes its folder if needed.
+    """Write a JSON object, and its folder if needed.
 
     Raises:
         ConfigError: It cannot be written; the old content stays.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        text = json.dumps({"schema": schema, **content}, indent=indent, ensure_ascii=False)
-        atomic.write(path, f"{text}\n".encode())
-    except OSError as error:
-        reason = f"cannot be written: {error.strerror or error}"
-        raise ConfigError(_kind(schema), str(path), reason) from error
+    text = json.dumps({"schema": schema, **content}, indent=indent, ensure_ascii=False)
+    atomic.save(_kind(schema), path, f"{text}\n".encode(), make_folder=True)
 
 
 def without_zeros(path: Path, name: str = "") -> int:
@@ -164,9 +132,6 @@ def without_zeros(path: Path, name: str = "") -> int:
 
     Returns:
         From how many entries they were removed.
-
-    Raises:
-        ConfigError: It cannot be read or written, or is something else.
     """
     removed = 0
 
@@ -192,19 +157,14 @@ def without_zeros(path: Path, name: str = "") -> int:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Lock the folder of ``path``, so that the file can be read, changed and written back.
-
-    Raises:
-        ConfigError: The folder cannot be used.
-    """
+    """Lock the folder of ``path``, so that the file can be read, changed and written back."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic.locked(path.parent):
             yield
     except OSError as error:
-        raise ConfigError(
-            "folder", str(path.parent), f"cannot be used: {error.strerror or error}"
-        ) from error
+        reason = f"cannot be used: {error.strerror or error}"
+        raise ConfigError("folder", str(path.parent), reason) from error
 
 
 def joints_to_deg(q: Array) -> list[float]:
@@ -213,22 +173,13 @@ def joints_to_deg(q: Array) -> list[float]:
 
 
 def joints_from_deg(given: object, *, key: str) -> Array:
-    """Joint angles from a file, shape (5,), [rad].
-
-    Raises:
-        ConfigError: Not five angles.
-    """
-    if (
-        not isinstance(given, list)
-        or len(given) != 5
-        or not all(_is_number(each, _WIDEST_DEG) for each in given)
+    """Joint angles from a file, shape (5,), [rad]; ``ConfigError`` if they are not five."""
+    listed = given if isinstance(given, list) else []
+    if len(listed) != 5 or not all(
+        type(each) in (int, float) and abs(each) <= _WIDEST_DEG for each in listed
     ):
         raise ConfigError(key, given, "must be five joint angles in degrees")
-    return np.asarray(to_rad(np.array(given, dtype=np.float64)))
-
-
-def _is_number(value: object, largest: float) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= largest
+    return np.asarray(to_rad(np.array(listed, dtype=np.float64)))
 
 
 def _kind(schema: str) -> str:
@@ -236,11 +187,7 @@ def _kind(schema: str) -> str:
 
 
 def user_data_folder() -> Path:
-    """The data folder of this user.
-
-    Raises:
-        OSError: This user has no home.
-    """
+    """The data folder of this user; ``OSError`` without a home."""
     given = os.environ.get("XDG_DATA_HOME", "")
     if os.path.isabs(given):
         return Path(given)

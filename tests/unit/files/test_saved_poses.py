@@ -126,7 +126,7 @@ def test_a_broken_file_says_what_is_wrong_and_is_left_alone(
 def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
     file = tmp_path / "poses.json"
     file.write_bytes(b" " * (user_storage.LARGEST + 1))
-    with pytest.raises(ConfigError, match="larger than"):
+    with pytest.raises(ConfigError, match="more than"):
         SavedPoses(file).own()
 
 
