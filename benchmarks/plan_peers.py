@@ -73,9 +73,9 @@ def ompl_search(model: RobotModel, scene: Scene, planner: str = "RRTConnect") ->
         bounds.setLow(i, lower)
         bounds.setHigh(i, upper)
     space.setBounds(bounds)
-    ends, of = np.zeros((2, 5)), check.checker
+    ends, of = np.zeros((2, 5)), check.checkers[0]
     is_clear = partial(
-        check.batch.library.so101_is_clear,
+        check.library.so101_is_clear,
         *(ctypes.c_void_p(each) for each in (of.scene, of.levels, of.reach)),
         *(ctypes.c_double(of.spacing), pointer(ends[0]), pointer(ends[1])),
         *(ctypes.c_double(of.q_jaw), 1),

@@ -6,7 +6,8 @@ import numpy as np
 
 from so101_motion.planning.checkpoint import never_abandoned
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.continuous_check import CUT, travel
+
+CUT = 4  # as in edges.c
 
 
 class CoalJudge(CollisionModel):
@@ -52,10 +53,10 @@ def first_blocked(levels, reach, points, q_jaw, checkpoint=never_abandoned):
     """A configuration (5,) on the straight lines through ``points`` that is too close, or None.
 
     None is a proof that the motion is free. ``levels`` go from the margins themselves to the widest
-    clearance; ``points`` are (n, 5) [rad]; ``reach`` is as for :func:`travel`.
+    clearance; ``points`` are (n, 5) [rad]; ``reach`` is that of a ``CollisionModel``.
     """
     points = np.asarray(points, dtype=np.float64)
-    travelled = travel(reach, points)
+    travelled = np.append(0.0, np.cumsum(np.abs(np.diff(points, axis=0)) @ reach))
     total = float(travelled[-1])
     widest = levels[-1].clearance
     count = max(1, ceil(0.5 * total / widest))

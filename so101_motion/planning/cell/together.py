@@ -24,7 +24,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations, islice, pairwise, permutations
-from typing import NamedTuple
 
 import numpy as np
 
@@ -35,14 +34,19 @@ from so101_motion.common.errors import (
     Overloaded,
     PlanningError,
 )
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import Array
 from so101_motion.planning.among import crossing, plan_among
 from so101_motion.planning.cell.team_requests import TeamMember
-from so101_motion.planning.collision.apart import EARLY, ROOM, distances, first_meeting
-from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
-from so101_motion.planning.collision.batch_check import MOST_ARMS
+from so101_motion.planning.collision.apart import (
+    EARLY,
+    ROOM,
+    distances,
+    first_meeting,
+    placement,
+)
+from so101_motion.planning.collision.arm_bodies import bodies_of
+from so101_motion.planning.collision.batch_check import MOST_ARMS, Couple, LineCheck
 from so101_motion.planning.collision.course import Course
-from so101_motion.planning.collision.team_check import TeamArm, TeamCheck
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.motion_builder import joined
 from so101_motion.planning.paths.compiled_search import (
@@ -72,34 +76,27 @@ SHARE = 0.8
 SLOWEST = 0.02  # lowest limit of a speed [m/s]; chosen
 
 
-class PacedArm(NamedTuple):
-    """An arm on a common path."""
-
-    bodies: ArmBodies  # its bodies, with those it holds
-    T_cell_base: SE3  # pose of its base
-    q_jaw: float  # its jaw angle [rad]
-
-
-def pace_on(path: JointPath, arms: Sequence[PacedArm]) -> Callable[[Array, Array], Array] | None:
+def pace_on(path: JointPath, team: Sequence[TeamMember]) -> Callable[[Array, Array], Array] | None:
     """Make a function for the speed of arms on a path, as a share of what will probably be proven.
 
     Args:
         path: Path of all joints, five for each arm.
-        arms: The arms in the order of their joints.
+        team: The arms in the order of their joints.
 
     Returns:
         A function from joint angles (m, n) on the path and their rates (m, n) to that share, (m,);
         None if arms come so near to each other that they could not move at all.
     """
     places = path.evaluate(np.linspace(0.0, path.length, LOOKS)).q
+    bodies = [bodies_of(each.request.scene.attached) for each in team]
     q = [
-        np.column_stack([places[:, 5 * k : 5 * k + 5], np.full(LOOKS, each.q_jaw)])
-        for k, each in enumerate(arms)
+        np.column_stack([places[:, 5 * k : 5 * k + 5], np.full(LOOKS, each.request.q_jaw)])
+        for k, each in enumerate(team)
     ]
     allowed = []
-    for i, j in combinations(range(len(arms)), 2):
-        T = arms[i].T_cell_base.inverse @ arms[j].T_cell_base
-        near = distances(arms[i].bodies, arms[j].bodies, T, q[i], q[j], need=ROOM, enough=FAR)
+    for i, j in combinations(range(len(team)), 2):
+        T = team[i].T_cell_base.inverse @ team[j].T_cell_base
+        near = distances(bodies[i], bodies[j], T, q[i], q[j], need=ROOM, enough=FAR)
         room = near - ROOM
         if room.min() <= 0.0:
             return None
@@ -109,8 +106,7 @@ def pace_on(path: JointPath, arms: Sequence[PacedArm]) -> Callable[[Array, Array
     def pace(q: Array, qd: Array) -> Array:
         k = np.argmin(square - 2.0 * q @ places.T, axis=1)  # the nearest
         fast = [
-            np.abs(qd[:, 5 * i : 5 * i + 5]) @ each.bodies.levers[:, :5].T
-            for i, each in enumerate(arms)
+            np.abs(qd[:, 5 * i : 5 * i + 5]) @ each.levers[:, :5].T for i, each in enumerate(bodies)
         ]
         shares = [
             (np.minimum(fast[i][:, :, None], fast[j][:, None]) / most[k]).max(axis=(1, 2))
@@ -431,26 +427,28 @@ def _as_one(planner: Planner, team: Sequence[TeamMember], ends: float) -> dict[s
     )
 
 
-def _check_of(team: Sequence[TeamMember], contexts: Sequence[PlanningContext]) -> TeamCheck:
+def _check_of(team: Sequence[TeamMember], contexts: Sequence[PlanningContext]) -> LineCheck:
+    """The check of all arms together, each in its scene and against the others."""
     arms = [
-        TeamArm(
-            collision=context.moves.collision,
-            q_jaw=member.request.q_jaw,
-            bodies=bodies_of(member.request.scene.attached),
-            T_cell_base=member.T_cell_base,
-        )
+        context.moves.collision.sampled_check(member.request.q_jaw, spacing=SPACING).arms[0]
         for member, context in zip(team, contexts, strict=True)
     ]
-    return TeamCheck(arms, spacing=SPACING, room=ROOM + SPARE)
+    couples = []
+    for (i, one), (j, other) in combinations(enumerate(team), 2):
+        a, b = (bodies_of(each.request.scene.attached) for each in (one, other))
+        T = one.T_cell_base.inverse @ other.T_cell_base
+        levers = a.levers_pointer, b.levers_pointer
+        couples.append(Couple(i, j, a.handle, b.handle, *levers, tuple(placement(T))))
+    return LineCheck(arms, couples, ROOM + SPARE)
 
 
 def _searched(
-    space: Space, checker: TeamCheck, start: Array, goal: Array, seed: int, deadline: Deadline
+    space: Space, checker: LineCheck, start: Array, goal: Array, seed: int, deadline: Deadline
 ) -> list[Array] | None:
     """A short path for all joints; None if none was found in time."""
-    compiled, seeds = checker.compiled(), Seeds(seed)
-    found = CompiledSearch(space, compiled, start, [goal], seeds).run(deadline)
-    return found and compiled_shortened(found[0], compiled, seeds, deadline)
+    seeds = Seeds(seed)
+    found = CompiledSearch(space, checker, start, [goal], seeds).run(deadline)
+    return found and compiled_shortened(found[0], checker, seeds, deadline)
 
 
 def _timed(
@@ -466,22 +464,15 @@ def _timed(
         acceleration=np.concatenate([each.acceleration for each in limits]),
         jerk=np.concatenate([each.jerk for each in limits]),
     )
-    dt, paced, arms = team[0].request.dt, replace(caps, tool_speed=1.0), _paced(team)
+    dt, paced = team[0].request.dt, replace(caps, tool_speed=1.0)
     for tolerance in (CORNER, 0.25 * CORNER):
         path = blended_path(points, tolerance)
-        pace = pace_on(path, arms)
+        pace = pace_on(path, team)
         if pace is not None:
             with suppress(PlanningError):
                 yield _borne(retime(path, paced, dt, tool_speed_fn=pace), contexts)
     legs = [point_to_point(a, b, caps, dt) for a, b in pairwise(points)]
     yield _borne(joined(legs), contexts)
-
-
-def _paced(team: Sequence[TeamMember]) -> list[PacedArm]:
-    return [
-        PacedArm(bodies_of(each.request.scene.attached), each.T_cell_base, each.request.q_jaw)
-        for each in team
-    ]
 
 
 def _borne(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> Trajectory:

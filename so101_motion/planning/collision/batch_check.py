@@ -3,24 +3,28 @@
 The library gets the same bodies, pairs and margins as coal, packed once for each scene. It proves
 most configurations free or touching by bounds on the distances (``native/lanes.c``). Within a few
 micrometres of a margin it asks coal, so the verdicts are always coal's.
+
+Bodies are convex: the points of a hull and a radius by which it is widened. The mesh of an obstacle
+becomes its triangles, a cloud its cubes; all of them are leaves of one tree (``native/scene.c``).
 """
 
 from __future__ import annotations
 
 import ctypes
+import itertools
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
+import coal
 import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint
-from so101_motion.planning.collision.bodies import Bodies
-from so101_motion.planning.collision.continuous_check import Level, Touches
-from so101_motion.planning.collision.packed_bodies import packed
+from so101_motion.planning.collision.bodies import Bodies, Body, Cubes, Hull, Standing
+from so101_motion.planning.collision.scene import FLOOR, LINKS, Box, Capsule, Mesh, Sphere
 from so101_motion.planning.native.library import native
 
 MOST_ARMS = 8  # most arms of a team; as in ``native.h``
@@ -31,6 +35,18 @@ FREE, TOUCHING = 0, 1
 _GO_ON, _TIME_IS_UP, _END = 0, 1, 2
 
 _Ask = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.c_int)
+
+
+Touches = Callable[[Array], bool]
+"""Whether any pair is too close at a configuration of all six joints, shape (6,), [rad]."""
+
+
+class Level(NamedTuple):
+    """A check of configurations."""
+
+    clearance: float  # distance that all pairs keep if the check finds none too close [m]
+    touches: Touches  # the check itself, by coal
+    margins: tuple[float, float]  # that it demands of pairs of links and of all others [m]
 
 
 class _Level(ctypes.Structure):
@@ -71,7 +87,7 @@ class BatchCheck:
         self._at_one, self._at_one_verdict = pointer(self._one), pointer(self._one_verdict)
         self._points, self._reach, self._blocked = np.zeros((FEW, 5)), np.zeros(5), np.zeros(5)
         self._at_points, self._at_reach = pointer(self._points), pointer(self._reach)
-        self._at_blocked, self._at_second = pointer(self._blocked), pointer(self._points[1])
+        self._at_blocked = pointer(self._blocked)
         arguments, pair_of = packed(model, bodies, floor_z or 0.0)
         self._pair_of = np.zeros(1 + max(pair_of, default=0), dtype=int)
         self._pair_of[list(pair_of)] = list(pair_of.values())
@@ -172,24 +188,6 @@ class BatchCheck:
             raise MemoryError("no memory for the check of a motion")
         return self._blocked.copy() if verdict == TOUCHING else None
 
-    def is_clear(
-        self, levels: Levels, reach: Array, spacing: float, q_from: Array, q_to: Array, q_jaw: float
-    ) -> bool:
-        """Like ``BatchSampledCheck.is_clear``."""
-        self._points[0], self._points[1], self._reach[:] = q_from, q_to, reach
-        clear = self.library.so101_is_clear(
-            self.scene,
-            levels.array,
-            self._at_reach,
-            ctypes.c_double(spacing),
-            self._at_points,
-            self._at_second,
-            ctypes.c_double(q_jaw),
-            0,
-        )
-        self.raise_error()
-        return bool(clear)
-
     def watch(self, checkpoint: Checkpoint) -> None:
         """Set the function that the library calls again and again while it works."""
         self._checkpoint = checkpoint
@@ -230,9 +228,18 @@ class BatchCheck:
             return _END
 
 
-class Checker(ctypes.Structure):
-    """How the library checks straight joint motions: sampled, or by proof."""
+class ArmLines(NamedTuple):
+    """How the lines of one arm are checked in its scene: at samples, or by proof."""
 
+    batch: BatchCheck
+    levels: Levels  # by proof all of them count, else the first
+    reach: Array  # for each joint, a bound on how far a point moves per angle, shape (5,), [m/rad]
+    q_jaw: float  # [rad]
+    spacing: float  # largest travel between two samples [m]
+    proven: bool = False
+
+
+class _Checker(ctypes.Structure):
     _fields_ = [
         ("scene", ctypes.c_void_p),
         ("levels", ctypes.c_void_p),
@@ -244,69 +251,8 @@ class Checker(ctypes.Structure):
     ]
 
 
-class BatchSampledCheck:
-    """Checks configurations and, at samples or by proof, straight joint lines.
-
-    Attributes:
-        batch: The bodies in the library.
-        checker: This check in the library's form.
-    """
-
-    def __init__(
-        self,
-        batch: BatchCheck,
-        levels: Levels,
-        reach: Array,
-        *,
-        q_jaw: float,
-        spacing: float,
-        proven: bool = False,
-    ) -> None:
-        self.batch = batch
-        self._levels, self._reach, self._q_jaw, self._spacing = levels, reach, q_jaw, spacing
-        self.checker = Checker(
-            batch.scene,
-            ctypes.addressof(levels.array),
-            levels.count,
-            proven,
-            reach.ctypes.data,
-            spacing,
-            q_jaw,
-        )
-
-    def proven(self) -> BatchSampledCheck:
-        """The same check, but straight motions are clear only if that is proven."""
-        return BatchSampledCheck(
-            self.batch,
-            self._levels,
-            self._reach,
-            q_jaw=self._q_jaw,
-            spacing=self._spacing,
-            proven=True,
-        )
-
-    def is_free(self, q: Array) -> bool:
-        """Whether nothing is too close at joint angles ``q``, shape (5,), [rad]."""
-        return not self.batch.touches(self._levels, q, self._q_jaw)
-
-    def touching(self, q: Array) -> Array:
-        """Which of several configurations (n, 5) [rad] touch something, booleans, shape (n,)."""
-        jaw = np.full((len(q), 1), self._q_jaw)
-        return self.batch.touching(self._levels, np.concatenate((q, jaw), axis=1))
-
-    def is_clear(self, q_from: Array, q_to: Array) -> bool:
-        """Whether no sample between two configurations touches; the two are not checked."""
-        if self.checker.proven:
-            points = np.array([q_from, q_to])
-            blocked = self.batch.first_blocked(self._levels, self._reach, points, self._q_jaw)
-            return blocked is None
-        return self.batch.is_clear(
-            self._levels, self._reach, self._spacing, q_from, q_to, self._q_jaw
-        )
-
-
 class Couple(ctypes.Structure):
-    """Two arms of a team that must stay apart, in the library's form.
+    """Two arms, by number, that must stay apart, in the library's form.
 
     ``placement``: the second's base in the first's base frame, rotation by rows, then translation.
     """
@@ -332,32 +278,70 @@ class _Team(ctypes.Structure):
     ]
 
 
-class BatchTeamCheck:
-    """Check of one or several arms with all joints in one vector, for the library's search.
+class LineCheck:
+    """Checks configurations and straight joint lines of one arm, or of several together.
 
     Args:
-        checks: The check of each arm, at most ``MOST_ARMS`` of them.
+        arms: At most ``MOST_ARMS`` arms, whose joints follow each other in one vector.
         couples: The pairs of arms that must stay apart.
         room: Distance they must keep [m].
 
     Attributes:
-        library: The library.
-        team: This check in its form, by reference.
+        team: This check in the library's form, by reference.
+        checkers: That of each arm.
     """
 
     def __init__(
-        self,
-        checks: Sequence[BatchSampledCheck],
-        couples: Sequence[Couple] = (),
-        room: float = 0.0,
+        self, arms: Sequence[ArmLines], couples: Sequence[Couple] = (), room: float = 0.0
     ) -> None:
-        self._batches = dict.fromkeys(each.batch for each in checks)
-        self._checks = checks
-        self._arms = (Checker * len(checks))(*(each.checker for each in checks))
+        self.arms, self.library = arms, native().library
+        self.checkers = (_Checker * len(arms))(
+            *(
+                _Checker(
+                    each.batch.scene,
+                    ctypes.addressof(each.levels.array),
+                    each.levels.count,
+                    each.proven,
+                    each.reach.ctypes.data,
+                    each.spacing,
+                    each.q_jaw,
+                )
+                for each in arms
+            )
+        )
         self._couples = (Couple * len(couples))(*couples)
-        arms, pairs = ctypes.addressof(self._arms), ctypes.addressof(self._couples)
-        self.library = checks[0].batch.library
-        self.team = ctypes.byref(_Team(len(checks), len(couples), arms, pairs, room))
+        places = ctypes.addressof(self.checkers), ctypes.addressof(self._couples)
+        self.team = ctypes.byref(_Team(len(arms), len(couples), *places, room))
+        self._batches = dict.fromkeys(each.batch for each in arms)
+
+    def proven(self) -> LineCheck:
+        """The same check of one arm, but straight lines are clear only if that is proven."""
+        return LineCheck([self.arms[0]._replace(proven=True)])
+
+    def is_free(self, q: Array) -> bool:
+        """Whether nothing is too close at joint angles ``q`` [rad]."""
+        q = np.ascontiguousarray(q, dtype=np.float64)
+        return self._raised(self.library.so101_team_is_free(self.team, pointer(q)))
+
+    def touching(self, q: Array) -> Array:
+        """Which configurations (n, 5) [rad] of the first arm touch something, booleans, (n,)."""
+        arm = self.arms[0]
+        jaw = np.full((len(q), 1), arm.q_jaw)
+        return arm.batch.touching(arm.levels, np.concatenate((q, jaw), axis=1))
+
+    def is_clear(self, q_from: Array, q_to: Array) -> bool:
+        """Whether a line is clear between its ends, which are not checked unless it is proven.
+
+        No sample of an arm in its scene touches, and arms are proven to stay apart.
+        """
+        ends = np.array([q_from, q_to], dtype=np.float64)
+        at = pointer(ends[0]), pointer(ends[1])
+        return self._raised(self.library.so101_team_is_clear(self.team, *at, 0))
+
+    def _raised(self, verdict: int) -> bool:
+        for batch in self._batches:
+            batch.raise_error()
+        return bool(verdict)
 
     @contextmanager
     def until(self, is_late: Callable[[], bool]) -> Iterator[None]:
@@ -370,8 +354,7 @@ class BatchTeamCheck:
             for batch in self._batches:
                 stack.enter_context(batch.until(is_late))
             yield
-            for batch in self._batches:
-                batch.raise_error()
+            self._raised(True)
 
 
 def weakly(batch: BatchCheck) -> Callable[[Any, int], int]:
@@ -395,3 +378,124 @@ def _argument(value: Any) -> Any:
         assert value.flags.c_contiguous
         return pointer(value)
     return ctypes.c_double(value) if isinstance(value, float) else value
+
+
+_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+
+
+def packed(model: Any, bodies: Bodies, floor_z: float) -> tuple[list[Any], dict[int, int]]:
+    """The arguments of ``so101_new`` in its order, and our pair for each pair of the library."""
+    objects = bodies.bodies
+    names = [each.name for each in objects]
+    movers = [
+        i for i, each in enumerate(objects) if i not in bodies.standing and each.name != FLOOR
+    ]
+    place = {i: k for k, i in enumerate(movers)}
+    hulls = [_hull(objects[i]) for i in movers]
+    pairs, with_floor = [], 0
+    masks = dict.fromkeys(bodies.standing, 0)
+    rows = {i: k * len(movers) for k, i in enumerate(bodies.standing, 1)}
+    own, others = list[int](), dict[int, int]()
+    for k, (a, b) in enumerate(bodies.indices.tolist()):
+        if names[b] == FLOOR:
+            with_floor |= 1 << place[a]
+            others[place[a]] = k
+        elif b in masks:
+            masks[b] |= 1 << place[a]
+            others[rows[b] + place[a]] = k
+        else:
+            is_own = names[a] in LINKS and names[b] in LINKS
+            pairs.append((place[a], place[b], 0 if is_own else 1))
+            own.append(k)
+    pair_of = dict(enumerate(own)) | {len(own) + number: k for number, k in others.items()}
+    shapes: list[tuple[Array, float]] = []
+    at, shape, mask = [np.zeros((0, 3))], [np.zeros(0, int)], [np.zeros(0, int)]
+    obstacle = [np.zeros(0, int)]
+    for o, (i, standing) in enumerate(bodies.standing.items()):
+        T = objects[i].placement
+        forms, places = _pieces(standing, np.array(T.rotation), np.array(T.translation))
+        at.append(places)
+        shape.append(len(shapes) + np.arange(len(places)) % len(forms))
+        mask.append(np.full(len(places), masks[i]))
+        obstacle.append(np.full(len(places), o))
+        shapes += forms
+    arguments = [
+        _offsets(model),
+        len(movers),
+        np.array([objects[i].joint for i in movers], np.int32),
+        _starts([points for points, _ in hulls]),
+        np.concatenate([points for points, _ in hulls]),
+        np.array([radius for _, radius in hulls]),
+        len(pairs),
+        np.array(pairs, np.int32).reshape(-1, 3),
+        ctypes.c_uint32(with_floor),
+        floor_z,
+        len(shapes),
+        _starts([points for points, _ in shapes]),
+        np.concatenate([np.zeros((0, 3)), *(points for points, _ in shapes)]),
+        np.array([radius for _, radius in shapes]),
+        sum(map(len, at)),
+        np.concatenate(at),
+        np.concatenate(shape).astype(np.int32),
+        np.concatenate(mask).astype(np.uint32),
+        np.concatenate(obstacle).astype(np.int32),
+        len(masks),
+    ]
+    return arguments, pair_of
+
+
+def _offsets(model: Any) -> Array:
+    """Pose of each joint in the one before: rotation by rows, then translation, shape (6, 12)."""
+    placements = [model.jointPlacements[joint] for joint in range(1, 7)]
+    rows = [np.concatenate((np.array(T.rotation).ravel(), T.translation)) for T in placements]
+    return np.ascontiguousarray(rows)
+
+
+def _starts(points: Sequence[Array]) -> NDArray[np.int32]:
+    return np.cumsum([0, *(len(each) for each in points)]).astype(np.int32)
+
+
+def _points_of(shape: Any) -> tuple[Array, float]:
+    """The points of a convex shape of coal's and the radius around them."""
+    radius = float(shape.getSweptSphereRadius())
+    if isinstance(shape, coal.Box):
+        return 2.0 * _CORNERS * np.array(shape.halfSide), radius
+    if isinstance(shape, coal.Sphere):
+        return np.zeros((1, 3)), radius + float(shape.radius)
+    if isinstance(shape, coal.Capsule):
+        ends = np.outer((-1.0, 1.0), (0.0, 0.0, shape.halfLength))
+        return ends, radius + float(shape.radius)
+    return np.array(shape.points()), radius
+
+
+def _hull(body: Body) -> tuple[Array, float]:
+    """The points of a body in its joint's frame, shape (n, 3), and the radius around them [m]."""
+    points, radius = _points_of(body.shape)
+    T = body.placement
+    return np.ascontiguousarray(points @ np.array(T.rotation).T + np.array(T.translation)), radius
+
+
+def _pieces(standing: Standing, R: Array, p: Array) -> tuple[list[tuple[Array, float]], Array]:
+    """The convex pieces of an obstacle, rotated, and their places, shape (n, 3), [m].
+
+    There is one piece for all places, or one for each.
+    """
+    if isinstance(standing, Cubes):
+        return [(standing.edge * _CORNERS @ R.T, 0.0)], standing.middles @ R.T + p
+    if isinstance(standing, Mesh):
+        corners = standing.vertices[standing.triangles] @ R.T
+        middles = corners.mean(axis=1)
+        return [(each, 0.0) for each in corners - middles[:, None]], middles + p
+    if isinstance(standing, Hull):
+        middle = standing.points.mean(axis=0)
+        return [((standing.points - middle) @ R.T, standing.radius)], (R @ middle + p)[None]
+    return [_rounded_form(standing, R)], p[None]
+
+
+def _rounded_form(standing: Box | Sphere | Capsule, R: Array) -> tuple[Array, float]:
+    if isinstance(standing, Box):
+        return _CORNERS * standing.size @ R.T, 0.0
+    if isinstance(standing, Sphere):
+        return np.zeros((1, 3)), standing.radius
+    ends = np.outer((-1.0, 1.0), R[:, 2]) * (0.5 * standing.length - standing.radius)
+    return ends, standing.radius

@@ -1,7 +1,7 @@
-/* Checks configurations, straight joint lines and whole motions, like continuous_check.py.
+/* Checks configurations, straight joint lines and whole motions; collision.py explains how.
  *
- * Both give the same verdicts. Arithmetic here is in double precision and never contracted, so that
- * they do not depend on the processor either.
+ * Arithmetic is in double precision and never contracted, so that the verdicts do not depend on the
+ * processor.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -9,7 +9,7 @@
 
 #include "native.h"
 
-#define CUT 4             /* as in continuous_check.py */
+#define CUT 4             /* a part that is not clear is cut into so many */
 #define AT_ONCE 64        /* configurations in one go */
 #define BETWEEN_ASKS 1024 /* configurations between two questions whether to go on; 0.5 ms */
 

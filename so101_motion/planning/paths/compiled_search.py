@@ -17,11 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.batch_check import (
-    BatchSampledCheck,
-    BatchTeamCheck,
-    pointer,
-)
+from so101_motion.planning.collision.batch_check import LineCheck, pointer
 
 ROOM = 256  # initial room for the waypoints of a path while it is shortened; grows if needed
 SEEDS = 64  # number of seeds that are made at once; then they come again, each 1 higher
@@ -82,12 +78,12 @@ class CompiledSearch:
     def __init__(
         self,
         space: Space,
-        checker: BatchSampledCheck | BatchTeamCheck,
+        checker: LineCheck,
         q_start: Array,
         goals: Sequence[Array],
         random: Seeds,
     ) -> None:
-        self._space, self._checker, self._random = space, _team_of(checker), random
+        self._space, self._checker, self._random = space, checker, random
         self._library, self._joints = self._checker.library, len(space.lower)
         self._search = ctypes.c_void_p()
         given = (space.lower, space.upper, space.weights, q_start, *goals)
@@ -146,7 +142,7 @@ class Tree(NamedTuple):
         extent = np.ptp(self.points, axis=0)
         return float((extent / (self.space.upper - self.space.lower)).max())
 
-    def probe(self, checker: BatchSampledCheck) -> list[Array]:
+    def probe(self, checker: LineCheck) -> list[Array]:
         """Try some branches; return the blocked ones, each of shape (2, n), [rad]."""
         space, met = self.space, []
         for q in self.random.uniform(space.lower, space.upper, (TRIES, len(space.lower))):
@@ -160,7 +156,7 @@ class Tree(NamedTuple):
 
 def compiled_shortened(
     points: Sequence[Array],
-    checker: BatchSampledCheck | BatchTeamCheck,
+    checker: LineCheck,
     random: Seeds,
     deadline: Deadline,
     *,
@@ -170,13 +166,13 @@ def compiled_shortened(
 
     With ``only_skip`` pieces are only skipped, for a check that proves lines.
     """
-    team, given, seed = _team_of(checker), np.array(points), random.next()
+    given, seed = np.array(points), random.next()
     room, count = ROOM, 0
     while count == 0:  # too little room for the pieces of so long a path
         out = np.empty((room, given.shape[1]))
-        with team.until(deadline.has_passed):
-            count = team.library.so101_shorten(
-                team.team,
+        with checker.until(deadline.has_passed):
+            count = checker.library.so101_shorten(
+                checker.team,
                 pointer(given),
                 len(given),
                 pointer(out),
@@ -188,10 +184,6 @@ def compiled_shortened(
     if count < 0:
         raise MemoryError("no memory to shorten a path")
     return list(out[:count])
-
-
-def _team_of(checker: BatchSampledCheck | BatchTeamCheck) -> BatchTeamCheck:
-    return checker if isinstance(checker, BatchTeamCheck) else BatchTeamCheck([checker])
 
 
 class Seeds:

@@ -21,11 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.batch_check import (
-    BatchSampledCheck,
-    BatchTeamCheck,
-    pointer,
-)
+from so101_motion.planning.collision.batch_check import LineCheck, pointer
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import MARGIN
 from so101_motion.planning.native.library import native
@@ -78,7 +74,6 @@ class Infeasibility:
     ) -> None:
         less = -(1.0 - KEPT) * min(collision.margin, MARGIN)
         self._check = collision.sampled_check(q_jaw, spacing=1.0, extra=less)
-        self._team = BatchTeamCheck([self._check])
         start, ends = np.array([q_start], dtype=float), np.array(goals, dtype=float)
         make = partial(_Flood, space, self._check)
         ways = ((False, (ends, start)), (True, (start, ends)))
@@ -95,7 +90,7 @@ class Infeasibility:
         """
         for each in tuple(self._left):
             flood, again, is_start = each
-            with self._team.until(deadline.has_passed):
+            with self._check.until(deadline.has_passed):
                 if flood.run(most) != _CLOSED:
                     continue
                 if again(SMALLER, SHIFT).run(CONFIRMED) == _CLOSED:
@@ -108,14 +103,14 @@ class _Flood:
     def __init__(
         self,
         space: Space,
-        check: BatchSampledCheck,
+        check: LineCheck,
         joints: int,
         roots: Array,
         ends: Array,
         part: float,
         shift: float,
     ) -> None:
-        self._library, self._checker = native().library, check.checker
+        self._library, self._checkers = native().library, check.checkers
         wrist, roll = (
             np.linspace(low, high, 1 + int(np.ceil((high - low) / spacing)))
             for low, high, spacing in zip(space.lower[3:], space.upper[3:], LAST, strict=True)
@@ -127,7 +122,7 @@ class _Flood:
         size = part * STEP / space.weights
         given = np.concatenate([size, roots[0] + shift * size, space.lower, space.upper])
         handle = self._library.so101_flood_new(
-            check.batch.scene, joints, *(pointer(each) for each in given.reshape(4, 5)),
+            check.arms[0].batch.scene, joints, *(pointer(each) for each in given.reshape(4, 5)),
             pointer(roots), len(roots), pointer(ends), len(ends), pointer(places), len(places),
         )  # fmt: skip
         if not handle:
@@ -137,8 +132,7 @@ class _Flood:
 
     def run(self, most: int) -> int:
         most_in_all = ctypes.c_long(most)
-        checker = ctypes.byref(self._checker)
-        return int(self._library.so101_flood_run(self._flood, checker, most_in_all))
+        return int(self._library.so101_flood_run(self._flood, self._checkers, most_in_all))
 
     def rim(self, most: int) -> Array:
         rim = np.empty((most, 5))

@@ -4,7 +4,7 @@ How it works. Most paths are straight: of random pairs of free configurations in
 only one in two hundred is not. So the straight joint line to each goal is tried first, nearest goal
 first. Only then a path is searched and shortened (``compiled_search.py``). Both check
 samples and prove nothing, because they discard most of what they try. The final path is proven,
-edge by edge (``continuous_check.py``). Shortening keeps a little more than the margins, otherwise
+edge by edge (``collision.py``). Shortening keeps a little more than the margins, otherwise
 its paths would graze them and often fail the proof. An edge that still fails is replaced by a
 search between its ends in which every edge is proven.
 
@@ -24,7 +24,7 @@ import numpy as np
 
 from so101_motion.common.errors import NoPath
 from so101_motion.common.geometry import Array, frozen_array
-from so101_motion.planning.collision.batch_check import BatchSampledCheck
+from so101_motion.planning.collision.batch_check import LineCheck
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import FLOOR, LINKS
 from so101_motion.planning.kinematics.model import RobotModel
@@ -219,7 +219,7 @@ class PathFinder:
 
     def _searched(
         self,
-        checker: BatchSampledCheck,
+        checker: LineCheck,
         q_start: Array,
         goals: Sequence[Array],
         random: Seeds,
@@ -227,7 +227,7 @@ class PathFinder:
     ) -> tuple[list[Array], int]:
         search = CompiledSearch(self._space, checker, q_start, goals, random)
         found = None
-        if deadline.budget >= BRIEF and not checker.checker.proven:
+        if deadline.budget >= BRIEF and not checker.arms[0].proven:
             found = self._unless_closed(search, q_start, goals, deadline)
         found = found or search.run(deadline)
         if found is None:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.batch_check import BatchSampledCheck, BatchTeamCheck, pointer
+from so101_motion.planning.collision.batch_check import LineCheck, pointer
 from so101_motion.planning.paths.compiled_search import (
     CompiledSearch,
     Deadline,
@@ -87,13 +87,12 @@ class Route:
         points: list[Array],
         goal: int,
         routing: Routing,
-        checker: BatchSampledCheck,
+        checker: LineCheck,
         space: Space,
         seed: ctypes.c_uint64,
     ) -> None:
         self.points, self.goal = points, goal
-        self._check = BatchTeamCheck([checker])
-        self._library = self._check.library
+        self._check, self._library = checker, checker.library
         limits = (routing.velocity, routing.acceleration, space.lower, space.upper)
         given, packed = np.array(points), np.concatenate(limits, dtype=np.float64)
         handle = self._library.so101_motion_new(
@@ -126,7 +125,7 @@ def quickest(
     goals: Sequence[Array],
     routing: Routing,
     space: Space,
-    checks: tuple[BatchSampledCheck, BatchSampledCheck],
+    checks: tuple[LineCheck, LineCheck],
     random: Seeds,
     deadline: Deadline,
 ) -> tuple[Route, int, bool]:

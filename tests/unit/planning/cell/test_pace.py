@@ -4,17 +4,23 @@ import numpy as np
 import pytest
 
 from so101_motion.common.geometry import SE3, rot_z
-from so101_motion.planning.cell.together import FAR, SHARE, PacedArm, pace_on
+from so101_motion.planning.cell.team_requests import TeamMember
+from so101_motion.planning.cell.together import FAR, SHARE, pace_on
 from so101_motion.planning.collision.apart import EARLY, ROOM, distances
 from so101_motion.planning.collision.arm_bodies import bodies_of
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.request import PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.path_geometry import blended_path
 
 T_FACING = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
+CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
 ASIDE = np.array([0.9, 0.0, 0.0, 0.0, 0.0])
 
 
 def arms(T=T_FACING):
-    return [PacedArm(bodies_of(), each, 0.0) for each in (SE3.identity(), T)]
+    request = PlanRequest(q_start=ASIDE, goal=JointGoal(q=ASIDE), limits=CAPS)
+    return [TeamMember(name="", T_cell_base=each, request=request) for each in (SE3.identity(), T)]
 
 
 def test_arms_are_slow_where_they_are_near_and_free_where_they_are_not():

@@ -1,17 +1,28 @@
 """The compiled search: found paths are proven, the same every time, and failures are explained."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from harness.coal_check import CoalJudge
+from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.common.errors import NoPath
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.checkpoint import Abandoned
+from so101_motion.planning.collision.apart import ROOM, placement
+from so101_motion.planning.collision.batch_check import Couple, LineCheck
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
-from so101_motion.planning.paths.compiled_search import CompiledSearch, Deadline, Seeds, Space
+from so101_motion.planning.paths.compiled_search import (
+    CompiledSearch,
+    Deadline,
+    Seeds,
+    Space,
+    compiled_shortened,
+)
 from so101_motion.planning.paths.path import SPACING, PathFinder
 
 POST = Scene(
@@ -115,9 +126,9 @@ def test_a_search_asks_as_often_when_its_trees_are_large(model):
     search = CompiledSearch(space, checker, np.zeros(5), [goal], Seeds(0))
     apart = []
     for _ in range(2):
-        before = checker.batch.tally()[0], asked
+        before = collision.batch.tally()[0], asked
         assert search.run(Deadline(60.0), most=2_000) is None
-        apart.append((checker.batch.tally()[0] - before[0]) / (asked - before[1]))
+        apart.append((collision.batch.tally()[0] - before[0]) / (asked - before[1]))
     assert apart[1] < 0.8 * apart[0]  # configurations between two asks; comparing nodes takes long
 
 
@@ -125,3 +136,33 @@ def test_a_deadline_that_has_passed_ends_it_at_once(model):
     assert Deadline(-1.0).has_passed()
     with pytest.raises(NoPath):
         PathFinder(model, CollisionModel(model, POST)).find(LEFT, [RIGHT], -1.0)
+
+
+def two_arms(facing, *, spacing=0.01, room=ROOM):
+    arms = [facing.collision.sampled_check(0.3 * k, spacing=spacing).arms[0] for k in range(2)]
+    bodies = [(each.handle, each.levers_pointer) for each in (facing.bodies, facing.bodies)]
+    (a, levers_a), (b, levers_b) = bodies
+    couple = Couple(0, 1, a, b, levers_a, levers_b, tuple(placement(T_LEFT_RIGHT)))
+    return LineCheck(arms, [couple], room)
+
+
+def test_a_path_of_two_arms_is_clear_for_both_and_between_them():
+    facing = Facing(11)
+    team, model, reach = two_arms(facing), facing.model, facing.collision.reach
+    limits = np.tile(model.lower, 2), np.tile(model.upper, 2)
+    space = Space(lower=limits[0], upper=limits[1], weights=np.tile(reach, 2))
+    kept = two_arms(facing, spacing=1.0, room=0.7 * ROOM)  # a proof leaves seven eighths
+    seeds, deadline = Seeds(0), Deadline(60.0)
+    for _ in range(2):
+        start = goal = np.zeros(10)
+        while not team.is_free(start) or not team.is_free(goal) or team.is_clear(start, goal):
+            start, goal = (np.concatenate([facing.near(), facing.near()]) for _ in range(2))
+        found = CompiledSearch(space, team, start, [goal], seeds).run(deadline)
+        points = compiled_shortened(found[0], team, seeds, deadline)
+        for each in (found[0], points):
+            np.testing.assert_array_equal([each[0], each[-1]], [start, goal])
+            for q in each:
+                assert facing.are_apart(q[:5], q[5:], 0.99 * ROOM)
+                assert all(facing.collision.is_free(q[k : k + 5], 0.06 * k) for k in (0, 5))
+            assert all(kept.is_clear(*line) for line in pairwise(each))
+        assert length(points) <= length(found[0])
