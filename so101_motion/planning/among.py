@@ -60,10 +60,7 @@ LEAVING = 0.1
 def crosses(arm: str, meeting: Meeting, *, since: float = 0.0) -> InCollision:
     """The error for a motion that comes too near to another arm, whenever it begins.
 
-    Args:
-        arm: The other arm.
-        meeting: Where they come too near to each other.
-        since: When the motion would begin at the earliest [s].
+    ``since`` is when the motion would begin at the earliest [s].
     """
     first, second = meeting.first, f"{arm}'s {meeting.second}"
     distance = f"{max(meeting.distance, 0.0) * 1e3:.0f} mm"
@@ -92,18 +89,11 @@ def plan_among(
     alone: Plan | None = None,
     before: float = math.inf,
 ) -> Plan:
-    """Plan a motion among other arms.
+    """Plan a motion that keeps ``ROOM`` away from the request's other arms, with ``plan``.
 
-    Args:
-        plan: Plans a motion among obstacles.
-        request: The request; ``others`` are the other arms.
-        alone: The plan for the same request without them, if known: if it is straight and keeps off
-            the places where they come to rest, it would be found again.
-        before: A motion that ends later [s] need not be found.
-
-    Returns:
-        A motion that keeps ``ROOM`` away from the other arms; if it has to wait for them, it begins
-        with standing still.
+    If it has to wait for them, it begins with standing still. ``alone`` is the plan without them,
+    if known: if it is straight and keeps off the places where they come to rest, it would be found
+    again. A motion that ends later than ``before`` [s] need not be found.
 
     Raises:
         InCollision: No wait helps.
@@ -193,13 +183,9 @@ def crossing(
     *,
     since: float = 0.0,
 ) -> tuple[str, Meeting] | None:
-    """The first arm that a course comes too near to, and where; None if it keeps off all.
+    """The first arm that a course comes too near to from ``since`` [s] on, and where.
 
-    Args:
-        held: The objects the arm holds.
-        course: Its planned motion.
-        others: The other arms.
-        since: Start of the check [s].
+    ``held`` are the objects the arm holds. None if the course keeps off all.
     """
     for other in others:
         meeting = _meeting(held, course, other, since)
@@ -265,9 +251,9 @@ def _around(
 ) -> Plan | None:
     """A motion around the others that need not wait and ends before ``last`` [s]; or None.
 
-    The arm that would be met becomes an obstacle at the place of the meeting, too. This is tried
-    once: of 140 searches in 200 tasks of two arms 8 found such a motion at once, and none of 50 in
-    a second try with the next meeting.
+    The arm that would be met is an obstacle at the place of the meeting, too. One try: of 140
+    searches in 200 tasks of two arms 8 found such a motion, and none of 50 more with the next
+    meeting.
     """
     held, others = request.scene.attached, {each.name: each for each in request.others}
     q_others = {name: each.course.q[-1:] for name, each in others.items()}

@@ -92,11 +92,7 @@ def configurations_above(
 ) -> Iterator[Array]:
     """Free configurations, shape (5,), [rad], above a pose from which the line can be followed.
 
-    Args:
-        context: The request.
-        q_from: Joint angles that they shall be near to.
-        goal: The pose.
-        kept: Output: the number of each such configuration and the line from there.
+    Those near ``q_from`` first. ``kept`` is output: the number of each, and the line from there.
 
     Raises:
         PlanningError: There are none; the message is about the line from the nearest.
@@ -127,10 +123,9 @@ def _freed(
 ) -> Iterator[IkSolution]:
     """Solutions free of contact near the given ones, which are in contact.
 
-    Candidates from inverse kinematics are spread over pitch and roll some degrees apart, and may
-    all miss a narrow free range. So the best ones are improved by hill climbing: their joint angles
-    are varied a little at random, solved for the goal again from there, and kept if they have more
-    clearance; steps without gain become smaller.
+    Candidates are spread over pitch and roll some degrees apart, and may all miss a narrow free
+    range. So the best are improved by hill climbing: varied a little at random, solved for the goal
+    again from there, and kept if they have more clearance; steps without gain become smaller.
     """
     if goal.cloud is not None:  # its solutions already cover its tolerances
         return

@@ -104,11 +104,7 @@ class MotionBuilder:
         return self._retimed(blended_path(line, WIDEST), line, SMOOTHING_MOST)
 
     def departing(self, q_from: Array, q_to: Array) -> Trajectory:
-        """The slow motion along a straight joint line out of a bad start.
-
-        Raises:
-            InCollision: The motion is not harmless, unlike the path.
-        """
+        """The slow straight joint motion out of a bad start; refused if it is not harmless."""
         slow = self.limits.lowered_to(np.full(5, DEPARTURE_SPEED), np.inf)
         trajectory = replace(self, limits=slow).straight(q_from, q_to)
         if not any(
@@ -181,11 +177,7 @@ class MotionBuilder:
         return trajectory
 
     def slowed_to_torque_limits(self, trajectory: Trajectory) -> Trajectory:
-        """The same motion, slowed down until the servos can bear it.
-
-        Raises:
-            Overloaded: They cannot bear it at any speed.
-        """
+        """The same motion, slowed down until the servos can bear it, if they can at any speed."""
         if self.load is None:
             return trajectory
         self.load.check_holding(trajectory.q, "on the way")
@@ -330,10 +322,8 @@ def roomy_corners(
     """How far a joint may leave a polyline (m, 5) at its corners, (m - 2,) [rad]; 0 for a stop.
 
     A corner with enough room is cut widely, so that the arm keeps its speed; one beside an obstacle
-    less, and if even that is blocked the arm stops there.
-
-    ``tolerance`` is the largest and ``narrowest`` the smallest that is tried [rad]; ``touching``
-    tells which of several configurations (n, 5) touch something, (n,).
+    less, down to ``narrowest``, and if even that is blocked the arm stops there. ``touching`` tells
+    which of several configurations (n, 5) touch something, (n,).
     """
     tolerances = np.full(len(waypoints) - 2, tolerance)
     tight = np.arange(len(tolerances))

@@ -21,11 +21,9 @@ TRIED = 16  # number of states that are tried as the end of the cut; chosen: eac
 
 
 def taken_up(context: PlanningContext, lead: Trajectory, motion: Trajectory) -> Trajectory:
-    """The motion from the first state of ``lead`` to the end of ``motion``.
+    """The motion from the first state of ``lead`` to the end of ``motion``, which starts at rest.
 
-    Args:
-        lead: How the arm would come to rest where ``motion`` begins.
-        motion: From rest to rest.
+    ``lead`` would come to rest where ``motion`` begins.
 
     Raises:
         PlanningError: Not even coming to rest first keeps the limits and out of contact.

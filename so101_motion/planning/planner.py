@@ -76,12 +76,7 @@ class _Solvers(NamedTuple):
 
 
 class Planner:
-    """Plans for one arm. Belongs to one thread.
-
-    Args:
-        model: The arm.
-        checkpoint: Called every few milliseconds during planning; an exception of it ends that.
-    """
+    """Plans for one arm. Belongs to one thread."""
 
     def __init__(self, model: RobotModel, checkpoint: Checkpoint = never_abandoned) -> None:
         self._model = model
@@ -345,11 +340,7 @@ class Planner:
         spline: bool = False,
         quick: JointPath | None = None,
     ) -> Pieces:
-        """Time a polyline in several ways; the first result that passes verification.
-
-        Raises:
-            PlanningError: None passes, not even stopping at every corner.
-        """
+        """Time a polyline in several ways; the first result that passes verification."""
         motions = context.moves.motions(waypoints, tolerance, spline=spline, quick=quick)
         problem: PlanningError | None = None
         while True:

@@ -63,10 +63,7 @@ class CartesianPlanner:
     ) -> ToolMotion:
         """Find joint curves along which the tool follows the goal's path, free of contact.
 
-        Args:
-            goal: The line or path, its metric and tolerances.
-            q_start: A free configuration inside the limits, shape (5,), [rad]; the path starts
-                there.
+        The path starts at ``q_start``, a free configuration inside the limits.
 
         Raises:
             Unreachable: The path cannot be followed to its end; says for how many millimetres it

@@ -74,32 +74,20 @@ Accept = Callable[[JointPath], FitFailure | None]  # checks a curve; returns Non
 
 
 class CurveFitter:
-    """Fits joint curves to tool paths of one frame."""
+    """Fits joint curves to tool paths of one frame, at most ``tolerance`` [m] off."""
 
     def __init__(self, chain: ArmChain, lower: Array, upper: Array, tolerance: float) -> None:
-        """Prepare to fit curves.
-
-        Args:
-            chain: Kinematics of the frame.
-            tolerance: How far the frame may be off its path anywhere [m].
-        """
         self._chain, self._lower, self._upper = chain, lower, upper
         self._tolerance = tolerance
 
     def fit(
         self, tool_path: ToolPath, s: Array, q: Array, stiffnesses: Sequence[float], accept: Accept
     ) -> JointPath | FitFailure:
-        """A curve through configurations near given ones.
+        """A curve over ``s - s[0]`` through configurations near given ones; or why none was found.
 
-        Args:
-            tool_path: The path of the tool.
-            s: Places on it, evenly spaced, shape (n,), n >= 6, [m].
-            q: A configuration for each, shape (n, 5), [rad]. The first is kept as it is.
-            stiffnesses: ``SMOOTHED`` or ``EXACT``.
-            accept: A further check of each curve.
-
-        Returns:
-            The curve over ``s - s[0]``; or why the last attempt failed.
+        ``s`` (n,) are places on the path, evenly spaced, n >= 6 [m], and ``q`` (n, 5) a
+        configuration for each; the first is kept as it is. ``stiffnesses`` are ``SMOOTHED`` or
+        ``EXACT``.
         """
         p = tool_path.places(s)
         widest = int(np.argmax(np.linalg.norm(np.diff(q, axis=0), axis=1)))
@@ -161,14 +149,10 @@ class CurveFitter:
 
 
 def curve_through(q: Array, length: float) -> JointPath:
-    """The cubic spline through evenly spaced configurations.
+    """The cubic spline over 0 to ``length`` through evenly spaced ``q`` (m, 5) [rad], m >= 6.
 
     At the ends the outer two pieces are one cubic ("not a knot"), because nothing is known of the
     curvature there and assuming none would bend the tool's path.
-
-    Args:
-        q: Shape (m, 5), m >= 6, [rad].
-        length: The range of its parameter.
 
     Source: C. de Boor, A Practical Guide to Splines, 1978, chapter IV.
     """

@@ -48,10 +48,11 @@ Flags = NDArray[np.bool_]
 
 
 class LadderGraph:
-    """Configurations in columns, and the costs of sequences through them.
+    """Configurations in at least two columns, and the costs of sequences through them.
 
-    Attributes:
-        q: For each column its configurations, shape (k, 5), [rad]; k differs and may be 0.
+    Of each column: its configurations, shape (k, 5), [rad], where k differs and may be 0; the cost
+    of a whole path of such configurations; and whether the arm faces the point in each, or is over
+    its back.
     """
 
     def __init__(
@@ -61,13 +62,6 @@ class LadderGraph:
         in_front: Sequence[Flags],
         checkpoint: Checkpoint = never_abandoned,
     ) -> None:
-        """Lay out configurations.
-
-        Args:
-            q: For each column its configurations, shape (k, 5), [rad]; at least two columns.
-            price: Cost of a whole path of such configurations, for each, shape (k,).
-            in_front: Whether the arm faces the point in each, shape (k,), or is over its back.
-        """
         self.q = q
         self._checkpoint = checkpoint
         self._in_front = in_front
@@ -79,10 +73,9 @@ class LadderGraph:
         self._before: list[Indices] = [np.zeros(len(q[0]), dtype=np.intp)]
 
     def best(self, column: int | None = None) -> Indices | None:
-        """The cheapest sequence from the first column to one of the others, the last if not given.
+        """The cheapest sequence from the first column to a column, by default the last.
 
-        Returns:
-            Its configuration in each column, by index, shape (column + 1,); None if there is none.
+        Its configuration in each column, by index, shape (column + 1,); None if there is none.
         """
         column = len(self.q) - 1 if column is None else column
         if self.farthest() < column:

@@ -77,9 +77,7 @@ class PathSearch:
     """One search of a path at one resolution.
 
     Attributes:
-        task: The path to follow.
-        s: Places of the columns, shape (n,), [m].
-        ladder: The columns; the first holds the start.
+        s: Places of the columns, shape (n,), [m]; the first is the start.
         fit_failures: Where no curve could be fitted through a sequence.
     """
 

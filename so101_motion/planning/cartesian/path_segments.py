@@ -96,12 +96,7 @@ class Rounding(NamedTuple):
 
 
 def curve_of(p_start: Array, segment: LineTo | ArcTo, number: int) -> SegmentCurve:
-    """The curve of one segment.
-
-    Args:
-        p_start: Its start point, shape (3,), [m].
-        segment: The segment.
-        number: Its number in messages.
+    """The curve of one segment from ``p_start``; ``number`` is its number in messages.
 
     Raises:
         ConfigError: It has no length, or its three points are on no circle.

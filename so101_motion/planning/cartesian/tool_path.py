@@ -173,11 +173,8 @@ def straight_path(T_start: SE3, T_end: SE3) -> ToolPath:
 def path_through(T_start: SE3, segments: Sequence[LineTo | ArcTo], blend: float) -> ToolPath:
     """A path of lines and arcs one after the other.
 
-    Args:
-        T_start: Start pose of the frame.
-        segments: The lines and arcs.
-        blend: Distance from a corner within which the path may leave the segments [m], at most half
-            a segment. 0 for corners at which the arm rests.
+    ``blend`` is the distance from a corner within which it may leave them [m], at most half a
+    segment; at 0 the arm rests at each corner.
 
     Raises:
         ConfigError: There is no segment, one has no length or is no arc, or ``blend`` is negative

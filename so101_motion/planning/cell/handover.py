@@ -121,11 +121,7 @@ class _Planning:
         )
 
     def _free_grasps(self) -> list[Grasp]:
-        """The grasps that keep off the gripper that holds the object.
-
-        Raises:
-            NoPath: There is none.
-        """
+        """The grasps that keep off the gripper that holds the object; refused if there are none."""
         grasps = self._request.grasps or tuple(grasps_of(self._thing.shape))
         free, best = [], -np.inf
         giver = Hand(self._of_giver, self._q_jaw_free)
@@ -211,11 +207,7 @@ class _Planning:
         return np.asarray(before)
 
     def _planned(self, meeting: Meeting, grasp: Grasp, q_before: Array) -> Handover:
-        """Plan all motions of one meeting.
-
-        Raises:
-            PlanningError: One of them cannot be planned.
-        """
+        """Plan all motions of one meeting."""
         planner, giver = self._planner, self._giver
         taker = _with(self._taker, q_jaw=self._q_jaw_open(grasp))
         goals = {giver.name: meeting.q_giver, taker.name: q_before}
@@ -286,11 +278,7 @@ class _Planning:
             return self._planner.plan(replace(mover.request, goal=goal, others=seen))
 
     def _check_left(self, giver: TeamMember, taker: TeamMember) -> None:
-        """Check that the giver has left the object's surroundings.
-
-        Raises:
-            NoPath: It is still too near.
-        """
+        """Refuse (``NoPath``) if the giver is still near the object."""
         first, second = (
             (bodies_of(each.request.scene.attached, ""), each.resting(each.request.q_start))
             for each in (giver, taker)
@@ -354,13 +342,7 @@ class JawGeometry:
 
     The frame ``jaw_tip`` is on the pad of the fixed jaw, which faces against that frame's x axis,
     towards the moving jaw. A held object lies on the pad, so its middle is half its thickness away.
-
-    Args:
-        model: The arm.
-
-    Attributes:
-        closed: The smallest angle of the jaw [rad].
-        opened: The largest angle of the jaw [rad].
+    ``closed`` and ``opened`` are the smallest and the largest angle of the jaw [rad].
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -387,12 +369,7 @@ class JawGeometry:
 
 
 class Hand:
-    """The gripper and the jaw of an arm, in its tool frame, to keep off another arm's.
-
-    Args:
-        model: The arm.
-        q_jaw: Angle of the jaw [rad].
-    """
+    """The gripper and the jaw of an arm, in its tool frame, to keep off another arm's."""
 
     def __init__(self, model: RobotModel, q_jaw: float) -> None:
         zero = np.zeros(5)

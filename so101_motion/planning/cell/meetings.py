@@ -40,23 +40,15 @@ class Meeting(NamedTuple):
 
 
 class Meetings:
-    """Finds meetings of two arms within their joint limits. Belongs to one thread.
-
-    Args:
-        giver: The arm that holds the object.
-        taker: The arm that takes it.
-        T_giver_taker: The taker's base in the giver's base frame.
-    """
+    """Finds meetings of two arms within their joint limits. Belongs to one thread."""
 
     def __init__(self, giver: RobotModel, taker: RobotModel, T_giver_taker: SE3) -> None:
         self._giver, self._taker, self._T = giver, taker, T_giver_taker
 
     def find(self, T_tools: Sequence[SE3], seed: int) -> Iterator[Meeting]:
-        """Find meetings, those of the best random pairs first.
+        """Meetings, those of the best random pairs first.
 
-        Args:
-            T_tools: The taker's tool in the giver's tool frame, for each grasp.
-            seed: Of the random configurations.
+        ``T_tools``: the taker's tool in the giver's tool frame, for each grasp.
         """
         q_giver, T_giver_tools = _samples(self._giver, GIVERS, seed)
         q_taker, T_theirs = _samples(self._taker, TAKERS, seed + 1)

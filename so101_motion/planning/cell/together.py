@@ -79,13 +79,8 @@ SLOWEST = 0.02  # lowest limit of a speed [m/s]; chosen
 def pace_on(path: JointPath, team: Sequence[TeamMember]) -> Callable[[Array, Array], Array] | None:
     """Make a function for the speed of arms on a path, as a share of what will probably be proven.
 
-    Args:
-        path: Path of all joints, five for each arm.
-        team: The arms in the order of their joints.
-
-    Returns:
-        A function from joint angles (m, n) on the path and their rates (m, n) to that share, (m,);
-        None if arms come so near to each other that they could not move at all.
+    It takes joint angles (m, n) on the path and their rates (m, n), five for each arm in turn, and
+    returns (m,). None if arms come so near to each other that they could not move at all.
     """
     places = path.evaluate(np.linspace(0.0, path.length, LOOKS)).q
     bodies = [bodies_of(each.request.scene.attached) for each in team]
@@ -192,11 +187,7 @@ def _makespan(plans: Sequence[Plan]) -> float:
 
 
 def _with_goals(planner: Planner, team: Sequence[TeamMember], ends: float) -> list[TeamMember]:
-    """The same arms with joint angles as goals, at which all can stand at the same time.
-
-    Raises:
-        PlanningError: There are none.
-    """
+    """The same arms with joint angles as goals, at which all can stand at the same time."""
     fixed: list[TeamMember] = []
     for member in team:
         goal = member.request.goal
@@ -355,11 +346,7 @@ def _lengthened(trajectory: Trajectory, length: int) -> Trajectory:
 
 
 def _as_one(planner: Planner, team: Sequence[TeamMember], ends: float) -> dict[str, Plan]:
-    """Search one path for all joints together, and time it as one motion.
-
-    Raises:
-        PlanningError: None was found in time, or one arm cannot do its part of it.
-    """
+    """Search one path for all joints together, and time it as one motion."""
     first = team[0].request
     if len(team) > MOST_ARMS:
         raise NoPath(

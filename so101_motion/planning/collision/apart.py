@@ -4,6 +4,9 @@ The compiled library does it (``native/apart.c`` says how). Bodies are those of 
 that contain the real parts, and held objects. An object that is passed from one gripper to another
 need not keep off the gripper and the jaw of the arm that takes it; all other bodies of both arms
 keep apart as always.
+
+``first`` and ``second`` are two arms' bodies and courses, ``T_first_second`` the second's base in
+the first's base frame; ``since`` is the start of a check [s], ``room`` the distance to keep [m].
 """
 
 from __future__ import annotations
@@ -78,16 +81,9 @@ def first_meeting(
 ) -> Meeting | None:
     """Where two arms first come too near to each other, or None: a proof that they never do.
 
-    Both rest at the ends of their courses.
-
-    Args:
-        first: An arm's bodies and its course.
-        second: Another's.
-        T_first_second: The second's base in the first's base frame.
-        since: Start of the check [s].
-        room: Distance they must keep [m]; between two checks of a pair, seven eighths of it.
-        early: How much one may be ahead of the other [s]: the faster both are, the further apart
-            they must stay.
+    Both rest at the ends of their courses. Between two checks of a pair seven eighths of ``room``
+    are kept. One may be ``early`` [s] ahead of the other: the faster both are, the further apart
+    they must stay.
     """
     figures = since, STEP, room, early
     met = (
@@ -105,18 +101,9 @@ def nearness(
     at: float,
     room: float,
 ) -> float | None:
-    """The distance of two arms at an instant, if it is less than ``room``; else None.
+    """The distance of two arms at an instant [s], if it is less than ``room``; else None.
 
-    Args:
-        first: An arm's bodies and its course.
-        second: Another's.
-        T_first_second: The second's base in the first's base frame.
-        at: The instant [s].
-        room: Largest distance of interest [m].
-
-    Returns:
-        A lower bound of the distance, at most 0.1 mm too small; 0 or less if they touch, or
-        nearly [m].
+    A lower bound, at most 0.1 mm too small; 0 or less if they touch, or nearly [m].
     """
     here, there = (course.at(np.array([at])) for _, course in (first, second))
     nearest = min(
@@ -129,13 +116,7 @@ def nearness(
 def are_apart(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, room: float) -> bool:
     """Whether two arms keep apart while both go straight from one configuration to the next.
 
-    Args:
-        a: An arm's bodies.
-        b: Another's.
-        T: The second's base in the first's base frame.
-        qa: The first arm's joints and jaw, shape (n, 6), contiguous, [rad].
-        qb: The second's; as many.
-        room: Distance they must keep [m].
+    ``qa`` and ``qb`` are their joints and jaw, shape (n, 6), contiguous, [rad].
     """
     return _meet(a, b, T, qa, qb, room, 0.0) is None
 
@@ -146,15 +127,9 @@ def clearance_over_time(
     T_first_second: SE3,
     times: Array,
 ) -> list[Meeting]:
-    """The closest bodies of two arms at each of some times.
+    """The closest bodies of two arms at each of some times (n,) [s].
 
     For display; it takes a tenth of a millisecond for each time.
-
-    Args:
-        first: An arm's bodies and its course.
-        second: Another's.
-        T_first_second: The second's base in the first's base frame.
-        times: The times, shape (n,), [s].
     """
     (a, _), (b, _) = first, second
     found = []
@@ -169,17 +144,9 @@ def distances(
 ) -> Array:
     """Lower bounds of the distances between bodies of two arms, shape (n, k, m), [m].
 
-    Exact to 0.1 mm below ``need``, else to a tenth of the excess; distances above ``enough`` may
-    be given as any value above it. The two bases are infinitely far from each other.
-
-    Args:
-        a: An arm's bodies.
-        b: Another's.
-        T: The second's base in the first's base frame.
-        qa: The first arm's joints and jaw, shape (n, 6), [rad].
-        qb: The second's; as many.
-        need: Distance below which they are exact [m].
-        enough: Distance above which they need not be known [m].
+    Exact to 0.1 mm below ``need``, else to a tenth of the excess; distances above ``enough`` may be
+    given as any value above it. The two bases are infinitely far from each other. ``qa`` and ``qb``
+    are joints and jaws, shape (n, 6), [rad].
     """
     library, placed = native().library, placement(T)
     qa, qb = np.ascontiguousarray(qa), np.ascontiguousarray(qb)
@@ -234,14 +201,7 @@ def stops_meeting(
 ) -> Meeting | None:
     """Where two arms would come too near if both stopped at some instant; None if nowhere.
 
-    Args:
-        first: An arm's bodies and its course.
-        second: Another's.
-        T_first_second: The second's base in the first's base frame.
-        since: Start of the check [s]; it ends when one of them rests.
-        every: Time between the instants [s].
-        room: Distance they must keep [m].
-        early: As in ``first_meeting`` [s].
+    The instants are ``every`` [s], until one of them rests; ``early`` as in ``first_meeting``.
     """
     (a, one), (b, other) = first, second
     end, since = min(one.end, other.end), max(since, one.t, other.t)

@@ -25,18 +25,11 @@ from so101_motion.planning.kinematics.model import RobotModel
 class ArmBodies:
     """The bodies of one arm and of the objects it holds. May be used by any thread.
 
-    Args:
-        model: The arm.
-        attached: The objects it holds.
-        left_out: Names of bodies to leave out.
-        passed: Names of objects that the other arm's gripper may touch.
-
     Attributes:
-        passed: As given.
+        passed: Names of objects that the other arm's gripper may touch.
         names: Their names in messages.
         levers: Bounds on the distance of any point of each body from each joint's axis, shape
             (n, 6), [m].
-        handle: The compiled library's handle of them.
     """
 
     def __init__(
@@ -89,10 +82,8 @@ def _model() -> RobotModel:
 def bodies_of(attached: tuple[Attached, ...] = (), to: str | None = None) -> ArmBodies:
     """The bodies of an SO-101 that holds ``attached``; cached.
 
-    Args:
-        attached: The objects it holds.
-        to: The arm they are checked against, which may touch an object passed to it; None for any
-            arm.
+    They are checked against the arm ``to``, which may touch an object passed to it; None for any
+    arm.
     """
     passed = (each.name for each in attached if each.passed_to and to in (None, each.passed_to))
     return _bodies_in(Scene(attached=attached, floor_z=None), frozenset(passed))

@@ -71,9 +71,7 @@ class Levels:
 class BatchCheck:
     """The bodies of one scene in the library's memory. Belongs to one thread.
 
-    Attributes:
-        scene: The library's handle of it.
-        library: The library.
+    ``scene`` is the library's handle of it.
     """
 
     def __init__(self, model: Any, bodies: Bodies, floor_z: float | None) -> None:
@@ -138,11 +136,7 @@ class BatchCheck:
     def near(
         self, q: Array, q_jaw: float, within: float, gap: float = 0.0
     ) -> tuple[Array, Array] | None:
-        """The pairs of bodies within a distance [m] of each other; None if coal has to decide.
-
-        Returns:
-            As ``CollisionModel.near_bounds``; the bounds are valid until the next call.
-        """
+        """``CollisionModel.near_bounds``; None if coal has to decide."""
         self._one[:5] = q
         self._one[5] = q_jaw
         n = self.library.so101_near_bounds(

@@ -80,10 +80,9 @@ class MotionBounds:
     """Bounds for one arm with the objects it holds.
 
     Args:
-        offsets: Pose of each joint of the arm in the frame of the one before, ``T_before_joint``,
-            and last that of the jaw.
-        points: For each joint of the arm and for the jaw, points whose hull contains the parts on
-            it, in its frame, shape (n, 3), [m].
+        offsets: ``T_before_joint`` of each joint of the arm, and last that of the jaw.
+        points: For each of them, points whose hull contains the parts on it, in its frame, shape
+            (n, 3), [m].
 
     Attributes:
         longest: For each joint of the arm, the bound whatever the jaw does, shape (5,), [m].

@@ -294,13 +294,9 @@ class CollisionModel:
         return closest.first, closest.second
 
     def nearest(self, q: ArrayLike, q_jaw: float = 0.0, *, within: float) -> list[ClosePair]:
-        """The pairs of bodies that are near each other, the nearest first.
+        """The pairs of bodies nearer than ``within`` [m], at most ``NEAR``, the nearest first.
 
-        Args:
-            within: Largest distance [m], at most ``NEAR``; fastest if the same in each call.
-
-        Raises:
-            ValueError: ``within`` is out of range.
+        Fastest if ``within`` is the same in each call; ``ValueError`` if it is out of range.
         """
         rows, _ = self.near_bounds(q, q_jaw, within=within)
         return [self.described(row) for row in rows[np.argsort(rows[:, 1], kind="stable")]]
@@ -317,16 +313,11 @@ class CollisionModel:
     ) -> tuple[Array, Array]:
         """Like ``nearest``, but as numbers and in any order, for use in every control cycle.
 
-        Args:
-            gap: Distance beyond the margins that a step shall keep free where it is free now [m].
-
         Returns:
             A row for each pair of bodies: its index in ``pairs``, distance, ``p_first``,
-            ``p_second``, normal, gradient; shape (n, 16). And the bounds of such a step
-            (``guard.py``), shape (n, 7), valid until the next call.
-
-        Raises:
-            ValueError: ``within`` is out of range.
+            ``p_second``, normal, gradient; shape (n, 16). And the bounds (``guard.py``) of a step
+            that keeps ``gap`` [m] beyond the margins free where it is free now, shape (n, 7), valid
+            until the next call.
         """
         if not 0.0 < within <= NEAR:
             raise ValueError(f"within must be more than 0 and at most {NEAR} m, got {within}")
@@ -415,9 +406,8 @@ class CollisionModel:
     def sampled_check(self, q_jaw: float = 0.0, *, spacing: float, extra: float = 0.0) -> LineCheck:
         """A quicker check of motions at samples, which proves nothing between them.
 
-        Args:
-            spacing: Largest travel between two samples [m].
-            extra: Distance that pairs must keep beyond their margins [m].
+        Samples are at most ``spacing`` [m] of travel apart; pairs must keep ``extra`` [m] beyond
+        their margins.
         """
         self.checkpoint()
         proof, reach = self._wider(extra) if extra else self._plain, self._levers.at(q_jaw)

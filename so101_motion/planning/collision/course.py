@@ -50,14 +50,7 @@ class Course:
 
     @classmethod
     def through(cls, q: Array, q_jaw: float, *, t: float, dt: float) -> Course:
-        """The course of an arm through configurations ``dt`` apart, with the jaw where it is.
-
-        Args:
-            q: Joint angles at ``t`` and every ``dt`` after it, shape (n, 5), n >= 1, [rad].
-            q_jaw: The jaw at all of them [rad].
-            t: Time of the first [s].
-            dt: Time between them [s].
-        """
+        """The course through ``q`` (n, 5) [rad] from ``t`` [s] on every ``dt``; the jaw stays."""
         path = np.empty((len(q), 6))
         path[:, :5], path[:, 5] = q, q_jaw
         path.setflags(write=False)
@@ -111,14 +104,9 @@ def stop_time(q: Array, dt: float) -> float:
 
 
 def stop_along(q: Array, dt: float) -> tuple[Array, float]:
-    """A stop along the path that the joints follow.
+    """A stop along the path that joints follow, ``q`` (n, k) every ``dt`` from now on.
 
-    Args:
-        q: Joint angles of the path from now on, shape (n, k), [rad].
-        dt: Time between them [s].
-
-    Returns:
-        Joint angles while they slow down, shape (m, k), and the time between them [s].
+    Joint angles while they slow down, shape (m, k), [rad], and the time between them [s].
     """
     duration = stop_time(q, dt)
     passed = np.linspace(0.0, duration, _PLACES)
@@ -159,17 +147,12 @@ class Neighbours(Protocol):
         """The near bodies of each other arm now, for an arm that rests at ``q``.
 
         Costs much less than ``admits``, which proves what somebody else decides here.
-
-        Args:
-            q: Joint angles, shape (5,), [rad].
         """
 
     def admits(self, q: Array, dt: float) -> bool:
         """Whether the arm may go on and then stop along ``q``; if so, the others rely on it.
 
-        Args:
-            q: Joint angles now and while the arm would stop, shape (n, 5), [rad].
-            dt: Time between them [s].
+        ``q`` (n, 5) [rad] begins now; the arm would rest at its end.
         """
 
     def commit(self, q: Array, dt: float) -> None:

@@ -103,11 +103,7 @@ class Beside:
         return 0 if self._of is None else int(self._asked.near)
 
     def near(self, name: str) -> NearArms:
-        """The pairs of bodies that were near each other.
-
-        Args:
-            name: Name of the other arm in messages.
-        """
+        """The pairs of bodies that were near each other; ``name`` is the other arm's."""
         return NearArms(self._rows[: self.count, :_BOUND], partial(self._words, name))
 
     def _words(self, name: str, k: int) -> str:
@@ -203,17 +199,9 @@ def following_apart(
     """Where an arm that follows a target would come too near to another, if both stop now.
 
     Arms that are too near already may move apart, and then keep the distance they have gained. Arms
-    nearer than that, for example because one braked into it, may only move apart.
-
-    Args:
-        first: The bodies and the course of the arm that follows a target.
-        second: Another's.
-        T_first_second: The second's base in the first's base frame.
-        since: Start of the check [s].
-        beside: Memory of these two arms; is changed.
-
-    Returns:
-        Where they would meet; None if nowhere.
+    nearer than that, for example because one braked into it, may only move apart. ``first`` follows
+    a target; ``beside`` remembers these two arms and is changed; else as in ``apart.py``. None if
+    nowhere.
     """
     a, b = first[0], second[0]
     said = beside.answer(first, second, T_first_second, since)
@@ -250,13 +238,6 @@ def only_part(
 
     Checked by coal every ``STEP`` until both rest, at first twice as often. False while an object
     is passed between the arms.
-
-    Args:
-        first: An arm's bodies and its course.
-        second: Another's.
-        T_first_second: The second's base in the first's base frame.
-        since: Start of the check [s].
-        room: Distance that is far enough [m].
     """
     if first[0].passed | second[0].passed:
         return False

@@ -30,13 +30,7 @@ class Found(NamedTuple):
 
 
 class PairsByCoal:
-    """Distances and contacts of pairs of bodies by coal, which looks only where boxes are near.
-
-    Args:
-        model: The arm, Pinocchio's.
-        data: Its data.
-        bodies: The bodies and the pairs.
-    """
+    """Distances and contacts of pairs of bodies by coal."""
 
     def __init__(self, model: Any, data: Any, bodies: Bodies) -> None:
         self._model, self._data = model, data
@@ -56,9 +50,8 @@ class PairsByCoal:
     def place(self, q_full: Array) -> Array:
         """Move the bodies to a configuration (6,) [rad].
 
-        Returns:
-            A distance that each pair has at least, shape (n,), [m]; minus infinity where their
-            boxes overlap.
+        Returns a distance that each pair has at least, shape (n,), [m]; minus infinity where their
+        boxes overlap.
         """
         pin.forwardKinematics(self._model, self._data, q_full)
         for i in self._movers:

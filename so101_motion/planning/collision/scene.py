@@ -385,12 +385,9 @@ def _placed(name: str, pose: SE3) -> None:
 
 
 def refuse_odd_size(name: str, shape: Shape | ShapeFile) -> None:
-    """Refuse a thing that is a speck, or as large as a house, because its unit is another one.
+    """Refuse a thing under 2 mm or over 10 m in all directions: its unit is another one.
 
     A point (a sphere or box without a size) and a few points that were seen are no specks.
-
-    Raises:
-        ConfigError: It is under 2 mm or over 10 m in all directions.
     """
     if isinstance(shape, ShapeFile):
         return  # when it is read

@@ -59,12 +59,8 @@ def seen_cubes(
 ) -> Array:
     """The middles of the cubes of edge ``EDGE`` that hold obstacles, shape (n, 3), [m].
 
-    Args:
-        points: The points seen, in the base frame, shape (m, 3), [m].
-        T_base_links: Poses of the links then, by their URDF names.
-        T_base_tool: Pose of the tool then.
-        held: The objects the gripper holds.
-        floor_z: Height of the floor in the base frame [m]; None for none.
+    ``points`` (m, 3) [m] were seen while the links, by their URDF names, and the tool were there;
+    ``floor_z`` is None for no floor.
     """
     carried = _carried(held, T_base_tool)
     far = max(

@@ -107,11 +107,8 @@ def mesh_kind(data: bytes | memoryview) -> str:
 def file_mesh(kind: str, data: bytes, *, scale: float = 1.0, most: int = MOST_TRIANGLES) -> Mesh:
     """Read the mesh in a file of a disk; its unit is what the format declares, or millimetres.
 
-    Args:
-        kind: The file's ending, one of ``MESHES``.
-        data: Its bytes.
-        scale: Factor for its lengths: 1000 for a file of an undeclared unit in metres.
-        most: Most triangles.
+    ``kind`` is the file's ending, one of ``MESHES``; ``scale`` a factor for its lengths, 1000 for a
+    file of an undeclared unit in metres; ``most`` the most triangles.
 
     Raises:
         ConfigError: It is too large, or no such file.
@@ -161,11 +158,8 @@ def welded(vertices: Array, triangles: Any) -> tuple[Array, Any]:
 def coarse(meshes: Sequence[tuple[Array, Any]], grid: float) -> tuple[Array, Any]:
     """Merge meshes into one with few triangles, for a picture.
 
-    All vertices of a grid cell become one at their mean; triangles that collapse are left out.
-
-    Args:
-        meshes: Vertices (n, 3), [m], and triangles (m, 3) of each, in one frame.
-        grid: Edge of a cell [m].
+    All vertices of a cell of edge ``grid`` [m] become one at their mean; triangles that collapse
+    are left out. Of each mesh: vertices (n, 3) [m] in one frame, and triangles (m, 3).
     """
     vertices = np.concatenate([each for each, _ in meshes])
     starts = np.cumsum([0, *(len(each) for each, _ in meshes[:-1])])

@@ -84,13 +84,10 @@ class Inside:
         self._thick = _spread(_spread(full, np.logical_and), np.logical_or)
 
     def depth(self, body: Any, points: Callable[[], Array], R: Array, p: Array) -> Depth | None:
-        """How deep a convex body is in it; None if not at all, or not known.
+        """How deep a convex body, coal's, is in it; None if not at all, or not known.
 
-        Args:
-            body: The body, coal's.
-            points: Returns what ``points_in`` finds.
-            R: The body's orientation in the frame of the solid, shape (3, 3).
-            p: Its position, shape (3,), [m].
+        ``points`` returns what ``points_in`` finds; R and p [m] place the body in the solid's
+        frame.
         """
         found = [each for hull in self._parts[0] if (each := _depth_in(hull, body, R, p))]
         if self._parts[1] is not None:
@@ -214,9 +211,7 @@ class Part(NamedTuple):
 def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:
     """The convex parts of a mesh, then other solids as one, and surfaces as another.
 
-    Args:
-        mesh: The mesh.
-        foot: Points of the arm's base and shoulder in the mesh's frame, shape (n, 3), [m].
+    ``foot``: points of the arm's base and shoulder in the mesh's frame, shape (n, 3), [m].
     """
     rest = []
     vertices, all_triangles = welded(mesh.vertices, mesh.triangles)
@@ -329,16 +324,11 @@ def _sampled(mesh: Mesh, spacing: float) -> tuple[Array, Any]:
 
 
 def enclosed(points: Array, edge: float, foot: Array, skin: float = 0.5) -> tuple[Inside, Array]:
-    """The inside of what points show, and the middles of enclosed cells that fill it.
+    """The inside of what points (n, 3) show, and the middles of enclosed cells that fill it.
 
-    Args:
-        points: Shape (n, 3), n >= 1, [m].
-        edge: Of the cells [m]; several of them are taken together if there are too many.
-        foot: As for ``parts_of``; what is around all of it is a room.
-        skin: As for ``Inside``.
-
-    Returns:
-        The middles have the shape (m, 3), [m]; they are as far apart as no link fits between.
+    The cells have an ``edge`` [m]; several are taken together if there are too many. ``foot`` as
+    for ``parts_of``; what is around all of it is a room. The middles (m, 3) [m] are as far apart as
+    no link fits between.
     """
     from scipy import ndimage
 

@@ -50,16 +50,12 @@ class BoundedStep:
         self._make_room(_ROOM)
 
     def nearest(self, step: Array, bounds: Sequence[Array]) -> tuple[Array | None, Sequence[int]]:
-        """Find the step nearest to ``step`` that keeps the bounds, and which bounds are active.
+        """The step nearest to ``step`` (5,) that keeps the bounds, and which bounds are active.
 
-        Args:
-            step: The wanted step, shape (5,).
-            bounds: Arrays of shape (k, 7). Each bound has five factors of the step, the smallest
-                value of their product, and the room it leaves; those with the least room are used.
-
-        Returns:
-            The step and the numbers of the active bounds, counted through all arrays. ``step``
-            itself if no bound is active; None if no step is found.
+        Each bound, a row of one of the arrays (k, 7), has five factors of the step, the smallest
+        value of their product, and the room it leaves; those with the least room are used. ``step``
+        itself if no bound is active; None if no step is found. Active bounds are counted through
+        all arrays.
         """
         n = sum(map(len, bounds))
         if n > len(self._bounds):
@@ -206,12 +202,8 @@ class Guard:
     def within_reach(self, q: Array, q_target: Array, others: Sequence[NearArms] = ()) -> Array:
         """The configuration nearest to a target that is probably free, shape (5,), [rad].
 
-        ``q_target`` itself if nothing is in its way; ``q`` if none is found.
-
-        Args:
-            q: Present configuration, shape (5,), [rad].
-            q_target: Target configuration, shape (5,), [rad].
-            others: Near bodies of other arms.
+        ``q_target`` itself if nothing is in its way; ``q``, the present one, if none is found.
+        ``others``: near bodies of other arms.
         """
         heavy = self._see(q)
         if self.stuck:
@@ -232,12 +224,7 @@ class Guard:
 
         Each joint that brings near bodies nearer, by ``ALONG`` or more, goes as far as leaves them
         their margins and ``GUIDED_GAP`` if no other joint makes room; the others go all the way. An
-        estimate, from distances that are linearised in the joint angles. The load is not checked.
-
-        Args:
-            q: Present configuration, shape (5,), [rad].
-            q_guided: Where the hand leads it, shape (5,) or (k, 5), [rad]: a few degrees away.
-            others: Near bodies of other arms.
+        estimate for a few degrees, from distances that are linearised. The load is not checked.
         """
         self._find_near(q, GUIDED_GAP)
         own = self._bounds[~self._stuck_in] if self.stuck else self._bounds
@@ -274,10 +261,9 @@ class Guard:
         return self._is_free(path, low, high, ahead=ahead)
 
     def is_free(self, path: Array) -> bool:
-        """Whether a path is proven free, whatever the load.
+        """Whether a path (m, 5) [rad], m >= 2, with straight lines between, is proven free.
 
-        Args:
-            path: Its samples, with straight lines between, shape (m, 5), m >= 2, [rad].
+        The load is not checked.
         """
         low, high = np.minimum.reduce(path).tolist(), np.maximum.reduce(path).tolist()
         return self._is_free(path, low, high, ahead=False)
@@ -312,9 +298,6 @@ class Guard:
 
         Bodies that are in contact where it begins may part. Nearness is no contact, and the load is
         not checked: the path is somebody else's plan.
-
-        Args:
-            path: Its samples, with straight lines between, shape (m, 5), m >= 2, [rad].
         """
         self._see(path[0])
         collision, q_jaw = self._collision, self._q_jaw()
@@ -336,11 +319,7 @@ class Guard:
         return self._called(k)
 
     def keeps_clear(self, path: Array) -> bool:
-        """Whether a stop along a path keeps out of contact; from speed it must be free as well.
-
-        Args:
-            path: As for ``is_free``.
-        """
+        """Whether a stop along a path keeps out of contact; from speed it must be free as well."""
         return self.contact(path) is None if self._span(path) <= FAST else self.is_free(path)
 
     def _span(self, path: Array) -> float:

@@ -71,15 +71,9 @@ from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 
 class MovingAverage:
-    """Filters the positions of a reference that starts at rest.
+    """Filters the positions of a reference that starts at rest at ``q``; ``steps`` are averaged.
 
-    Args:
-        q: Start position, shape (n,), [rad].
-        limits: The reference's accelerations, and the jerk that the output shall keep.
-        dt: Time step [s].
-
-    Attributes:
-        steps: How many steps are averaged.
+    ``limits`` are the reference's accelerations, and the jerk that the output shall keep.
     """
 
     def __init__(self, q: Array, limits: MotionLimits, dt: float) -> None:

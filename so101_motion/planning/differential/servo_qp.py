@@ -62,13 +62,9 @@ class ServoQp:
     ) -> tuple[Array, float]:
         """Solve for the velocities and the granted share.
 
-        Args:
-            J: Jacobian of the moved frame, shape (6, 5).
-            w: The task velocity, shape (5,), not all zero, in the unit of ``lower``.
-            lower: Smallest velocities, shape (5,).
-            upper: Largest velocities, shape (5,).
-            G: Rows, shape (k, 5), k <= ``ROWS``.
-            b: Their bounds, shape (k,).
+        J (6, 5) is the Jacobian of the moved frame, w (5,) the task velocity, not all zero, in the
+        unit of ``lower`` and ``upper``, which are velocities; rows G (k, 5), k <= ``ROWS``, have
+        the bounds b.
         """
         per_size = 1.0 / float(np.abs(w).max())
         M = (J.T * _WEIGHTS) @ J

@@ -63,14 +63,7 @@ class TaskVelocity(NamedTuple):
 
 
 class TaskControl:
-    """Turns targets into task velocities, step by step; ``grant`` reports how much was possible.
-
-    Args:
-        model: The arm.
-        limits: Its caps.
-        dt: Time step [s].
-        frame: The frame of the gripper that is moved.
-    """
+    """Turns targets into task velocities of ``frame``; ``grant`` reports how much was possible."""
 
     def __init__(self, model: RobotModel, limits: MotionLimits, dt: float, frame: str) -> None:
         self._model, self._dt, self._frame = model, dt, frame

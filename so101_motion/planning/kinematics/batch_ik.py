@@ -147,14 +147,12 @@ def roll_for(structure: ArmStructure, pan: Array, pitch: Array, R_base_tool: Arr
 def facing_turned(
     structure: ArmStructure, frame: str, p_base: Array, R_base_tool: Array, roll: float
 ) -> tuple[Facing, Array]:
-    """The arm's plane turned to points (n, 3) [m], with pan, pitch and roll in agreement.
+    """The arm's plane turned to points (n, 3) [m], and the pitches that bring the approach nearest.
 
-    The roll moves a frame beside the roll axis, that changes the pan, and that changes the roll.
-    The iteration converges quickly, unless a point is as near to the pan axis as the frame is to
-    the roll axis; then the result is some configuration like any other.
-
-    Returns:
-        The plane, and the pitches that bring the approach nearest, both (n, 2, 1).
+    Pan, pitch and roll agree, both results are (n, 2, 1): the roll moves a frame beside the roll
+    axis, that changes the pan, and that changes the roll. The iteration converges quickly, unless a
+    point is as near to the pan axis as the frame is to the roll axis; then the result is some
+    configuration.
     """
     rolls = np.full((len(p_base), 2, 1), roll)
     for _ in range(_ROUNDS):

@@ -74,12 +74,7 @@ class Task(NamedTuple):
 
 
 def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
-    """Check a goal and convert it to the form that solvers need.
-
-    Raises:
-        ConfigError: The frame is not one of the gripper's, a number of the pose is not finite,
-            the matrix is no rotation, or a tolerance is not positive.
-    """
+    """Check a goal and convert it to the form that solvers need."""
     model.check_gripper_frame(goal.frame)
     x, y, z = goal.T_base_tool.p.tolist()
     if not isfinite(x + y + z):
@@ -115,11 +110,7 @@ def _check_rotation(rows: list[list[float]]) -> None:
 
 
 def check_seed(q_seed: ArrayLike) -> Joints:
-    """Check a seed, shape (5,), and return it as plain numbers [rad]. Limits do not matter.
-
-    Raises:
-        ConfigError: It is not five finite numbers.
-    """
+    """Check a seed, shape (5,), and return it as plain numbers [rad]. Limits do not matter."""
     q = np.asarray(q_seed, dtype=np.float64)
     if q.shape == (5,):
         joints = to_joints(q)

@@ -87,9 +87,8 @@ class Workspace:
     def nearest(self, p_base: Point, seed: Joints) -> list[Joints]:
         """Joint angles at the edge of the workspace near a point [m] that is out of reach.
 
-        Returns:
-            For a frame on the roll axis those of the nearest reachable point. Otherwise starts for
-            a minimisation: all that may lead to it, the most promising first.
+        For a frame on the roll axis those of the nearest reachable point. Otherwise starts for a
+        minimisation: all that may lead to it, the most promising first.
         """
         m = self._structure.measures
         x, y, z = p_base[0] - m.pan[0], p_base[1] - m.pan[1], p_base[2] - m.shoulder[1]

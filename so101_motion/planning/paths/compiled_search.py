@@ -45,11 +45,7 @@ class Space:
 
 
 class Deadline:
-    """The time at which a search ends.
-
-    Attributes:
-        budget: Time from its creation [s].
-    """
+    """The time at which a search ends, ``budget`` [s] after its creation."""
 
     def __init__(self, budget: float) -> None:
         self.budget = budget
@@ -65,15 +61,7 @@ class Deadline:
 
 
 class CompiledSearch:
-    """One search, from a start to any of several goals.
-
-    Args:
-        space: The space from which configurations are drawn.
-        checker: Checks configurations and lines, of one arm or of several.
-        q_start: A free configuration, shape (n,), [rad].
-        goals: Free configurations, at least one, each of shape (n,), [rad].
-        random: Gives its seed.
-    """
+    """One search from a start (n,) to any of several goals, all free; ``random`` gives its seed."""
 
     def __init__(
         self,

@@ -54,15 +54,7 @@ class Closed(NamedTuple):
 
 
 class Infeasibility:
-    """Tries to show that no path leads from a start to any of several goals.
-
-    Args:
-        space: The joint limits, and how far each joint moves the arm.
-        collision: Checks for contact.
-        q_jaw: Jaw angle during the motion [rad].
-        q_start: A free configuration, shape (5,), [rad].
-        goals: Free configurations, at least one, each of shape (5,), [rad].
-    """
+    """Tries to show that no path leads from a start to any of several goals, all free."""
 
     def __init__(
         self,
@@ -83,10 +75,7 @@ class Infeasibility:
     def look(self, deadline: Deadline, most: int, rim: int) -> Closed | None:
         """Check up to ``most`` configurations in all from each end; None if that shows nothing.
 
-        Args:
-            deadline: When to end.
-            most: Includes those of earlier calls.
-            rim: How many configurations of the rim are returned at most.
+        ``most`` includes those of earlier calls; ``rim`` bounds how many of the rim are returned.
         """
         for each in tuple(self._left):
             flood, again, is_start = each

@@ -107,14 +107,7 @@ class FreePath:
 
 
 class PathFinder:
-    """Finds free paths for one arm, one jaw opening and one set of surroundings.
-
-    Args:
-        model: The arm with its joint limits.
-        collision: Checks for contact.
-        q_jaw: Jaw angle during the motion [rad].
-        seed: Seed of all random choices.
-    """
+    """Finds free paths for one arm, one jaw opening and one set of surroundings."""
 
     def __init__(
         self, model: RobotModel, collision: CollisionModel, *, q_jaw: float = 0.0, seed: int = 0
@@ -132,12 +125,10 @@ class PathFinder:
     ) -> FreePath:
         """A free path to one of the goals, straight if there is such.
 
-        Args:
-            q_start: A free configuration inside the limits, shape (5,), [rad].
-            goals: Free configurations inside the limits, at least one, nearest first. They are
-                taken one by one, so the later ones may be computed only if needed.
-            time_budget: Time for the search [s]; a path found by then is not shortened any further.
-            routing: How routes that are not straight are compared; None to take the first.
+        Start and goals are free and inside the limits, the nearest goal first; goals are taken one
+        by one, so the later ones may be computed only if needed. A path found within
+        ``time_budget`` [s] is not shortened any further then. ``routing`` compares routes that are
+        not straight.
 
         Raises:
             NoPath: None was found in time. The message names an end that is shut in and the bodies

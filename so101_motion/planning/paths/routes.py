@@ -72,15 +72,7 @@ class Routing(NamedTuple):
 
 
 class Route:
-    """A path and a motion along it, which may be cut short in time.
-
-    Args:
-        points: Waypoints, each shape (5,), [rad].
-        goal: Which of the goals it leads to, as an index.
-        checker: Checks for contact.
-        space: The joint limits.
-        seed: Of the cuts.
-    """
+    """A path to the goal of that index, and a motion along it, which may be cut short in time."""
 
     def __init__(
         self,
@@ -131,13 +123,8 @@ def quickest(
 ) -> tuple[Route, int, bool]:
     """The quickest route, how many were compared, and whether the time was up before all were.
 
-    If the first route is direct no others are searched.
-
-    Args:
-        first: The route that is known.
-        space: The joint limits.
-        checks: For contact during a search, and for a path that is shortened.
-        deadline: When to end with what there is.
+    If the first route is direct no others are searched. ``checks`` are for contact during a search,
+    and for a path that is shortened.
     """
     look, wide = checks
     best, compared = [(first.cut(FIRST_CUTS, deadline), 0, first)], 1

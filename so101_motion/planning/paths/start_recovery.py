@@ -70,10 +70,7 @@ def find_departure(
     seed: int,
     farthest: float = FARTHEST,
 ) -> Array:
-    """Find the configuration, free and inside the limits, to which a bad start can be left.
-
-    Returns:
-        Shape (5,), [rad].
+    """The configuration, free and inside the limits, to which a bad start can be left, (5,) [rad].
 
     Raises:
         InCollision: There is none; the message says what the arm touches.
