@@ -16,7 +16,7 @@ _PART = 0.25  # as in apart.c
 def meet_by_coal(
     a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
 ) -> tuple[float, float, int, int] | None:
-    """The first time at which two arms on courses come too near, by coal; see ``apart._meet``."""
+    """The first time at which two arms come too near, by coal; ``early`` is in steps."""
     data = a.model.createData(), b.model.createData()
     travel_a, travel_b, last = a.travel(qa), b.travel(qb), len(qa) - 1
     due = np.zeros((len(a.objects), len(b.objects)))

@@ -44,9 +44,6 @@ other do. Chosen."""
 
 UNKNOWN = 2  # as in native.h
 
-_Found = tuple[float, float, int, int] | None
-"""Time or step, distance, and the index of the body of each arm; None if they do not meet."""
-
 
 class Meeting(NamedTuple):
     """Where two arms would come too near to each other."""
@@ -111,14 +108,6 @@ def nearness(
         for a, b in _groups(first[0], second[0])
     )
     return nearest if nearest < room else None
-
-
-def are_apart(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, room: float) -> bool:
-    """Whether two arms keep apart while both go straight from one configuration to the next.
-
-    ``qa`` and ``qb`` are their joints and jaw, shape (n, 6), contiguous, [rad].
-    """
-    return _meet(a, b, T, qa, qb, room, 0.0) is None
 
 
 def clearance_over_time(
@@ -239,37 +228,11 @@ def _asked(
 
 def meeting(found: int, out: Sequence[float] | Array, a: ArmBodies, b: ArmBodies) -> Meeting | None:
     """Turn an answer of the library into a ``Meeting``; None if the arms do not meet."""
-    met = _found(found, out)
-    return None if met is None else Meeting(met[0], met[1], a.names[met[2]], b.names[met[3]])
-
-
-def _meet(
-    a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
-) -> _Found:
-    library, count, size = native().library, len(qa), qa.size
-    given = np.concatenate((np.zeros(4), placement(T), qa.ravel(), qb.ravel()))
-    at: int = given.ctypes.data  # asking for an address takes as long as some checks
-    placed, first, second = (at + given.itemsize * k for k in (4, 16, 16 + size))
-    found = library.so101_apart(
-        a.handle,
-        b.handle,
-        ctypes.c_void_p(placed),
-        a.levers_pointer,
-        b.levers_pointer,
-        count,
-        ctypes.c_void_p(first),
-        ctypes.c_void_p(second),
-        ctypes.c_double(room),
-        ctypes.c_double(early),
-        ctypes.c_void_p(at),
-    )
-    return _found(found, given)
-
-
-def _found(found: int, out: Sequence[float] | Array) -> _Found:
     if found == UNKNOWN:
         raise MemoryError("there is no memory to prove that two arms keep apart")
-    return (float(out[0]), float(out[1]), int(out[2]), int(out[3])) if found else None
+    if not found:
+        return None
+    return Meeting(float(out[0]), float(out[1]), a.names[int(out[2])], b.names[int(out[3])])
 
 
 def placement(T: SE3) -> Array:

@@ -249,10 +249,11 @@ def test_the_verdict_is_that_of_coal():
     verdicts = set()
     for _ in range(10):
         left, right = random_courses(facing)
-        times = np.arange(0.0, max(left.end, right.end), STEP)
-        both = np.ascontiguousarray(left.at(times)), np.ascontiguousarray(right.at(times))
-        args = facing.bodies, facing.bodies, FURTHER, *both, apart.ROOM, 1.0
-        found, by_coal = apart._meet(*args), meet_by_coal(*args)
+        times = STEP * np.arange(np.ceil(max(left.end, right.end) / STEP - 1e-9) + 1)
+        pair = (facing.bodies, left), (facing.bodies, right)
+        found = apart.first_meeting(*pair, FURTHER, since=0.0, early=STEP)
+        both = (facing.bodies, facing.bodies), (left.at(times), right.at(times))
+        by_coal = meet_by_coal(*both[0], FURTHER, *both[1], apart.ROOM, 1.0)
         assert (found is None) == (by_coal is None)
         verdicts.add(found is None)
     assert verdicts == {True, False}
