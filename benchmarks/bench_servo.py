@@ -23,7 +23,7 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.differential.servo import Servo
-from so101_motion.planning.differential.servo_qp import ServoQp, as_problem
+from so101_motion.planning.differential.servo_qp import WORTH, ServoQp
 from so101_motion.planning.differential.targets import Target, Twist
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
@@ -146,6 +146,24 @@ def straightness() -> float:
         else:
             off.append(worst)
     return float(np.percentile(off, 95.0))
+
+
+def as_problem(
+    J: Array, w: Array, lower: Array, upper: Array, G: Array, b: Array
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """The program of ``ServoQp.solve`` in the form of qpsolvers: ``P, q, G, h, lb, ub``.
+
+    The unknowns are the velocities in units of the largest of the task velocity, and the share.
+    """
+    size = float(np.abs(w).max())
+    w = w / size
+    M = (J.T * [25.0, 25.0, 25.0, 0.05, 0.05, 0.05]) @ J + 0.05 * np.eye(5)
+    worth = float(w @ M @ w)
+    Mw = (M @ w)[:, None]
+    P = np.block([[M, -Mw], [-Mw.T, np.array([[worth * (1.0 + WORTH)]])]]) / worth
+    q = np.append(np.zeros(5), -WORTH)
+    rows = np.hstack((-G, np.zeros((len(G), 1))))
+    return P, q, rows, -b / size, np.append(lower / size, 0.0), np.append(upper / size, 1.0)
 
 
 def through_qpsolvers(programs: Sequence[tuple[Array, ...]]) -> tuple[list[float], float] | None:

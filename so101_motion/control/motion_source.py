@@ -19,7 +19,7 @@ from so101_motion.control.request_queue import running_future
 from so101_motion.planning.collision.course import stop_along
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.time_scaling import shortest_pause
+from so101_motion.planning.timing.time_scaling import shortest_pause, shortest_speedup
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 FORESIGHT = 0.06
@@ -162,7 +162,7 @@ class PlannedMotion:
 
     def resumed(self) -> PlannedMotion | None:
         """The rest of the motion, from rest at the last setpoint; None if that cannot be."""
-        return self._anew(online.resume_on_path(self._trajectory, self._k * self._trajectory.dt))
+        return self._anew(shortest_speedup(self._trajectory, self._k * self._trajectory.dt))
 
     def paused(self, limits: MotionLimits, rest: float) -> PlannedMotion | None:
         """The motion with a stop and a ``rest`` [s] from now on; None if that cannot be."""

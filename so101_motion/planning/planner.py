@@ -26,11 +26,15 @@ from so101_motion.common.errors import PlanningError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import plan_among
 from so101_motion.planning.cartesian.cartesian import CartesianPlanner
-from so101_motion.planning.cartesian.tool_motion import ToolMotion
+from so101_motion.planning.cartesian.path_search import ToolMotion
 from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Obstacle, Scene, Sphere
-from so101_motion.planning.goal_configurations import configurations_above, free_configurations
+from so101_motion.planning.goal_configurations import (
+    checked_path,
+    configurations_above,
+    free_configurations,
+)
 from so101_motion.planning.goals import (
     ApproachGoal,
     JointGoal,
@@ -53,7 +57,6 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.path_geometry import JointPath
 from so101_motion.planning.timing.torque import Load, carried
 from so101_motion.planning.timing.trajectory import Trajectory
-from so101_motion.planning.waypoints import checked_path
 
 __all__ = ["Plan", "PlanReport", "PlanRequest", "Planner"]
 

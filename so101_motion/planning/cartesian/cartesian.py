@@ -27,8 +27,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.planning.cartesian.configuration_columns import Resolution
 from so101_motion.planning.cartesian.failure_report import refusal
-from so101_motion.planning.cartesian.path_search import PathSearch, PathTask, Tools
-from so101_motion.planning.cartesian.tool_motion import ToolMotion
+from so101_motion.planning.cartesian.path_search import PathSearch, PathTask, ToolMotion, Tools
 from so101_motion.planning.cartesian.tool_path import ToolPath, path_through, straight_path
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.goals import GoalMetric, LineGoal, PoseGoal, ToolGoal

@@ -44,12 +44,13 @@ from so101_motion.common.geometry import SE3, Array, frozen_array, rot_z
 from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.coal_shapes import (
     convex_hull,
+    cube_middles,
+    cube_numbers,
     full_cubes,
     held_shape,
     octree,
     standing_shape,
 )
-from so101_motion.planning.collision.cubes import cube_middles, cube_numbers
 from so101_motion.planning.collision.scene import (
     FLOOR,
     HOLDERS,

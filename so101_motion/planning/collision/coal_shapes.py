@@ -16,7 +16,6 @@ import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
-from so101_motion.planning.collision.cubes import cube_middles, cube_numbers
 from so101_motion.planning.collision.scene import Box, Capsule, Mesh, PointCloud, Shape, Sphere
 
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))  # corners of a cube of edge 1
@@ -139,3 +138,21 @@ def _triangles(mesh: Mesh) -> Any:
 def _full_corners(cloud: PointCloud) -> Array:
     """Corners of the cubes that hold a point, shape (n, 3), [m]."""
     return np.asarray((full_cubes(cloud)[:, None] + cloud.resolution * _CORNERS).reshape(-1, 3))
+
+
+_MIDDLE = 32_768
+"""Cubes are counted from here in each direction, so that none has a negative number; see
+``scene.CUBES``."""
+
+PLACES = np.array([(2 * _MIDDLE) ** 2, 2 * _MIDDLE, 1])
+"""Difference of the numbers of neighbouring cubes along x, y, z."""
+
+
+def cube_numbers(points: Array, edge: float) -> Any:
+    """The number of the cube of ``edge`` [m] that holds each point (n, 3) [m], shape (n,)."""
+    return (np.floor(points / edge).astype(np.int64) + _MIDDLE) @ PLACES
+
+
+def cube_middles(numbers: Any, edge: float) -> Array:
+    """The middles of cubes of ``edge`` [m] by their numbers (n,), shape (n, 3), [m]."""
+    return np.asarray((numbers[:, None] // PLACES % (2 * _MIDDLE) - _MIDDLE + 0.5) * edge)

@@ -18,8 +18,12 @@ import so101_description
 from numpy.typing import NDArray
 
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.planning.collision.coal_shapes import held_shape
-from so101_motion.planning.collision.cubes import PLACES, cube_middles, cube_numbers
+from so101_motion.planning.collision.coal_shapes import (
+    PLACES,
+    cube_middles,
+    cube_numbers,
+    held_shape,
+)
 from so101_motion.planning.collision.scene import MARGIN, Attached
 from so101_motion.planning.collision.shape_files import read_shape
 

@@ -93,25 +93,6 @@ class ServoQp:
         return qd, min(1.0, max(0.0, float(x[_JOINTS])))
 
 
-def as_problem(
-    J: Array, w: Array, lower: Array, upper: Array, G: Array, b: Array
-) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """The same program in the form of qpsolvers: ``P, q, G, h, lb, ub``.
-
-    The tests compare :class:`ServoQp` with it. Arguments as for :meth:`ServoQp.solve`; the unknowns
-    are the velocities in units of the largest of the task velocity, and the share.
-    """
-    size = float(np.abs(w).max())
-    w = w / size
-    M = (J.T * _WEIGHTS) @ J + _OWN_WEIGHT
-    worth = float(w @ M @ w)
-    Mw = (M @ w)[:, None]
-    P = np.block([[M, -Mw], [-Mw.T, np.array([[worth * (1.0 + WORTH)]])]]) / worth
-    q = np.append(np.zeros(_JOINTS), -WORTH)
-    rows = np.hstack((-G, np.zeros((len(G), 1))))
-    return P, q, rows, -b / size, np.append(lower / size, 0.0), np.append(upper / size, 1.0)
-
-
 def _workspace() -> Any:
     """OSQP with this program's pattern. Imported here: it brings scipy along."""
     from osqp import ext_builtin as osqp

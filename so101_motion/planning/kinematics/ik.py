@@ -35,7 +35,6 @@ from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.geometry_from_model import measure_structure
 from so101_motion.planning.kinematics.ik_closed import ClosedForms
 from so101_motion.planning.kinematics.ik_cloud import Cloud, CloudSolver
-from so101_motion.planning.kinematics.ik_numeric import minimise, polish
 from so101_motion.planning.kinematics.ik_task import (
     FULL_STRETCH,
     IkSolution,
@@ -44,6 +43,8 @@ from so101_motion.planning.kinematics.ik_task import (
     check_goal,
     check_seed,
     judge,
+    minimise,
+    polish,
 )
 from so101_motion.planning.kinematics.model import RobotModel
 

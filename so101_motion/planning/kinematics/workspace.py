@@ -9,7 +9,7 @@ two stay at angles that are known in advance. There are fewer than thirty.
 So the nearest point of the region is the nearest point of these arcs, which is elementary, and it
 is the global minimum, not a local one. The pan adds four cases: the plane turned to the target,
 away from it, or at one of the pan's limits. A frame beside the roll axis has such arcs for every
-roll; they are computed for a set of rolls, and ``ik_numeric.minimise`` does the rest.
+roll; they are computed for a set of rolls, and ``ik_task.minimise`` does the rest.
 """
 
 from __future__ import annotations

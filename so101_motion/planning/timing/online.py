@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.time_scaling import shortest_slowdown, shortest_speedup
+from so101_motion.planning.timing.time_scaling import shortest_slowdown
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 SAME_POSITION = 1e-9
@@ -146,37 +146,6 @@ def between(
     return count, made
 
 
-def path_to_rest(
-    now: Setpoint, limits: MotionLimits, dt: float, every: float
-) -> tuple[Setpoint, list[list[float]], float]:
-    """The shortest stop (see :func:`stop`), coarsely sampled; ``stop_paths.py`` is quicker.
-
-    Args:
-        now: The present state, shapes (n,).
-        limits: Acceleration and jerk caps of the n joints.
-        dt: The period [s].
-        every: Largest time between samples [s].
-
-    Returns:
-        The state one period later; joint angles from now to rest, m >= 2 rows of n [rad]; and the
-        time between them [s].
-
-    Raises:
-        PlanningError: ruckig finds no motion.
-        ValueError: Shapes that do not fit, or values that are not finite.
-    """
-    found = found_motion(_stopping(numbers(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd), limits))
-    duration = found.duration
-    count = max(1, math.ceil(duration / every))
-    step = duration / count
-    path = [found.at_time(k * step)[0] for k in range(count + 1)]
-    if duration <= dt:
-        return Setpoint.at_rest(np.array(path[-1])), path, step
-    q, qd, qdd = found.at_time(dt)
-    after = Setpoint(q=np.array(q), qd=np.array(qd), qdd=np.array(qdd))
-    return after, path, step
-
-
 def stop(
     q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, limits: MotionLimits, dt: float
 ) -> Trajectory:
@@ -228,21 +197,6 @@ def stop_on_path(trajectory: Trajectory, t: float, limits: MotionLimits, dt: flo
         return stopped
     now = trajectory.sample(t)
     return stop(now.q, now.qd, now.qdd, limits, dt)
-
-
-def resume_on_path(trajectory: Trajectory, t: float) -> Trajectory | None:
-    """Go on with a motion from rest, along its path (the reverse of :func:`stop_on_path`).
-
-    No joint exceeds its largest acceleration and jerk in the motion itself.
-
-    Args:
-        trajectory: The motion that was being played.
-        t: The time on its clock at which the joints stand [s].
-
-    Returns:
-        The rest of the motion; None if no such start was found.
-    """
-    return shortest_speedup(trajectory, t)
 
 
 def numbers(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[list[float]]:

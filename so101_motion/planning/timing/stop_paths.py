@@ -77,9 +77,11 @@ class StopPaths:
         )
 
     def _by_ruckig(self, now: Setpoint) -> PathToRest:
-        after, places, step = online.path_to_rest(now, self._limits, self._dt, self._every)
-        path = np.array(places)
-        return PathToRest(after, path, path.min(axis=0).tolist(), path.max(axis=0).tolist(), step)
+        period = min(self._dt, self._every)
+        found = online.stop(now.q, now.qd, now.qdd, self._limits, period)
+        path = np.array(found.q) if len(found) > 1 else np.repeat(found.q, 2, axis=0)
+        least, largest = path.min(axis=0).tolist(), path.max(axis=0).tolist()
+        return PathToRest(found.sample(self._dt), path, least, largest, period)
 
     def _make_room(self, samples: int) -> None:
         n = self._n

@@ -174,7 +174,7 @@ def test_an_arm_with_little_room_to_brake_sets_out_gently_and_is_not_held_for_go
     )  # fmt: skip
     following.aim([0.5, 0.0, 0.0, 0.0, 0.0])
     at_once = Pursuit(5, 0.01).towards(following.now, [0.5, 0, 0, 0, 0], np.zeros(5), caps)
-    _, stopping, _ = online.path_to_rest(at_once, stop, 0.01, 0.01)
+    stopping = online.stop(at_once.q, at_once.qd, at_once.qdd, stop, 0.01).q
     assert np.ptp(stopping, axis=0).max() > narrow.at, "at full jerk there is no room"
     for k in range(100):
         following.sample(k)

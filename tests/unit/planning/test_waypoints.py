@@ -1,6 +1,6 @@
 import numpy as np
 
-from so101_motion.planning.waypoints import simplified
+from so101_motion.planning.goal_configurations import simplified
 
 
 def test_repeated_waypoints_count_once():

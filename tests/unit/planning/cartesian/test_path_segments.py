@@ -3,7 +3,7 @@ import pytest
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.cartesian.path_segments import Arc, Line, curve_of, rounded
+from so101_motion.planning.cartesian.tool_path import Arc, Line, curve_of, rounded
 from so101_motion.planning.goals import ArcTo, LineTo
 
 START = np.array([0.2, 0.05, 0.1])

@@ -3,7 +3,8 @@ import pytest
 import qpsolvers
 from scipy import sparse
 
-from so101_motion.planning.differential.servo_qp import ROWS, WORTH, ServoQp, as_problem
+from benchmarks.bench_servo import as_problem
+from so101_motion.planning.differential.servo_qp import ROWS, WORTH, ServoQp
 
 
 def a_program(rng: np.random.Generator):

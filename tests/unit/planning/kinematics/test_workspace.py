@@ -6,8 +6,7 @@ import pytest
 from so101_motion.common.errors import Unreachable
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.kinematics.ik import IkSolver
-from so101_motion.planning.kinematics.ik_numeric import minimise
-from so101_motion.planning.kinematics.ik_task import check_goal
+from so101_motion.planning.kinematics.ik_task import check_goal, minimise
 from so101_motion.planning.kinematics.model import RobotModel
 
 HOME = np.zeros(5)

@@ -101,7 +101,7 @@ def test_a_motion_goes_on_from_rest_as_gently_as_it_began(seed, share) -> None:
     moved = online.point_to_point(rng.uniform(-1, 1, 5), rng.uniform(-1, 1, 5), limits, 0.01)
     t = share * moved.duration
 
-    resumed = online.resume_on_path(moved, t)
+    resumed = time_scaling.shortest_speedup(moved, t)
     assert resumed is not None
     for derivative in (resumed.qd, resumed.qdd):
         assert not derivative[[0, -1]].any()

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from so101_motion.planning.goals import GoalMetric, PoseGoal
-from so101_motion.planning.kinematics.ik_numeric import half_square, minimise, polish
-from so101_motion.planning.kinematics.ik_task import check_goal
+from so101_motion.planning.kinematics.ik_task import check_goal, half_square, minimise, polish
 from so101_motion.planning.kinematics.model import RobotModel
 
 
