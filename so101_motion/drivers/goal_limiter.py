@@ -86,16 +86,9 @@ class GoalLimiter:
     def begin(
         self, q_cmd: Sequence[float], q: Sequence[float], now: float, free: Collection[int] = ()
     ) -> None:
-        """Check the first command.
+        """Check the first command; ``CommandRefused`` unless it is at ``q``, the measured angles.
 
-        Args:
-            q_cmd: Commanded joint angles [rad].
-            q: Measured joint angles [rad].
-            now: The time [s].
-            free: Joints that their servos keep slow by themselves, see ``out_of_range.py``.
-
-        Raises:
-            CommandRefused: The command is not where the joints are.
+        Joints that are ``free`` are kept slow by their servos, see ``out_of_range.py``.
         """
         for i, (there, here) in enumerate(zip(q_cmd, q, strict=True)):
             if not abs(there - here) <= SEED and i not in free:
@@ -177,13 +170,8 @@ class GoalLimiter:
     ) -> list[float]:
         """The goals to send [rad]: the last command plus offset and lead, within their bounds.
 
-        With the first command offset and lead may jump to their values.
-
-        Args:
-            weight: Offset against the weight [rad].
-            largest: Its bound [rad].
-            lead: Lead against the lag at speed [rad].
-            now: The time [s].
+        With the first command offset (``weight``, at most ``largest``) and ``lead`` may jump to
+        their values.
         """
         dt = now - self._t_goal + SLACK
         if self._begins:
@@ -241,12 +229,10 @@ def within_change(wanted: float, before: float, change: float) -> float:
 
 
 def _between(value: float, end: float) -> float:
-    """``value``, limited to the range from 0 to ``end``."""
     return min(max(value, min(end, 0.0)), max(end, 0.0))
 
 
 def limited(value: float, most: float) -> float:
-    """``value``, limited to ``-most`` to ``most``."""
     if value > most:
         return most
     return -most if value < -most else value

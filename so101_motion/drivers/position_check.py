@@ -77,28 +77,19 @@ class PositionCheck:
         self._known[i] = _KnownPosition(ticks % TICKS_PER_TURN, now, is_sure=True)
 
     def is_sure(self, i: int) -> bool:
-        """Whether a second reading confirms the newest position of joint ``i``."""
         known = self._known[i]
         return known is not None and known.is_sure
 
     def unconfirmed(self, joints: Iterable[int], since: float = -math.inf) -> list[int]:
-        """Those of ``joints`` whose newest position no second reading confirms.
-
-        Args:
-            joints: Which ones.
-            since: Positions older than this time do not count [s].
-        """
+        """The joints whose newest position, since ``since`` [s], no second reading confirms."""
         known = self._known
         return [i for i in joints if not ((k := known[i]) and k.is_sure and k.t >= since)]
 
     def judge(self, i: int, ticks: int, asked: float, answered: float) -> bool:
         """Whether joint ``i`` can be at ``ticks``; if so, that becomes its known position.
 
-        Args:
-            i: Which joint.
-            ticks: What its servo answered.
-            asked: When it was asked [s].
-            answered: When the answer was there [s]. The servo looked sometime in between.
+        It was asked at ``asked`` and the answer there at ``answered`` [s]; the servo looked
+        sometime in between.
         """
         if not 0 <= ticks < TICKS_PER_TURN:
             return False
@@ -167,5 +158,4 @@ class _KnownPosition:
 
 
 def _difference(start: int, end: int) -> int:
-    """The distance from one position to another, the shorter way round [tick]."""
     return (end - start + _HALF) % TICKS_PER_TURN - _HALF

@@ -109,7 +109,6 @@ class ServoFigures:
     play: float | None = None
 
     def of(self, kind: ServoType) -> ServoType:
-        """The servo, as a type of its own."""
         return replace(
             kind,
             coulomb=kind.coulomb * self.friction,

@@ -82,7 +82,6 @@ class SimArm:
     # What a driver does
 
     def read(self) -> JointReading:
-        """Angles and velocities of the joints now."""
         with self._lock:
             self._follow()
             return JointReading(
@@ -99,15 +98,8 @@ class SimArm:
     ) -> None:
         """Send the arm joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
-        Args:
-            q_cmd: Angles of the arm joints.
-            q_jaw_cmd: Angle of the jaw.
-            qd_cmd: Velocities of the arm joints there, shape (5,), [rad/s].
-            qdd_cmd: Not used; these joints have no lag.
-            follows_target: Not used.
-
-        Raises:
-            CommandRefused: It is further than the caps of driven joints allow, as on a real arm.
+        ``CommandRefused`` if it is further than the caps of driven joints allow, as on a real arm.
+        These joints have no lag, so ``qdd_cmd`` and ``follows_target`` do nothing.
         """
         with self._lock:
             self._follow()
@@ -138,9 +130,6 @@ class SimArm:
         """Let the arm joints be pushed by hand; they stay where they are left.
 
         These joints have no force, so no ``wall`` is felt.
-
-        Raises:
-            RuntimeError: The joints are not driven.
         """
         with self._lock:
             self._follow()
@@ -150,7 +139,6 @@ class SimArm:
             self._leave_where_they_are()
 
     def close(self) -> None:
-        """Close the connection; the joints stay where they are."""
         with self._lock:
             self._failure = self._failure or ConnectionError("the simulated arm has been closed")
 
@@ -158,7 +146,6 @@ class SimArm:
 
     @property
     def torque(self) -> bool:
-        """Whether the joints are driven."""
         return self._torque
 
     def push(self, q: ArrayLike, q_jaw: float | None = None) -> None:
@@ -184,7 +171,6 @@ class SimArm:
             self._jammed[_JOINTS.index(joint)] = True
 
     def unjam(self, joint: str) -> None:
-        """Release ``joint`` again."""
         with self._lock:
             self._catch_up()
             i = _JOINTS.index(joint)
@@ -197,7 +183,6 @@ class SimArm:
             self._failure = failure
 
     def reconnect(self) -> None:
-        """Let exchanges work again."""
         with self._lock:
             self._failure = None
 
@@ -222,7 +207,6 @@ class SimArm:
         self._qd[:5] = 0.0
 
     def _catch_up(self) -> None:
-        """Move the joints from the time of the last call to now."""
         now = self._clock.now()
         dt, self._t = now - self._t, now
         if not self._torque or dt <= 0.0:

@@ -60,17 +60,14 @@ class BusLease:
 
     @property
     def port(self) -> str:
-        """The serial port's name."""
         return self._servos.settings.port
 
     @property
     def clock(self) -> Clock:
-        """The rig's clock."""
         return self._clock
 
     @property
     def purpose(self) -> str:
-        """What it is lent for."""
         return self._purpose
 
     def call(self, job: Callable[[Bus], T]) -> T:

@@ -52,16 +52,11 @@ class BusMonitor:
 
     @property
     def is_connected(self) -> bool:
-        """Whether the port is open."""
         return self._connection.is_open
 
     @contextmanager
     def bus(self) -> Iterator[Bus]:
-        """The bus; a port that goes away in this block is opened again for the next one.
-
-        Raises:
-            PortUnavailable: There is no port at present.
-        """
+        """The bus; a port that goes away in this block is opened again for the next one."""
         bus = self._connection.bus()
         try:
             yield bus
@@ -89,16 +84,11 @@ class BusMonitor:
             self.positions = {}
 
     def let_go(self) -> None:
-        """Switch off the torque of all servos that answer.
-
-        Raises:
-            BusError: A servo did not take it; the others have been tried.
-        """
+        """Switch off the torque of all servos that answer; all are tried before ``BusError``."""
         with self.bus() as bus:
             self._let_go(bus)
 
     def close(self) -> None:
-        """Close the port; the servos stay as they are."""
         self._connection.close()
 
     def _connect(self) -> Connection:
@@ -135,6 +125,5 @@ class BusMonitor:
 
 
 def _held(data: bytes, register: Register) -> int:
-    """The value of a register in data that was read from ``_START`` on."""
     begin = register.address - _START
     return register.decode(data[begin : begin + register.size])

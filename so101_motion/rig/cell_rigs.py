@@ -57,7 +57,6 @@ class CellRigs:
 
     @interrupts.held()
     def close(self) -> None:
-        """Bring all arms to rest and close all rigs. May be called twice."""
         self._closing.close()
 
     def __enter__(self) -> CellRigs:

@@ -57,7 +57,6 @@ class HardwareRig(Rig):
 
     @property
     def users(self) -> int:
-        """How many components share this port."""
         return len(self._shared.shares)
 
     @property
@@ -66,11 +65,7 @@ class HardwareRig(Rig):
         return self._shared.not_ready(self._asked)
 
     def require_ready(self) -> None:
-        """Raise unless the servos have been found.
-
-        Raises:
-            NotReady: They have not; names the silent servos, and since when.
-        """
+        """Raise ``NotReady`` unless the servos have been found; it names the silent ones."""
         reason = self.not_ready
         if reason is not None:
             raise NotReady(reason)
@@ -96,7 +91,6 @@ class HardwareRig(Rig):
 
     @property
     def connection(self) -> ArmConnection:
-        """Whether the servos can be reached."""
         problem = None
         if not self.servos.is_connected:
             problem = (
@@ -121,11 +115,9 @@ class HardwareRig(Rig):
 
     @property
     def settings(self) -> ServoSettings:
-        """The combined settings of all components that share this port."""
         return self.servos.settings
 
     def is_on(self, port: str) -> bool:
-        """Whether ``port`` is a name of this rig's port."""
         return self._shared.is_on(port)
 
     def reload(self) -> None:
@@ -358,10 +350,9 @@ _hardware: list[SharedPort] = []
 
 
 def release_arms_at_end() -> None:
-    """Stop and release every arm that is configured to be released at the end.
+    """Stop and release every arm that is configured to be released when the process ends.
 
-    Called when the process ends in order, before the rigs are closed. An arm that cannot be reached
-    stays as it is; the log says so.
+    An arm that cannot be reached stays as it is; the log says so.
     """
     for live in tuple(_hardware):
         live.release_if_configured()
@@ -369,7 +360,6 @@ def release_arms_at_end() -> None:
 
 @atexit.register
 def _close_all() -> None:
-    """Close all rigs when the program ends, so that no arm is left in mid-motion."""
     release_arms_at_end()
     for live in tuple(_hardware):
         live.close()

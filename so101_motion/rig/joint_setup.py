@@ -60,7 +60,6 @@ class JointSetup:
     zero: Zero = MIDDLE
 
     def is_guessed(self, joint: str) -> bool:
-        """Whether ``joint``, whose setup this is, was never calibrated."""
         is_new = self.source == "registers" and record.looks_as_new(joint, self.calibration)
         return is_new or self.source == "defaults"
 

@@ -74,19 +74,13 @@ class ServoSettings:
     def with_arm(
         self, servo_ids: tuple[int, ...], zero_offsets: Mapping[str, float] | None = None
     ) -> ServoSettings:
-        """These settings with an arm of these servos and zeros."""
         return replace(self, servo_ids=servo_ids, zero_offsets=zero_offsets)
 
     def with_gripper(self, gripper_id: int) -> ServoSettings:
-        """These settings with a gripper of this servo."""
         return replace(self, gripper_id=gripper_id)
 
     def ids(self) -> dict[str, int]:
-        """The servo of each joint that may be there.
-
-        Raises:
-            ConfigError: One servo is to move two joints.
-        """
+        """The servo of each joint that may be there; ``ConfigError`` if one has two joints."""
         arm = self.servo_ids or SERVO_IDS
         ids = dict(zip(ARM_JOINTS, arm, strict=True))
         if self.gripper_id in arm:
@@ -166,7 +160,6 @@ def _arms_first(shares: Sequence[ServoSettings]) -> list[ServoSettings]:
 
 
 def _different(values: Iterable[object]) -> list[object]:
-    """The values that are given, each once, in order."""
     found: list[object] = []
     for value in values:
         if value is not None and value not in found:
@@ -175,7 +168,6 @@ def _different(values: Iterable[object]) -> list[object]:
 
 
 def _first(values: Iterable[Any]) -> Any:
-    """The first value that is given; None without one."""
     return next((value for value in values if value is not None), None)
 
 
@@ -195,7 +187,6 @@ _AGREED = tuple(name for name in _ATTRIBUTES if name != "baudrate")
 
 
 def _plain(name: str, value: object) -> str:
-    """A value as a configuration has it."""
     if name == "releases_at_end":
         return "release" if value else "hold"
     if isinstance(value, Mapping):

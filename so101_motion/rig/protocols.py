@@ -36,15 +36,10 @@ class ArmConnection:
 
     @property
     def is_up(self) -> bool:
-        """Whether it can be reached."""
         return self.problem is None
 
     def words(self, now: float) -> str:
-        """Its state as text.
-
-        Args:
-            now: The time on the rig's clock [s].
-        """
+        """Its state as text, at ``now`` on the rig's clock [s]."""
         if self.problem is None:
             return "connected"
         if self.lost_at is None:
@@ -56,12 +51,10 @@ class GripperLike(Jaw, Protocol):
     """A jaw that opens and closes; ``Gripper`` describes each method."""
 
     @property
-    def q_jaw(self) -> float:
-        """Measured jaw angle [rad]."""
+    def q_jaw(self) -> float: ...
 
     @property
-    def is_moving(self) -> bool:
-        """Whether a motion of the jaw is under way."""
+    def is_moving(self) -> bool: ...
 
     def angle_of(self, aperture: float) -> float:
         """The jaw angle [rad] that an aperture stands for."""
@@ -74,16 +67,13 @@ class RigLike(Protocol):
     """An arm and its gripper."""
 
     @property
-    def arm(self) -> Arm:
-        """The arm."""
+    def arm(self) -> Arm: ...
 
     @property
-    def gripper(self) -> GripperLike:
-        """The jaw."""
+    def gripper(self) -> GripperLike: ...
 
     @property
-    def clock(self) -> Clock:
-        """The clock of the arm's states."""
+    def clock(self) -> Clock: ...
 
     @property
     def connection(self) -> ArmConnection:

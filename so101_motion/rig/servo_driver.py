@@ -135,7 +135,6 @@ class ServoDriver:
         self._look_anew()
 
     def _look_anew(self) -> None:
-        """Nothing is known of the servos that are asked for now."""
         self.no_reading = self._last = JointReading(
             q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0
         )
@@ -144,18 +143,13 @@ class ServoDriver:
         self._begun = self._try_due = self._clock.now()
 
     def probe(self) -> None:
-        """Check that the port can be opened; asks no servo.
-
-        Raises:
-            PortUnavailable: It cannot.
-        """
+        """Raise ``PortUnavailable`` if the port cannot be opened; asks no servo."""
         self._open_port().close()
 
     def connect(self) -> None:
         """Find the servos and set them up; waits ``settings.timeout`` for silent ones.
 
-        Raises:
-            BusError: The port cannot be opened, or a required servo cannot be set up.
+        Raises ``BusError`` if the port cannot be opened, or a required servo cannot be set up.
         """
         self._begin(self.settings, self.settings.timeout or 0.0)
 
@@ -164,11 +158,7 @@ class ServoDriver:
         self._monitor = self._new_monitor(self.settings)
 
     def require(self, joints: Collection[str]) -> None:
-        """Check that servos answer; for a driver that is closed.
-
-        Raises:
-            BusError: The port cannot be opened, or a servo of ``joints`` does not answer.
-        """
+        """Raise ``BusError`` unless the servos of ``joints`` answer; it must be closed."""
         with self._bus_for(self.settings) as bus:
             _require(bus, self.settings, joints)
 
@@ -180,8 +170,7 @@ class ServoDriver:
     def find(self) -> None:
         """Find the servos and set them up now, or, if that fails, with one of the next reads.
 
-        Raises:
-            NotReady: Some that are asked for do not answer.
+        Raises ``NotReady`` if some that are asked for do not answer.
         """
         if self._monitor is None:
             self._driver()
@@ -222,22 +211,18 @@ class ServoDriver:
         qdd_cmd: Array | None = None,
         follows_target: bool = False,
     ) -> None:
-        """Send the joints to ``q_cmd``, shape (5,), and the jaw; see ``FeetechArm.write``."""
         self._driver().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
 
     def set_torque(self, on: bool) -> None:
-        """Switch torque on at the last written goal, or switch it off."""
         if self._monitor is not None and not on:
             self._monitor.let_go()
         else:
             self._driver().set_torque(on)
 
     def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
-        """Let the arm joints yield to a hand; see ``FeetechArm.guide``."""
         self._driver().guide(compliance, wall)
 
     def pull(self, pull: Pull) -> None:
-        """Pull the limp joints of the arm softly; see ``FeetechArm.pull``."""
         self._driver().pull(pull)
 
     def close(self) -> None:
@@ -313,18 +298,12 @@ class ServoDriver:
 
     @property
     def bus(self) -> Bus:
-        """The bus, for jobs that talk to the servos themselves.
-
-        Raises:
-            PortUnavailable: There is no port at present.
-        """
         return self._driver().bus
 
     # What any thread may ask
 
     @property
     def health(self) -> tuple[JointHealth, ...]:
-        """The health of each servo, base to jaw."""
         return self._arm.health if self._arm is not None else ()
 
     @property
@@ -351,7 +330,6 @@ class ServoDriver:
 
     @property
     def is_connected(self) -> bool:
-        """Whether the port is open and the servos have been found."""
         user = self._arm or self._monitor
         return user is not None and user.is_connected
 
@@ -394,7 +372,6 @@ class ServoDriver:
 
     @property
     def calibration(self) -> dict[str, JointCalibration]:
-        """The calibration in use, by joint."""
         return {joint: setup.calibration for joint, setup in self.setups.items()}
 
     @property
@@ -405,11 +382,9 @@ class ServoDriver:
         return encoder_zeros(self.calibration, {j: setup.zero for j, setup in self.setups.items()})
 
     def to_ticks(self, joint: str, q: float) -> int:
-        """The servo position that ``joint`` has at angle ``q`` [rad]."""
         return self.setups[joint].map.to_ticks(q)
 
     def to_angle(self, joint: str, ticks: int) -> float:
-        """The angle of ``joint`` at a servo position [rad]."""
         return self.setups[joint].map.to_rad(Ticks(ticks))
 
     @property

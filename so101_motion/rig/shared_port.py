@@ -177,7 +177,6 @@ class SharedPort:
         self.take_ranges()
 
     def release_if_configured(self) -> None:
-        """Release the joints at the end of the process if the settings say so."""
         if not self.servos.settings.releases_at_end:
             return
         try:
@@ -186,7 +185,6 @@ class SharedPort:
             _log.warning("the arm on %s was not released: %s", self.servos.settings.port, error)
 
     def is_on(self, port: str) -> bool:
-        """Whether ``port`` is another name, or the name, of this port."""
         device = os.path.realpath(port)
         return device in (self._device, os.path.realpath(self.servos.settings.port))
 
@@ -206,18 +204,13 @@ class SharedPort:
             self.rig.gripper.closed, self.rig.gripper.opened = jaw.map.lower, jaw.map.upper
 
     def close(self) -> None:
-        """Come to rest and close the rig and the port."""
         self.rig.close()
         self.failures.close()
 
     # Letting another component in
 
     def join(self, settings: ServoSettings) -> ServoSettings:
-        """Combine ``settings`` with those of all other users.
-
-        Raises:
-            ConfigError: ``settings`` contradict the others.
-        """
+        """Combine ``settings`` with those of all others; ``ConfigError`` if they contradict."""
         shares = [*self.shares, settings]
         joined = self._combined(shares)
         running = 1.0 / self.rig.executor.dt
@@ -236,21 +229,14 @@ class SharedPort:
     def admit(self, joined: ServoSettings) -> None:
         """Use the settings ``joined``; sets up the servos if that is needed.
 
-        While the bus is lent, the servos are set up when it is given back.
-
-        Raises:
-            BusError: A servo that they ask for does not answer.
+        While the bus is lent, they are set up when it is given back.
         """
         if self.rig.executor.state.lent_to is None and self._differs(joined):
             self.rebuild(joined)
         self.servos.settings = joined
 
     def replace(self, before: ServoSettings, after: ServoSettings) -> None:
-        """Let a component ask for other settings; if that fails, all is as before.
-
-        Raises:
-            BusError: A servo that they ask for cannot be set up.
-        """
+        """Let a component ask for other settings; if that fails, all is as before."""
         others = list(self.shares)
         others[others.index(before)] = after
         self.admit(self._combined(others))

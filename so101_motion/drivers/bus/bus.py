@@ -86,24 +86,20 @@ class Port(Protocol):
     """An open serial port. Every method may raise ``PortUnavailable``."""
 
     @property
-    def name(self) -> str:
-        """Name of the port."""
+    def name(self) -> str: ...
 
     @property
     def baud(self) -> int:
         """Baud rate [bit/s]."""
 
-    def write(self, data: bytes) -> None:
-        """Send ``data``."""
+    def write(self, data: bytes) -> None: ...
 
     def read(self, until: float) -> bytes:
         """Read received bytes; none if none came by ``until``, on ``time.monotonic`` [s]."""
 
-    def discard(self) -> None:
-        """Discard received bytes."""
+    def discard(self) -> None: ...
 
-    def close(self) -> None:
-        """Close the port."""
+    def close(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,23 +150,16 @@ class Bus:
         self._stale_replies = StaleReplies()
 
     def label(self, servo_id: int) -> str:
-        """A servo's id and name, for messages."""
         name = self._names.get(servo_id)
         return f"servo {servo_id}" + (f" ({name})" if name else "")
 
     def close(self) -> None:
-        """Let go of the port."""
         self.port.close()
 
     # One servo
 
     def ping(self, servo_id: int) -> Fault:
-        """Ping a servo; return its status byte.
-
-        Raises:
-            NoReply: The servo is silent.
-            CorruptReply: No answer was sound.
-        """
+        """Ping a servo; return its status byte. Raises as ``read`` does."""
         return Fault(self._ask(servo_id, Instruction.PING, b"", 0, "a ping").faults)
 
     def read(self, servo_id: int, register: Register) -> int:
@@ -184,12 +173,7 @@ class Bus:
         return register.decode(block)
 
     def read_block(self, servo_id: int, start: int, count: int, *, what: str = "a block") -> bytes:
-        """Read ``count`` bytes from address ``start``.
-
-        Raises:
-            NoReply: The servo is silent.
-            CorruptReply: No answer was sound.
-        """
+        """Read ``count`` bytes from address ``start``; raises as ``read`` does."""
         for tried in range(1 + RETRIES):
             now = time.monotonic()
             begin, length = self._stale_replies.span((servo_id,), start, count, now)
@@ -489,9 +473,9 @@ class Bus:
         self.port.discard()
 
     def _take_late(self, received: bytes, now: float, *, but: int | None = None) -> int:
-        """Count the answers to earlier questions in ``received``; return their length.
+        """Return the length of the answers to earlier questions in ``received``; count them.
 
-        Those with ``but`` bytes of data are answers to the present question.
+        Those with ``but`` bytes of data answer the present question.
         """
         if not self._stale_replies.awaits(now):
             return 0

@@ -40,21 +40,17 @@ class Instruction(IntEnum):
 
 
 def packet_size(count: int) -> int:
-    """The length in bytes of a status packet with ``count`` data bytes."""
     return count + _OVERHEAD
 
 
 def checksum(body: bytes | bytearray) -> int:
-    """The last byte of a packet whose bytes between header and checksum are ``body``."""
     return ~sum(body) & 0xFF
 
 
 def is_cut_short(packet: bytes, servo_ids: Container[int]) -> bool:
-    """Whether a packet broke off and the next packet's first bytes were taken for its end.
+    """Whether ``packet``, whose checksum is right, broke off and ends with the next one's bytes.
 
-    Args:
-        packet: A status packet whose checksum is right.
-        servo_ids: The servos whose packets may have followed.
+    ``servo_ids`` are those whose packets may have followed.
     """
     at = packet.find(_HEADER, 2)
     while at >= 0:
@@ -65,7 +61,6 @@ def is_cut_short(packet: bytes, servo_ids: Container[int]) -> bool:
 
 
 def instruction_packet(servo_id: int, instruction: Instruction, params: bytes = b"") -> bytes:
-    """The packet that gives a servo, or all of them, an instruction."""
     body = bytes((servo_id, len(params) + 2, instruction)) + params
     return _HEADER + body + bytes((checksum(body),))
 
@@ -77,12 +72,7 @@ def sync_read_packet(servo_ids: tuple[int, ...], start: int, count: int) -> byte
 
 
 def sync_write_packet(start: int, data: Mapping[int, bytes]) -> bytes:
-    """The packet that writes to several servos at once.
-
-    Args:
-        start: The first address.
-        data: What to write, by servo id; the same number of bytes for each.
-    """
+    """The packet that writes each servo's bytes, equally many, from address ``start``."""
     params = bytearray((start, len(next(iter(data.values())))))
     for servo_id, share in data.items():
         params.append(servo_id)
@@ -136,7 +126,6 @@ class Answers:
 
     @property
     def is_complete(self) -> bool:
-        """Whether all have answered."""
         return len(self.found) == len(self._awaited)
 
     @property
@@ -183,7 +172,6 @@ class Answers:
         return 1
 
     def _take(self, packet: bytes) -> bool:
-        """Keep a packet if it is an expected answer; return whether it is."""
         servo_id = packet[2]
         if servo_id not in self._awaited or packet[3] != self._count + 2:
             return False

@@ -113,11 +113,7 @@ class Register:
         return -size if raw >> self.sign_bit & 1 else size
 
     def encode(self, value: int) -> bytes:
-        """The bytes that mean ``value``.
-
-        Raises:
-            ValueError: It is outside what may be written.
-        """
+        """The bytes that mean ``value``; ``ValueError`` if it may not be written."""
         if not self.lower <= value <= self.upper:
             raise ValueError(f"{self.name} takes {self.lower} to {self.upper}, not {value}")
         raw = abs(value)

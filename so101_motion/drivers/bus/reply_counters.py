@@ -41,14 +41,12 @@ class ReplyCounter:
         return self.answers + self.late + self.lost + self.corrupt
 
     def heard(self, faults: int) -> None:
-        """Count a good reply with this status byte."""
         self.answers += 1
         self.faults = faults
         if faults:
             self.latched |= faults
 
     def missed(self, *, garbled: bool) -> None:
-        """Count a missing or a garbled reply."""
         self.corrupt += garbled
         self.lost += not garbled
 
@@ -94,6 +92,5 @@ class ReplyCounters(dict[int, ReplyCounter]):
         self.lateness = Lateness()
 
     def __missing__(self, servo_id: int) -> ReplyCounter:
-        """Make a new counter."""
         counter = self[servo_id] = ReplyCounter()
         return counter

@@ -76,7 +76,6 @@ class StaleReplies:
             self._overdue[servo_id, length] = asked
 
     def awaits(self, now: float) -> bool:
-        """Whether overdue replies may still come."""
         if self._overdue and now >= self._until:
             self._overdue.clear()
         return bool(self._overdue)
@@ -103,7 +102,6 @@ class StaleReplies:
         return min(range(count, max(end, count + 1)), key=lambda length: taken.get(length, now))
 
     def _expect_copies(self) -> None:
-        """Expect copies of the last replies, because the next question is another one."""
         for (servo_id, length), when in self._asked.items():
             copies = self._copies.setdefault(servo_id, deque(maxlen=_COPIES))
             self._until = max(self._until, when + OVERDUE)

@@ -104,12 +104,10 @@ class JointMap:
 
     @property
     def lower(self) -> float:
-        """Smallest angle the joint may be sent to [rad]."""
         return min(self._angle(self.lower_ticks), self._angle(self.upper_ticks))
 
     @property
     def upper(self) -> float:
-        """Largest angle the joint may be sent to [rad]."""
         return max(self._angle(self.lower_ticks), self._angle(self.upper_ticks))
 
     def to_rad(self, ticks: Ticks) -> float:
@@ -134,13 +132,10 @@ class JointMap:
 
 
 def to_speed_ticks(speed: float) -> int:
-    """The speed register's value for a cap of ``speed`` [rad/s].
+    """The speed register's value for a cap of ``speed`` [rad/s], which must be positive.
 
     At least 1, because 0 means maximum. (The servo itself turns no slower than about 9 deg/s;
     slower motions are sent as slowly changing setpoints.)
-
-    Raises:
-        ValueError: ``speed`` is not positive.
     """
     if not speed > 0.0:
         raise ValueError(f"a speed cap must be positive, not {speed}")
@@ -148,12 +143,9 @@ def to_speed_ticks(speed: float) -> int:
 
 
 def to_acceleration_units(acceleration: float) -> int:
-    """The acceleration register's value for a cap of ``acceleration`` [rad/s^2].
+    """The acceleration register's value for a cap of ``acceleration`` [rad/s^2], positive.
 
     At least 1, because 0 means maximum; 1 is already 43 deg/s^2.
-
-    Raises:
-        ValueError: ``acceleration`` is not positive.
     """
     if not acceleration > 0.0:
         raise ValueError(f"an acceleration cap must be positive, not {acceleration}")

@@ -86,15 +86,10 @@ class Bus:
         self.observers: list[Callable[[float, bytes], None]] = []
 
     def feed(self, data: bytes, now: float, *, baud: int = 1_000_000) -> list[Reply]:
-        """Carry out the instructions in a chunk of bytes.
+        """Carry out the instructions in bytes that may be cut anywhere.
 
-        Args:
-            data: As the client wrote it; packets may be cut anywhere.
-            now: On the emulator's clock [s].
-            baud: Baud rate of the client's port.
-
-        Returns:
-            The replies in the order they leave the wire.
+        ``now`` is on the emulator's clock [s], ``baud`` the client's. Returns the replies in the
+        order in which they leave the wire.
         """
         if baud <= 0:  # a terminal at rate 0 is hung up: no servo hears it
             return []

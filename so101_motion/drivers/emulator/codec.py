@@ -79,7 +79,6 @@ class Instruction(NamedTuple):
 
 
 def checksum(body: bytes) -> int:
-    """Check byte over everything between the two header bytes and itself."""
     return ~sum(body) & 0xFF
 
 
@@ -153,12 +152,10 @@ class Listener:
 
 
 def _may_have(code: int, count: int) -> bool:
-    """Whether an instruction may have so many parameters."""
     return 0 <= count <= MAX_PARAMS or (code == Code.SYNC_WRITE and count >= 0)
 
 
 def _instruction(body: bytes, check: int, end: int) -> Instruction | None:
-    """The instruction with these bytes from its id to its last parameter, if they are whole."""
     if check != checksum(body):
         return None
     return Instruction(body[0], body[2], body[3:], end)

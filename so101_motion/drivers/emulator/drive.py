@@ -91,7 +91,6 @@ class Drive:
         self.restart(offset=0)
 
     def restart(self, *, offset: int) -> None:
-        """Return to the state after power-up: limp, no fault, turn count zero."""
         self._blocked = self._capped = False
         self._may_integrate = True
         self.guard.reset()
@@ -102,14 +101,12 @@ class Drive:
         self._speed_since, self._speed_from = 0.0, self.position
 
     def wake(self) -> None:
-        """Step it again, because something changed."""
         self.quiet = False
         self._unchanged = 0
         self._seen: tuple[float, ...] = ()
 
     @property
     def settings(self) -> Settings:
-        """Settings from the registers."""
         return self._settings
 
     @settings.setter
@@ -156,7 +153,6 @@ class Drive:
     # -- time -----------------------------------------------------------------------------------
 
     def halt(self) -> None:
-        """Forget the goal, and make the present position the set-point."""
         self._forget()
         self.loop.reset()
         self.wake()
@@ -179,7 +175,6 @@ class Drive:
         self.wake()
 
     def step(self) -> None:
-        """One millisecond of control and mechanics."""
         self.run(1)
 
     def run(self, steps: int) -> None:
@@ -216,7 +211,6 @@ class Drive:
         self.demand, self.duty = demand, duty
 
     def _other_demand(self, goal: float | None) -> int:
-        """The demanded duty in speed, PWM or step mode."""
         profile, mode = self.profile, self._settings.mode
         if goal is not None:
             self._wanted = goal

@@ -64,14 +64,7 @@ class Motor:
         self.temperature = self.ambient = ROOM_C
 
     def advance(self, dt: float, *, duty: float, volts: float, velocity: float) -> None:
-        """Update current and temperature after ``dt`` seconds of constant operation.
-
-        Args:
-            dt: How long [s].
-            duty: -1..1, negative towards lower ticks.
-            volts: On the cable [V].
-            velocity: Of the output [tick/s].
-        """
+        """Update after ``dt`` [s] at ``duty``, -1 to 1, ``volts`` and ``velocity`` [tick/s]."""
         kind = self.kind
         emf = kind.back_emf * velocity / TICKS_PER_RAD
         winding = (duty * volts - emf) / kind.resistance if duty else 0.0

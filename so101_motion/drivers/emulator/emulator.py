@@ -61,10 +61,8 @@ def holding_script(
 ) -> str:
     """A script in which the hand moves the arm to a pose and holds it there.
 
-    Args:
-        weight: Holding torque [N m] as a function of the six joint angles [rad], shapes (6,).
-        by: When the arm reaches the pose [s].
-        pose: The joint angles of the pose [rad]; those left out as in ``UPRIGHT``, else zero.
+    ``weight`` is as in ``World``, ``by`` when the arm reaches the pose [s]. Joints [rad] that
+    ``pose`` leaves out are as in ``UPRIGHT``, else zero.
     """
     lines = [f"0 {joint} start" for joint in JOINTS]
     lines += [_line(weight, by, i, _angles(pose)) for i in range(len(JOINTS))]
@@ -79,13 +77,8 @@ def sweeping_script(
 ) -> tuple[str, float]:
     """A script in which the hand moves the arm to a pose and then sweeps the joints, base to jaw.
 
-    Args:
-        weight: Holding torque [N m] as a function of the six joint angles [rad], shapes (6,).
-        pose: The joint angles of the pose [rad]; those left out as in ``UPRIGHT``, else zero.
-        speed: How fast it leads a joint [rad/s].
-
-    Returns:
-        The script, and when it is over [s].
+    ``weight`` and ``pose`` as in ``holding_script``, ``speed`` [rad/s]. Also returns when it is
+    over [s].
     """
     held = _angles(pose)
 
@@ -111,7 +104,6 @@ def _angles(pose: Mapping[str, float] | None) -> Array:
 
 
 def _line(weight: Callable[[Array], Array], t: float, i: int, q: Array, press: float = 0.0) -> str:
-    """The line that leads joint ``i`` to its angle in ``q`` and carries it there."""
     aim = q[i] + (press + float(weight(q)[i])) / STIFFNESS
     return f"{t:.3f} {JOINTS[i]} {math.degrees(aim):.4f}"
 
@@ -125,11 +117,8 @@ def differing_servos(
 ) -> Iterator[tuple[Joint, ServoType]]:
     """Vary friction, play, torque, dead time and zero of each joint and its servo.
 
-    Args:
-        joints: The nominal joints.
-        kind: The nominal servo.
-        spread: Largest deviation of each figure, as a share of it; 0 leaves all as they are.
-        seed: The same seed makes the same arm.
+    ``spread`` is the largest deviation of each figure, as a share of it. The same seed makes the
+    same arm.
     """
     rng = random.Random(seed)
 
@@ -212,13 +201,7 @@ def parse_ids(text: str) -> dict[int, int]:
 def build_world(
     options: EmulatorOptions, *, t: float = 0.0, gravity: Gravity = no_gravity
 ) -> World:
-    """Build servos and supply from the options, without a port.
-
-    Args:
-        options: What to emulate.
-        t: Time now, on the clock ``advance`` will be called with [s].
-        gravity: Holding torque [N m] as a function of the six joint angles [rad].
-    """
+    """Build servos and supply without a port, at time ``t`` [s]; ``gravity`` as in ``World``."""
     servos = []
     differing = differing_servos(
         options.joints, options.kind, spread=options.spread, seed=options.seed
@@ -250,17 +233,13 @@ class ServedPort(Protocol):
     """A port that serves an emulated bus, plugged in or not."""
 
     @property
-    def port(self) -> str:
-        """The name that a client opens."""
+    def port(self) -> str: ...
 
-    def plug(self) -> None:
-        """Create the port if it does not exist."""
+    def plug(self) -> None: ...
 
-    def unplug(self) -> None:
-        """Remove the port, even if a client has it open."""
+    def unplug(self) -> None: ...
 
-    def close(self) -> None:
-        """Remove the port for good."""
+    def close(self) -> None: ...
 
 
 class Emulator:
@@ -312,7 +291,6 @@ class Emulator:
         self._port.unplug()
 
     def plug(self) -> None:
-        """Put the USB plug back."""
         self._port.plug()
 
     def advance(self) -> None:
@@ -358,7 +336,6 @@ class Emulator:
                     setattr(self.bus.faults, name, value)
 
     def end(self, fault: FaultEvent) -> None:
-        """End a fault."""
         if fault.kind == "unplug":
             self.plug()
             return
@@ -388,7 +365,6 @@ class Emulator:
                     setattr(self.bus.faults, name, 0.0)
 
     def _plug_in(self, *servos: Servo) -> None:
-        """Connect these servos to the cable and disconnect all others."""
         for place, servo in enumerate(self.world.servos, start=1):
             if servo in servos and not servo.connected:
                 self.world.connect(place)
@@ -399,7 +375,6 @@ class Emulator:
         self.world.hand = Hand(parse_script(script), self.world.t)
 
     def close(self) -> None:
-        """Take the port away and end the thread."""
         self._port.close()
 
     def __enter__(self) -> Self:

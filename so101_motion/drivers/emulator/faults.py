@@ -65,7 +65,6 @@ class WireFaults:
         return share > 0.0 and self._random.random() < share
 
     def loses_request(self) -> bool:
-        """Whether the next instruction goes unheard."""
         return self._strikes(self.request_loss)
 
     def disturb(self, reply: bytes) -> list[tuple[float, bytes]]:

@@ -42,11 +42,7 @@ _GAP_MM = (
 
 
 def jaw_angle_for_gap(gap: float) -> float:
-    """Jaw angle [rad] at which the tips are ``gap`` [m] apart.
-
-    Raises:
-        ConfigError: Wider than the table of the jaws, or negative.
-    """
+    """Jaw angle [rad] at which the tips are ``gap`` [m] apart; ``ConfigError`` if none."""
     gap_mm = gap * 1000.0
     for (angle, width), (next_angle, next_width) in pairwise(_GAP_MM):
         if width <= gap_mm <= next_width:
@@ -73,11 +69,6 @@ class Waypoint:
 
 
 def parse_script(text: str) -> tuple[Waypoint, ...]:
-    """Read a hand script.
-
-    Raises:
-        ConfigError: A line that is not one.
-    """
     waypoints = []
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.partition("#")[0].split()
@@ -120,14 +111,7 @@ class Hand:
         return any(self._ahead.values()) or bool(self._behind)
 
     def torque(self, joint: str, t: float, q: float, qd: float) -> float:
-        """Torque of the hand on a joint now, along the joint angle [N m].
-
-        Args:
-            joint: The joint.
-            t: On the emulator's clock [s]; must not go back.
-            q: Its angle [rad].
-            qd: Its speed [rad/s].
-        """
+        """Torque on ``joint`` [N m] at ``q`` [rad], ``qd`` [rad/s]; ``t`` [s] never goes back."""
         if joint not in self._ahead:
             return 0.0
         now, ahead = t - self._start, self._ahead[joint]

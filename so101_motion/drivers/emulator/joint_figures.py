@@ -59,7 +59,6 @@ def _joint(name: str, lower_deg: float, upper_deg: float, inertia: float) -> Joi
 
 
 def _timed(joint: Joint, slope: float, offset: float, ceiling: float) -> Joint:
-    """A joint whose acceleration was measured."""
     return replace(
         joint,
         acceleration_slope=slope,

@@ -83,7 +83,6 @@ class Shaft:
         self._stribeck = _stribeck_table(kind)
 
     def put(self, position: float) -> None:
-        """Place the output somewhere, at rest."""
         self.output = self.rotor = position
         self.velocity = 0.0
         self._stands_under: tuple[float, bool, float] | None = None

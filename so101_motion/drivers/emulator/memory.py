@@ -48,7 +48,6 @@ class Memory:
         self._backup = self.flash
 
     def raw(self, row: Register) -> int:
-        """The stored bits of a register."""
         address = row.address
         if row.size == 1:
             return self.bytes[address]
@@ -76,11 +75,7 @@ class Memory:
         return bytes(self.bytes[address : address + count])
 
     def write(self, address: int, data: bytes) -> range:
-        """Store the bytes of a WRITE.
-
-        Returns:
-            The addresses that were reached, empty beyond the last register.
-        """
+        """Store the bytes of a WRITE; return the addresses that were reached."""
         reached = range(address, min(address + len(data), reg.SIZE))
         saved = None if self.bytes[reg.LOCK.address] else bytearray(self.flash)
         for here, byte in zip(reached, data, strict=False):
@@ -100,7 +95,6 @@ class Memory:
         self.flash = bytes(saved)
 
     def keep(self, row: Register, raw: int) -> None:
-        """Store bits and save them."""
         self.set(row, raw)
         self.save(row)
 
@@ -113,7 +107,6 @@ class Memory:
         self.set(reg.TORQUE_LIMIT, self.raw(reg.MAX_TORQUE))
 
     def save_backup(self) -> None:
-        """Save the present EEPROM as the backup for ``restore``."""
         self._backup = bytes(self.bytes)
 
     def restore(self) -> None:

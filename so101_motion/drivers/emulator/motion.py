@@ -57,17 +57,14 @@ class Profile:
         self.acceleration = self.speed = self.floor = 1.0
 
     def seed(self, position: float) -> None:
-        """Rest at a position, with the target there too."""
         self.position = self.target = position
         self.velocity = 0.0
 
     @property
     def running(self) -> bool:
-        """Whether the set-point is still on its way."""
         return self.position != self.target or self.velocity != 0.0
 
     def step(self) -> None:
-        """Advance the set-point by one control period."""
         distance, velocity = self.target - self.position, self.velocity
         if distance == 0.0 and velocity == 0.0:
             return
@@ -90,7 +87,6 @@ class Profile:
         self.position = self.target = max(min(position, around + LEAD), around - LEAD)
 
     def _next_speed(self, speed: float, distance: float) -> float:
-        """Speed towards the target in the coming step."""
         change = self.acceleration * DT
         if speed < 0.0:  # going the wrong way: brake before anything else
             return min(speed + change, 0.0)
@@ -153,21 +149,15 @@ class Loop:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, as with torque off."""
         self.integral = self.output = 0
         self._excess = self._change = self._last_error = 0
         self._countdown = 1
         self._answered: tuple[int, Gains] | None = None  # the last error, if nothing else counted
 
     def step(self, error: int, *, integrate: bool) -> int:
-        """One control period.
+        """The demanded duty, -limit..limit, for ``error``, set-point minus position [tick].
 
-        Args:
-            error: Set-point minus measured position [tick].
-            integrate: Whether the integral may grow: not while moving, not in a fault.
-
-        Returns:
-            The demanded duty, -limit..limit.
+        The integral may not grow (``integrate``) while the servo moves or has a fault.
         """
         g = self.gains
         self._countdown -= 1
@@ -226,11 +216,9 @@ class GoalDelay:
         self.waiting: deque[tuple[int, float]] = deque()
 
     def put(self, goal: float) -> None:
-        """Add a goal that has arrived."""
         self.waiting.append((self._now + self._steps, goal))
 
     def clear(self) -> None:
-        """Forget the goals that wait."""
         self.waiting.clear()
 
     def step(self) -> float | None:

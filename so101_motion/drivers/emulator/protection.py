@@ -67,7 +67,6 @@ class Guard:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the state after power-up."""
         self.flags = 0
         self._stalled = 0  # direction of the stall that is being timed, or 0
         self._moved = 0

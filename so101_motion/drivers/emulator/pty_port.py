@@ -84,7 +84,6 @@ class _Terminal:
         fcntl.ioctl(self.master, _TCSETS2, settings)
 
     def baud(self) -> int:
-        """The baud rate that the client has set."""
         fcntl.ioctl(self.master, _TCGETS2, self._settings)
         return int.from_bytes(self._settings[40:44], sys.byteorder)
 
@@ -110,7 +109,6 @@ class _Terminal:
 
 
 def _watch(path: str) -> int | None:
-    """A descriptor that becomes readable when somebody opens or closes ``path``."""
     libc = ctypes.CDLL(None, use_errno=True)
     if not hasattr(libc, "inotify_init1"):
         return None
@@ -160,12 +158,10 @@ class PtyPort:
 
     @property
     def device(self) -> str:
-        """The terminal's present name; empty while unplugged."""
         return self._terminal.name if self._terminal is not None else ""
 
     @property
     def port(self) -> str:
-        """The name to open."""
         if self._link is not None:
             return str(self._link)
         return self.device
@@ -173,7 +169,6 @@ class PtyPort:
     # -- from outside ---------------------------------------------------------------------------
 
     def plug(self) -> None:
-        """Create the port if it does not exist."""
         with self._lock:
             if self._terminal is not None:
                 return
@@ -185,7 +180,6 @@ class PtyPort:
         self._wake()
 
     def unplug(self) -> None:
-        """Remove the port, even if a client has it open."""
         with self._lock:
             terminal, self._terminal = self._terminal, None
             self._due.clear()
@@ -203,8 +197,7 @@ class PtyPort:
     def serve_now(self) -> float:
         """Answer written bytes in the calling thread; return when the next reply is due.
 
-        Returns:
-            By ``time.monotonic`` [s]; infinite when none is due.
+        By ``time.monotonic`` [s]; infinite when none is due.
         """
         with self._lock:
             if self._terminal is not None:
@@ -217,7 +210,6 @@ class PtyPort:
         return due
 
     def close(self) -> None:
-        """End the thread and remove the port."""
         self._closing = True
         self._wake()
         self._thread.join()
@@ -247,7 +239,6 @@ class PtyPort:
                     timeout = self._handle(terminal, readable)
 
     def _sources(self) -> list[int]:
-        """The descriptors to wait for."""
         sources, terminal = [self._wake_read], self._terminal
         if terminal is not None and not self._is_left_to_client:
             sources.append(terminal.master)
@@ -256,7 +247,6 @@ class PtyPort:
         return sources
 
     def _handle(self, terminal: _Terminal | None, readable: list[int]) -> float | None:
-        """Serve a terminal unless it was unplugged; return when the next delivery is due."""
         with self._lock:
             if terminal is not None and terminal is self._terminal:
                 if readable and terminal.watch in readable:

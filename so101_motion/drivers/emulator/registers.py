@@ -64,7 +64,6 @@ class Register:
     sign_bit: int | None = None
 
     def decode(self, raw: int) -> int:
-        """The number the stored bits mean."""
         if self.sign_bit is None or not raw >> self.sign_bit & 1:
             return raw
         return -(raw & (1 << self.sign_bit) - 1)

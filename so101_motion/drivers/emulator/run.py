@@ -40,7 +40,6 @@ class _Timetable:
             happen(fault)
 
     def wait(self) -> float:
-        """Seconds until the next entry, at most until the next look around."""
         if not self._entries:
             return _LOOK_EVERY
         return min(max(self._entries[0][0] - time.monotonic(), 0.0), _LOOK_EVERY)
@@ -54,7 +53,6 @@ class _Typing:
         self._rest = b""
 
     def wait(self, seconds: float, stop: threading.Event) -> list[str]:
-        """Wait for lines typed within this time; empty if none were."""
         if self._source is None or not _is_typed_to_us(self._source):
             stop.wait(seconds)
             return []

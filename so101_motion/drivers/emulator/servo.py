@@ -64,7 +64,6 @@ _PROFILE = {reg.ACCELERATION.address, reg.GOAL_VELOCITY.address} | {
 
 @functools.cache
 def _rows_in(start: int, stop: int) -> tuple[Register, ...]:
-    """The registers that a read or write touches, from address ``start`` to before ``stop``."""
     rows = reg.REGISTERS.values()
     return tuple(row for row in rows if row.address < stop and start < row.address + row.size)
 
@@ -150,17 +149,14 @@ class Servo:
 
     @property
     def servo_id(self) -> int:
-        """The id it answers to."""
         return self.memory.raw(reg.ID)
 
     @property
     def baud(self) -> int:
-        """The baud rate it hears."""
         return reg.BAUDS[self.memory.value(reg.BAUD)]
 
     @property
     def status(self) -> int:
-        """The status byte of its replies."""
         return self.drive.guard.flags
 
     @property
@@ -171,8 +167,7 @@ class Servo:
     def execute(self, code: int, params: bytes, now: float) -> bytes | None:
         """Carry out an instruction other than sync read and sync write.
 
-        Returns:
-            The data of the reply (empty in an acknowledgement), or None for silence.
+        Returns the data of the reply, empty in an acknowledgement, or None for silence.
         """
         match code:
             case Code.PING:
@@ -204,7 +199,6 @@ class Servo:
         return b"" if self.acknowledges else None
 
     def read(self, address: int, count: int) -> bytes | None:
-        """The bytes of a READ, measured now."""
         scatter = self._random.randint(-self._dither, self._dither) if self._dither else 0
         keeps_frame = self.now < self._measures_from
         # Torque always, because goals change it.
@@ -324,7 +318,6 @@ class Servo:
     # -- what writes trigger ---------------------------------------------------------------------
 
     def _start_goal(self) -> None:
-        """Drive to the goal that was written."""
         drive = self.drive
         if drive.torque != 1 and not self.goal_enables_torque:
             return

@@ -41,7 +41,6 @@ _TIMING_JUMP_MS = 50  # while a protection timer or a start-up runs
 
 
 def no_gravity(q: Array) -> Array:
-    """Holding torque of an arm without weight: zero."""
     return np.zeros_like(q)
 
 
@@ -81,12 +80,10 @@ class World:
 
     @property
     def t(self) -> float:
-        """The time up to which everything has been computed [s]."""
         return self._origin + self._ms / 1000.0
 
     @property
     def q(self) -> Array:
-        """True joint angles, shape (6,), [rad]."""
         return np.array([servo.drive.q for servo in self.servos])
 
     @property
@@ -100,11 +97,7 @@ class World:
             self._gravity, self._felt = gravity, []
 
     def servo(self, place: str | int) -> Servo:
-        """A servo by joint name, or by its place on the cable, 1 to 6.
-
-        Raises:
-            ConfigError: There is none.
-        """
+        """A servo by joint name or place on the cable, 1 to 6; ``ConfigError`` if there is none."""
         for number, servo in enumerate(self.servos, start=1):
             if place in (servo.joint.name, number, str(number)):
                 return servo
@@ -169,7 +162,6 @@ class World:
     # -- what people do to an arm ---------------------------------------------------------------
 
     def connect(self, place: str | int) -> None:
-        """Plug a servo into the cable; it starts up."""
         with self.lock:
             self.servo(place).connected = True
             self._react()
@@ -194,43 +186,28 @@ class World:
             self._react()
 
     def warm(self, place: str | int, celsius: float) -> None:
-        """Heat a servo and its surroundings to ``celsius``."""
         with self.lock:
             motor = self.servo(place).drive.motor
             motor.temperature = motor.ambient = celsius
             self._react()
 
     def cool(self, place: str | int) -> None:
-        """Let a servo cool down in room air again."""
         with self.lock:
             self.servo(place).drive.motor.ambient = ROOM_C
 
     def put_object(self, width: float, stiffness: float = OBJECT_STIFFNESS) -> None:
-        """Hold something ``width`` [m] wide between the jaw tips.
-
-        Args:
-            width: How wide [m].
-            stiffness: Of it [N m/rad at the jaw].
-
-        Raises:
-            ConfigError: Wider than the jaws open.
-        """
+        """Hold something ``width`` [m] wide, ``stiffness`` [N m/rad at the jaw], in the jaws."""
         self.put_wall("gripper", jaw_angle_for_gap(width), math.inf, stiffness)
 
     def take_object(self) -> None:
-        """Remove the object between the jaws."""
         self.put_wall("gripper", -math.inf, math.inf)
 
     def put_wall(
         self, place: str | int, lower: float, upper: float, stiffness: float = STOP_STIFFNESS
     ) -> None:
-        """Put obstacles in a joint's travel at these angles; its own stops stay.
+        """Put obstacles in a joint's travel at these angles [rad]; its own stops stay.
 
-        Args:
-            place: Which joint.
-            lower: The smallest angle it reaches freely [rad].
-            upper: The largest [rad].
-            stiffness: Of the obstacles [N m/rad].
+        ``stiffness`` is theirs [N m/rad].
         """
         with self.lock:
             servo = self.servo(place)
@@ -245,7 +222,6 @@ class World:
             drive.wake()
 
     def _react(self) -> None:
-        """Apply the change at once, not at the next slow update."""
         self._look(0.0)
         for servo in self.servos:
             servo.drive.wake()

@@ -100,11 +100,7 @@ class Chain:
             raise
 
     def bus(self) -> Bus:
-        """The bus, with the servos found and set up.
-
-        Raises:
-            PortUnavailable: There is no port at present; ``set_up`` tries to get it back.
-        """
+        """The bus, with the servos found; ``PortUnavailable`` if there is no port at present."""
         if not self.is_set_up:
             reason = "not connected at present; check the USB cable and plug it in again"
             raise PortUnavailable("the arm's port", reason)
@@ -115,12 +111,8 @@ class Chain:
     def set_up(self) -> bool:
         """Find the servos and set them up; those that are driven go on as they are.
 
-        Returns:
-            Whether all of them are driven.
-
-        Raises:
-            NoReply: A servo that answered until now is silent, or all are.
-            BusError: There is no port at present, or a servo cannot be set up.
+        Returns whether all of them are driven. Raises ``NoReply`` if a servo that answered until
+        now is silent, or all are.
         """
         bus, ids = self.connection.bus(), tuple(self.index)
         found = bus.answering(ids)
@@ -135,9 +127,8 @@ class Chain:
     def set_up_again(self, servo_ids: Sequence[int]) -> tuple[list[int], list[ServoFault]]:
         """Set up servos that were silent and answer again.
 
-        Returns:
-            The servos that are limp, and the errors of servos that refused. One that does not
-            answer after all counts as silent and is set up when it answers again.
+        Returns those that are limp, and the errors of those that refused. One that does not answer
+        after all counts as silent and is set up when it answers again.
         """
         limp: list[int] = []
         refusals: list[ServoFault] = []
@@ -210,14 +201,12 @@ class Chain:
             self.out_of_range.let_go(self.bus())
 
     def catch(self, i: int) -> None:
-        """Drive joint ``i``, which is limp, where it is."""
         bus = self.bus()
         if self.out_of_range.may_be_driven(bus, i, self.at.ticks(i)):
             joint = self._maps[i]
             self._engage(bus, joint.servo_id, joint.to_goal(self.at.q[i]))
 
     def limit_again(self) -> None:
-        """Restore the torque limits of all servos."""
         limits = {servo_id: own[reg.TORQUE_LIMIT] for servo_id, own in self.ram.items()}
         self.put_all(reg.TORQUE_LIMIT, limits)
 

@@ -58,15 +58,10 @@ class Connection:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a bus right now."""
         return self._bus is not None
 
     def bus(self) -> Bus:
-        """The bus; opened now if it is not open and a retry is due.
-
-        Raises:
-            PortUnavailable: There is none.
-        """
+        """The bus; opened now if a retry is due. Raises ``PortUnavailable`` if there is none."""
         if self._bus is None:
             now = self._clock.now()
             if self._why is not None and now < self._next_try:
@@ -85,7 +80,6 @@ class Connection:
         return self._bus
 
     def lost(self, error: PortUnavailable) -> None:
-        """Close the bus, because the port went away."""
         _log.warning("%s", error)
         self.losses += 1
         self._wait = FIRST_WAIT
@@ -93,7 +87,6 @@ class Connection:
         self.close()
 
     def close(self) -> None:
-        """Close the port."""
         bus, self._bus = self._bus, None
         if bus is not None:
             bus.close()

@@ -294,19 +294,11 @@ class FeetechArm:
 
     @property
     def bus(self) -> Bus:
-        """The bus, for jobs that talk to the servos themselves.
-
-        Raises:
-            PortUnavailable: There is no port at present.
-        """
+        """The bus, for jobs that talk to the servos; ``PortUnavailable`` if there is none."""
         return self._chain.bus()
 
     def set_torque_limit(self, joint: str, share: float) -> None:
-        """Limit the drive of ``joint`` to ``share``, 0 to 1, of full drive, also after a restart.
-
-        Raises:
-            BusError: The servo did not take it.
-        """
+        """Limit the drive of ``joint`` to ``share``, 0 to 1, also after a restart."""
         i, share = JOINTS.index(joint), min(max(share, 0.0), 1.0)
         with self._chain.watching():
             self._chain.bus()
@@ -315,7 +307,6 @@ class FeetechArm:
 
     @property
     def on_command(self) -> CommandListener | None:
-        """Called on the I/O thread with every command as it is sent; None for nobody."""
         return self._chain.on_command
 
     @on_command.setter
@@ -333,22 +324,18 @@ class FeetechArm:
 
     @property
     def is_connected(self) -> bool:
-        """Whether the port is open and the servos have been found."""
         return self._chain.is_set_up
 
     @property
     def is_driving(self) -> bool:
-        """Whether a servo drives its joint."""
         return any(held is not None for held in self._compensation.held)
 
     @property
     def limp(self) -> tuple[str, ...]:
-        """The joints that no servo drives, base to jaw."""
         return tuple(JOINTS[i] for i in self._index.values() if self._compensation.held[i] is None)
 
     @property
     def port_losses(self) -> int:
-        """How often the port went away since the start."""
         return self._chain.connection.losses
 
     # Connecting

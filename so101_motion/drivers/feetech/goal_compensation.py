@@ -80,18 +80,14 @@ class Reversals:
         self.crossing = [0.0] * _N
 
     def unknown(self) -> None:
-        """Predict nothing, because the coming motion is not known."""
         self.crossing = [0.0] * _N
 
     def foresee(self, qd: Sequence[float], qdd: Sequence[float], dt: float) -> list[float | None]:
         """The side to which each joint's friction is to be compensated now, and how fully, -1 to 1.
 
-        None for a joint that hardly moves: it may be coming to rest, or creep on for long.
-
-        Args:
-            qd: Commanded velocities [rad/s].
-            qdd: Their change from now on [rad/s^2].
-            dt: Time since the last call [s]; 0 if the clock has not gone on.
+        None for a joint that hardly moves: it may be coming to rest, or creep on for long. ``qd``
+        is commanded [rad/s], ``qdd`` its change from now on [rad/s^2], ``dt`` the time since the
+        last call [s], 0 if the clock has not gone on.
         """
         ways: list[float | None] = []
         for i, (speed, change) in enumerate(zip(qd, qdd, strict=True)):
@@ -194,7 +190,6 @@ class GoalCompensation:
         self._reversals = Reversals(self.trim)
 
     def found(self, i: int, servo: ServoCondition) -> None:
-        """Start from the condition in which joint ``i``'s servo was found."""
         self.held[i] = servo.goal_ticks if servo.torque else None
         self._overloaded.discard(i)
         brakes = braking(i, servo.max_acceleration)
@@ -203,7 +198,6 @@ class GoalCompensation:
         self.trim.models[i].most_drive = servo.torque_limit / 1000.0
 
     def supplied(self, i: int, volts: float) -> None:
-        """Take in the supply voltage that joint ``i``'s servo reports [V]."""
         self.trim.models[i].volts += _SMOOTHING * (volts - self.trim.models[i].volts)
 
     def heard(self, i: int, faults: int) -> None:
@@ -220,17 +214,7 @@ class GoalCompensation:
     def begin(
         self, q: list[float], here: Sequence[float], now: float, free: Collection[int]
     ) -> None:
-        """Take the first command: hold the joints at ``q`` [rad], where they are.
-
-        Args:
-            q: Commanded joint angles.
-            here: Measured joint angles [rad].
-            now: The time [s].
-            free: Joints that no goal keeps in place.
-
-        Raises:
-            CommandRefused: The joints are elsewhere.
-        """
+        """Take the first command: hold the joints at ``q`` [rad]; see ``GoalLimiter.begin``."""
         self._limiter.begin(q, here, now, free)
         self.q, self._qd, self.is_set, self._t_begin = q, None, True, now
         self.trim.start(q, now, [self._sag(i) for i in range(6)])
@@ -246,20 +230,11 @@ class GoalCompensation:
         *,
         follows_target: bool = False,
     ) -> None:
-        """Take the next command, ``q`` [rad].
+        """Take the next command, ``q`` [rad], at ``now`` [s]; see ``GoalLimiter.follow``.
 
-        Args:
-            q: Commanded joint angles.
-            qd: Velocities of the arm joints there [rad/s]; None or NaN if not known.
-            now: The time [s].
-            here: The confirmed angle of a joint [rad], else NaN.
-            free: Joints that no goal keeps in place.
-            qdd: Accelerations of the arm joints there [rad/s^2]; None if not known.
-            follows_target: Whether the motion follows a target and is not planned, so that a joint
-                may turn round at any moment.
-
-        Raises:
-            CommandRefused: It is further from the last command than the caps allow.
+        ``qd`` [rad/s] has NaN where it is not known; ``qdd`` [rad/s^2] is None if not known. A
+        joint that follows a target (``follows_target``), and not a plan, may turn round at any
+        moment.
         """
         self._limiter.follow(q, qd, now, here, free)
         self.q = q
@@ -307,10 +282,9 @@ class GoalCompensation:
     def in_play(self) -> dict[int, float]:
         """The joints that may stand in their play now, with how far they fall behind then [rad].
 
-        None in motions that are not planned: there, what holds a joint up is not looked for.
-
-        A joint whose motor is being driven through the play is one of them: if the load is not what
-        the driver takes it for, its gears were on the other side already.
+        Only in planned motions: in others, what holds a joint up is not looked for. A joint whose
+        motor is being driven through the play is one of them: if the load is not what the driver
+        takes it for, its gears were on the other side already.
         """
         if self._follows_target or not self._is_told:
             return {}
@@ -321,7 +295,6 @@ class GoalCompensation:
         }
 
     def _changes(self, qd: Sequence[float] | None, now: float) -> Sequence[float]:
-        """Accelerations between the last commanded velocities and ``qd`` [rad/s^2]."""
         dt = now - self._t_point
         if qd is None or self._qd is None or not 0.0 < dt < _RECENT:
             return (0.0,) * 5
@@ -368,6 +341,5 @@ class GoalCompensation:
         }
 
     def _sag(self, i: int) -> float | None:
-        """Distance from joint ``i``'s command to its servo's goal [rad]; None if limp."""
         held = self.held[i]
         return None if held is None else self._maps[i].to_rad(held) - self.q[i]

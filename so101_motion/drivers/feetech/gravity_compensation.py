@@ -162,7 +162,6 @@ class Trim:
 
     @property
     def full_drive_errors(self) -> list[float]:
-        """The position error at which each servo drives fully [rad]."""
         return [model.full_drive_error for model in self.models]
 
     def explain(
@@ -172,13 +171,10 @@ class Trim:
         qd: Sequence[float],
         carried: Sequence[float],
     ) -> list[float]:
-        """The offsets of the arm joints' goals for weight, friction and speed [rad].
+        """Offsets of the arm joints' goals [rad] at ``q`` [rad] and ``qd`` [rad/s].
 
-        Args:
-            q: Where all six joints are [rad].
-            way: Which way and how fully friction is overcome, -1 to 1.
-            qd: How fast they turn [rad/s].
-            carried: Mass in the gripper that each joint counts on [kg].
+        ``way`` is which way and how fully friction is overcome, -1 to 1, ``carried`` the mass in
+        the gripper that each joint counts on [kg].
         """
         own, per_kg = self._gravity(np.array(q)).tolist(), self.per_kg(q)
         weights = [w + m * u for w, u, m in zip(own, per_kg, carried, strict=False)]
@@ -210,8 +206,7 @@ class Trim:
     def taken_for_mass(self) -> tuple[float, list[float]]:
         """Take as much as possible of what was learnt for a mass in the gripper.
 
-        Returns:
-            That mass [kg], and what is left of the arm joints' offsets [rad].
+        Returns that mass [kg], and what is left of the arm joints' offsets [rad].
         """
         arms = self._per_kg[:_JAW]
         heaviness = sum(each * each for each in arms)
@@ -253,13 +248,11 @@ class Trim:
 
     @property
     def largest(self) -> list[float]:
-        """Bounds of ``offset`` [rad]."""
         most = LARGEST_SAG + LARGEST_DRIVE
         return [model.error_for(most) for model in self.models[:_JAW]] + [0.0]
 
     @property
     def offset(self) -> list[float]:
-        """The offsets to add to the six commanded positions [rad]."""
         return [known + rest for known, rest in zip(self._known, self._rest, strict=True)]
 
     def command(
@@ -270,15 +263,10 @@ class Trim:
         ahead: float = 0.0,
         ways: Sequence[float | None] = (None,) * 5,
     ) -> None:
-        """Take the next command of the six joints, ``goal`` [rad], at ``now`` [s].
+        """Take the next command, ``goal`` [rad] and ``qd`` [rad/s], at ``now`` [s].
 
-        Args:
-            goal: Commanded joint angles.
-            now: The time.
-            qd: Commanded velocities [rad/s].
-            ahead: How long after sending a goal acts [s].
-            ways: The direction in which friction is to be overcome, and how fully, -1 to 1, where
-                it is predicted; for None it follows from the last motion of the joint.
+        A goal acts ``ahead`` [s] after it was sent. ``ways`` says in which direction friction is to
+        be overcome, and how fully, -1 to 1; for None it follows from the last motion of the joint.
         """
         if goal == self._goal:
             return
@@ -302,13 +290,7 @@ class Trim:
         self._find(i)
 
     def lag(self, i: int, qd: float, qdd: float) -> float:
-        """The lag of joint ``i`` behind its set-point [rad].
-
-        Args:
-            i: Which joint.
-            qd: How fast it moves [rad/s].
-            qdd: How its speed changes [rad/s^2].
-        """
+        """Lag of joint ``i`` behind its set-point [rad] at ``qd`` [rad/s] and ``qdd`` [rad/s^2]."""
         model, torque = self.models[i], self._torque[i]
         more = model.kind.viscous * qd + (model.kind.armature + INERTIA[i]) * qdd
         return model.distance(torque + more, qd) - self._without_speed[i]
@@ -316,13 +298,9 @@ class Trim:
     def start(self, goal: list[float], now: float, sag: Sequence[float | None]) -> None:
         """Start with the six joints at rest at ``goal`` [rad] at ``now`` [s].
 
-        Args:
-            goal: Where they are.
-            now: The time.
-            sag: Distance from there to their servos' goals [rad], None for a limp joint. The offset
-                begins with it, as far as the weight can be the reason. The offset of a limp joint
-                begins with its weight alone: the servo carries it from the first moment, and a
-                joint that lies on something stays there.
+        The offset begins with ``sag``, the distance from there to the servo's goal [rad], as far as
+        the weight can be the reason. That of a limp joint, None, begins with its weight alone: the
+        servo carries it from the first moment, and a joint that lies on something stays there.
         """
         self.carried, self._gives_way, self._qd = 0.0, [False] * 6, (0.0,) * 6
         self._take_up(goal, goal, now)
@@ -342,14 +320,7 @@ class Trim:
     def measure(
         self, q: Sequence[float], qd: Sequence[float], fresh: Collection[int], now: float
     ) -> None:
-        """Learn from a measurement.
-
-        Args:
-            q: Measured angles of the six joints [rad].
-            qd: Measured velocities [rad/s].
-            fresh: The joints that were measured this time.
-            now: The time [s].
-        """
+        """Learn from angles [rad] and velocities [rad/s] of ``fresh`` joints at ``now`` [s]."""
         dt, self._last = min(now - self._last, 0.05), now
         if not self._goal:
             return
@@ -424,12 +395,10 @@ class Trim:
         self._weight, self._per_kg = self._weights(q)
 
     def _weights(self, q: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Holding torques at ``q`` [rad], and the torque that each kilogram carried adds."""
         own, per_kg = self._gravity(np.array(q)).tolist(), self.per_kg(q)
         return [w + self.carried * u for w, u in zip(own, per_kg, strict=True)], per_kg
 
     def _find(self, i: int) -> None:
-        """Update the offset of joint ``i`` for its weight and friction."""
         model, way, torque = self.models[i], self._way[i], self._weight[i]
         if way:
             load = torque + self._rest[i] * model.stiffness

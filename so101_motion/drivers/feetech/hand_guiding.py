@@ -148,15 +148,9 @@ class HandGuiding:
     def step(
         self, q: Sequence[float], qd: Sequence[float], now: float
     ) -> tuple[list[float], list[float]]:
-        """The goals of the arm joints now, and the drive that they may use.
+        """The goals of the arm joints [rad] and the shares of full drive they may use, ``now`` [s].
 
-        Args:
-            q: Measured angles of all six joints [rad].
-            qd: Measured velocities [rad/s].
-            now: The time [s].
-
-        Returns:
-            Goals [rad] and shares of full drive of the arm joints.
+        ``q`` and ``qd`` are measured, of all six joints [rad, rad/s].
         """
         band = self._compliance.dead_band
         dt, self._now = now - self._now, now
@@ -241,5 +235,4 @@ class HandGuiding:
 
 
 def _near(angle: float, q: float, most: float) -> float:
-    """The angle nearest to ``angle`` that is at most ``most`` from ``q`` [rad]."""
     return min(max(angle, q - most), q + most)

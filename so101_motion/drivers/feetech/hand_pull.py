@@ -48,11 +48,7 @@ class HandPull:
         return self._pull is not None
 
     def ask(self, pull: Pull) -> None:
-        """Start the pull, or change it, from the next ``step`` on.
-
-        Raises:
-            BusError: A servo of the arm is silent, does not obey, or two readings of it disagree.
-        """
+        """Start the pull, or change it, from the next ``step`` on."""
         if self._pull is None:
             self._begin(pull)
         self._pull = pull
@@ -76,8 +72,7 @@ class HandPull:
     def end(self) -> None:
         """Let go of the joints, if they are pulled.
 
-        Raises:
-            BusError: A servo did not let go. It keeps its low limit then, and this can be repeated.
+        A servo that does not let go (``BusError``) keeps its low limit; this can be repeated.
         """
         if self._pull is not None:
             self._chain.switch_off()

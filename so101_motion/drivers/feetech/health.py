@@ -61,7 +61,6 @@ class JointHealth:
 def joint_health(
     joint: str, servo_id: int, t: float, block: bytes, counter: ReplyCounter, *, is_silent: bool
 ) -> JointHealth:
-    """Make a snapshot from the measured block of a servo and its reply counter."""
     volts, amps, temperature_c, load = _figures(block)
     return JointHealth(
         joint=joint,
@@ -134,13 +133,7 @@ class HealthReadings:
         counters: Mapping[int, ReplyCounter],
         silent: Collection[int],
     ) -> tuple[JointHealth, ...]:
-        """The newest health of each servo; from any thread.
-
-        Args:
-            names: The joints, by servo, base to jaw.
-            counters: Their reply counters.
-            silent: The servos that do not answer at present.
-        """
+        """The newest health of each servo in ``names``, base to jaw; from any thread."""
         blocks = self._blocks
         return tuple(
             joint_health(joint, i, *blocks[i], counters[i], is_silent=i in silent)

@@ -54,7 +54,6 @@ class VelocityEstimate:
         self._signals: tuple[deque[float], ...] = tuple(deque() for _ in range(n))
 
     def add(self, t: float, values: Sequence[float]) -> None:
-        """Add ``n`` values measured at ``t`` [s]."""
         if self._t and t - self._t[-1] < _SPACING:
             return
         self._t.append(t)
@@ -66,7 +65,6 @@ class VelocityEstimate:
                 signal.popleft()
 
     def clear(self) -> None:
-        """Forget everything, after a gap."""
         self._t.clear()
         for signal in self._signals:
             signal.clear()
@@ -104,7 +102,6 @@ class JointEstimate:
         self._slope, self._belief = VelocityEstimate(n), PositionCheck(n)
 
     def ticks(self, i: int) -> Ticks:
-        """The position of joint ``i``'s servo."""
         return self._maps[i].to_ticks(self.q[i])
 
     def surely(self, i: int) -> float:
@@ -128,18 +125,10 @@ class JointEstimate:
     def ask(
         self, bus: Bus, count: int, given_up: Collection[int], clock: Clock
     ) -> tuple[dict[int, Answer], Collection[int]]:
-        """Ask all servos for ``count`` bytes from the position on.
+        """Ask for ``count`` bytes from the position on; again where it is not credible.
 
-        Servos whose position is rejected are asked once more at once.
-
-        Args:
-            bus: The bus.
-            count: How many bytes.
-            given_up: Servos that are not worth waiting for.
-            clock: The clock of the rig.
-
-        Returns:
-            The answers with credible positions, by servo, and the servos without one.
+        Returns the answers with credible positions, by servo, and the servos without one. Those
+        ``given_up`` are not worth waiting for.
         """
         asked = clock.now()
         found = bus.sync_read(tuple(self._servos), _START, count, given_up=given_up)
@@ -165,12 +154,9 @@ class JointEstimate:
     def look(
         self, answers: Mapping[int, Answer], wanted: Sequence[float | None], now: float
     ) -> None:
-        """Update the estimate from the servos' answers.
+        """Update the estimate from credible answers to a question ``now`` [s].
 
-        Args:
-            answers: The credible answers, by servo.
-            wanted: Commanded joint angles [rad]; None for a joint without a command.
-            now: When they were asked [s].
+        ``wanted`` are commanded angles [rad]; None for a joint without a command.
         """
         for i, joint in self._maps.items():
             answer = answers.get(joint.servo_id)

@@ -64,13 +64,7 @@ class OutOfRangeJoints:
     def may_be_driven(self, bus: Bus, i: int, here: Ticks) -> bool:
         """Whether joint ``i`` is inside, so that a goal can keep it; if not, it is left alone.
 
-        Args:
-            bus: The bus.
-            i: The joint.
-            here: Its servo's goal, or its position if the servo is limp.
-
-        Raises:
-            BusError: Its caps could not be put back.
+        ``here`` is its servo's goal, or its position if the servo is limp.
         """
         if i in self._coming:
             return True
@@ -84,16 +78,8 @@ class OutOfRangeJoints:
     def lead(self, bus: Bus, goals: Sequence[float], ticks: Mapping[int, Ticks]) -> list[int]:
         """Start to bring in joints whose command is inside, and stop those whose is not any more.
 
-        Args:
-            bus: The bus.
-            goals: Commanded angles of all six joints [rad].
-            ticks: The goals of the servos that answer, by servo, within their limits.
-
-        Returns:
-            The joints that were stopped.
-
-        Raises:
-            BusError: A servo did not obey.
+        ``goals`` are the commands of all joints [rad], ``ticks`` the goals of the servos that
+        answer, within their limits. Returns the joints that were stopped.
         """
         stopped = []
         for i in [*self.left, *self._coming]:
@@ -115,16 +101,7 @@ class OutOfRangeJoints:
     def stop(self, bus: Bus, at: JointEstimate, silent: Collection[int]) -> dict[int, Ticks]:
         """Hold joints of the arm that a hand has guided outside, where no goal would keep them.
 
-        Args:
-            bus: The bus.
-            at: Where the joints are.
-            silent: Ids of the servos that do not answer.
-
-        Returns:
-            Where joints were stopped, by index.
-
-        Raises:
-            BusError: A servo did not obey.
+        Returns where joints were stopped, by index.
         """
         stopped = {}
         for i, joint in self._maps.items():
@@ -135,21 +112,13 @@ class OutOfRangeJoints:
         return stopped
 
     def arrive(self, bus: Bus, q: Sequence[float]) -> None:
-        """Restore the caps of joints that are inside at ``q`` [rad].
-
-        Raises:
-            BusError: A servo did not take them.
-        """
+        """Restore the caps of joints that are inside at ``q`` [rad]."""
         for i in [i for i in self._coming if self._holds(i, q[i])]:
             self._put_back(bus, i)
             self._coming.discard(i)
 
     def let_go(self, bus: Bus) -> None:
-        """Forget all joints outside, because all are limp now; restore their caps.
-
-        Raises:
-            BusError: The caps of one could not be put back.
-        """
+        """Forget all joints outside, because all are limp now; restore their caps."""
         self.left.clear()
         self._coming.clear()
         for i in list(self._crawling):

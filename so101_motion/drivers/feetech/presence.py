@@ -60,7 +60,6 @@ class Presence:
 
     @property
     def all_silent(self) -> bool:
-        """Whether no servo answers."""
         return len(self.silent) == len(self._ids)
 
     def judge(self, found: Collection[int], now: float) -> PresenceChange:
@@ -95,7 +94,6 @@ class Presence:
 
 
 def unconfirmed_position(bus: Bus, servo_id: int) -> NoReply:
-    """The error for a servo whose position no two replies agree on."""
     return NoReply(
         f"the position of {bus.label(servo_id)} is not clear: no two of its answers"
         " agree; nothing was switched on. Keep the joint still, check the plugs of its cable, then"
@@ -106,7 +104,6 @@ def unconfirmed_position(bus: Bus, servo_id: int) -> NoReply:
 
 
 def restarted_servos(bus: Bus, restarted: Sequence[int]) -> ServoFault:
-    """The error for servos that lost their power for a moment and are held again."""
     names = ", ".join(bus.label(servo_id) for servo_id in restarted)
     return ServoFault(
         f"{names} restarted and holds where it is now; its power probably failed: check"
@@ -118,13 +115,9 @@ def restarted_servos(bus: Bus, restarted: Sequence[int]) -> ServoFault:
 def missing_servos(
     bus: Bus, missing: Sequence[int], others: Collection[int], doubted: Collection[int] = ()
 ) -> NoReply:
-    """The error for servos that do not answer; it says which cable to check.
+    """The error for servos that do not answer while ``others`` do; it says which cable to check.
 
-    Args:
-        bus: Their bus.
-        missing: The servos that do not answer, in order.
-        others: The servos that do.
-        doubted: The servos that answer, but with an impossible position.
+    Servos that are ``doubted`` answer, but with an impossible position.
     """
     first = missing[0]
     if first in doubted:

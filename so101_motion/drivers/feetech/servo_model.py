@@ -97,7 +97,6 @@ class ServoModel:
 
     @property
     def volts(self) -> float:
-        """Its supply [V]."""
         return self._volts
 
     @volts.setter
@@ -108,12 +107,7 @@ class ServoModel:
         self.largest_sag = self.error_for(LARGEST_SAG)
 
     def distance(self, torque: float, speed: float = 0.0) -> float:
-        """How far beyond its joint the goal must be [rad].
-
-        Args:
-            torque: Wanted torque of the motor on the gears [N m].
-            speed: Speed of the joint [rad/s].
-        """
+        """How far beyond its joint the goal must be [rad] for this torque and speed [rad/s]."""
         kind = self.kind
         share = (torque / kind.torque_per_volt + kind.back_emf * speed) / self._volts
         duty: float = abs(share) ** self._over_shape - START_DUTY
@@ -160,12 +154,10 @@ class ServoModel:
         return min(torque / self._full_torque, 1.0) * self.full_drive_error
 
     def friction(self, load: float, way: float, speed: float = 0.0) -> float:
-        """Friction torque that the motor must overcome [N m], zero or positive.
+        """Friction that the motor must overcome [N m], zero or positive, at ``speed`` [rad/s].
 
-        Args:
-            load: Torque that holds the joint without friction [N m].
-            way: Direction in which friction is to be overcome, and how fully, -1 to 1.
-            speed: Speed of the joint [rad/s].
+        ``load`` holds the joint without friction [N m]; ``way`` is the direction in which friction
+        is to be overcome, and how fully, -1 to 1.
         """
         kind = self.kind
         still = math.exp(-abs(speed) / kind.stribeck_speed) if speed else 1.0

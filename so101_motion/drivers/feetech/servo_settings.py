@@ -55,7 +55,6 @@ class OddSetting:
 
     @property
     def fix(self) -> str:
-        """What to do about it."""
         does = "does so" if self.is_adapted else "sets it as new"
         opening = "opening the arm sets it right until power-off; " if self.is_adapted else ""
         return f"{opening}{REPAIR} {does} for good"
@@ -100,11 +99,6 @@ _JUDGED = (
 
 
 def read_registers(bus: Bus, servo_id: int) -> dict[str, int]:
-    """Read all registers of a servo, decoded, by name.
-
-    Raises:
-        BusError: It cannot be read.
-    """
     held: dict[str, int] = {}
     for start, end in _SPANS:  # not all at once: a stale reply is told by its length
         block = bus.read_block(servo_id, start, end - start, what="a read of its settings")
@@ -117,12 +111,10 @@ def read_registers(bus: Bus, servo_id: int) -> dict[str, int]:
 
 
 def odd_settings(held: Mapping[str, int], *, counts_down: bool = False) -> tuple[OddSetting, ...]:
-    """Judge a servo's settings; those with which it must not be moved come first.
+    """Judge a servo's registers by name; those with which it must not be moved come first.
 
-    Args:
-        held: Its registers, by name; one that is missing is taken to be as new.
-        counts_down: Whether its calibration says that it counts down with the joint angle, as a
-            servo does whose motor and encoder are both reversed.
+    One that is missing is taken to be as new. ``counts_down`` is whether its calibration says that
+    it counts down with the joint angle, as a servo does whose motor and encoder are both reversed.
     """
     found = _odd(held, counts_down=counts_down)
     return tuple(sorted(found, key=lambda odd: not odd.forbids))
@@ -217,5 +209,4 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
 
 
 def _sound(phase: int) -> int:
-    """A phase register with the speed bits and the turn bit as new."""
     return phase & ~reg.MULTI_TURN | reg.SPEED_BITS

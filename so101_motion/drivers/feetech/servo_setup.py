@@ -145,11 +145,7 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
 
 
 def read_position(bus: Bus, servo_id: int) -> int:
-    """The position of a servo [tick], on which four answers in a row agree.
-
-    Raises:
-        BusError: It cannot be reached, or its answers do not agree.
-    """
+    """The position of a servo [tick], on which four answers in a row agree."""
 
     def near(one: int, other: int) -> bool:
         away = (one - other) % TICKS_PER_TURN
@@ -159,11 +155,7 @@ def read_position(bus: Bus, servo_id: int) -> int:
 
 
 def agreed(read: Callable[[], T], alike: Callable[[T, T], bool] = eq, times: int = 2) -> T:
-    """Call ``read`` until ``times`` results in a row are alike; return the last.
-
-    Raises:
-        BusError: It cannot be read, or is something else each time.
-    """
+    """Call ``read`` until ``times`` results in a row are alike, else raise ``CorruptReply``."""
     seen = [read()]
     in_a_row = 1
     while in_a_row < times:
@@ -179,11 +171,6 @@ def agreed(read: Callable[[], T], alike: Callable[[T, T], bool] = eq, times: int
 
 
 def engage(bus: Bus, servo_id: int, goal: int) -> None:
-    """Drive a joint to ``goal`` [tick].
-
-    Raises:
-        BusError: The servo did not obey.
-    """
     bus.write(servo_id, reg.GOAL_POSITION, goal)
     bus.write(servo_id, reg.TORQUE_ENABLE, 1)
 
@@ -240,7 +227,6 @@ def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
 
 
 def _settings(bus: Bus, servo_id: int) -> dict[str, int]:
-    """What a servo holds in EEPROM, by name."""
     held = read_registers(bus, servo_id)
     kept = {
         row.name: held[row.name] for row in reg.REGISTERS.values() if row.memory is Memory.EEPROM

@@ -29,7 +29,6 @@ _INTERFERING = {
 
 
 def udev_rules() -> str:
-    """The udev rule that lets the logged-in user and the group dialout use servo adapters."""
     lines = [
         "# Servo adapters of the SO-101: usable without root, and ignored by ModemManager.",
         "# Written by: so101 install-udev",

@@ -74,9 +74,8 @@ class FoundPort:
 def find_ports(extra: Collection[str] = (), *, links: Path = _LINKS) -> tuple[FoundPort, ...]:
     """List the ports an arm may be connected to, the likeliest first.
 
-    Args:
-        extra: Further ports, by any name; they come first.
-        links: Where Linux keeps the lasting names.
+    Ports named in ``extra``, by any name, come before them. Linux keeps the lasting names in
+    ``links``.
     """
     listed = [port for port in list_ports.comports() if port.vid is not None]
     serial_numbers = Counter((port.vid, port.pid, port.serial_number) for port in listed)
@@ -221,7 +220,6 @@ def _describe(group: list[Any], shares: dict[int, bool], links: Path) -> FoundPo
 
 
 def _shares_serial_number(port: Any, serial_numbers: Counter[Any]) -> bool:
-    """Whether a port has no serial number of its own."""
     same = serial_numbers[(port.vid, port.pid, port.serial_number)]
     return not port.serial_number or (same > 1 and _MAC.fullmatch(str(port.device)) is None)
 

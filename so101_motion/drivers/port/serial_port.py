@@ -97,11 +97,6 @@ class SerialPort:
         self.discard()
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``.
-
-        Raises:
-            PortUnavailable: The port is gone.
-        """
         try:
             sent = _checked(_libc.write(self._fd, data, len(data)))
             while sent < len(data):  # a full output buffer: rare, the driver sends 60 bytes
@@ -111,17 +106,7 @@ class SerialPort:
             raise self._gone(error) from error
 
     def read(self, until: float) -> bytes:
-        """Read received bytes; waits for at least one.
-
-        Args:
-            until: When to give up, by ``time.monotonic`` [s].
-
-        Returns:
-            Nothing if nothing came.
-
-        Raises:
-            PortUnavailable: The port is gone.
-        """
+        """Read received bytes; waits for at least one until ``until`` (``time.monotonic``, [s])."""
         # poll counts whole milliseconds; rounded up it never returns early to be asked again.
         wait_ms = max(0.0, (until - time.monotonic()) * 1000.0)
         try:
@@ -138,11 +123,6 @@ class SerialPort:
         return ctypes.string_at(self._received, size)
 
     def discard(self) -> None:
-        """Discard received bytes.
-
-        Raises:
-            PortUnavailable: The port is gone.
-        """
         try:
             _checked(_libc.tcflush(self._fd, termios.TCIFLUSH))
         except OSError as error:
@@ -162,7 +142,6 @@ class SerialPort:
 
 
 def _checked(result: int) -> int:
-    """Return the result of a C library call; raise ``OSError`` if it failed."""
     if result < 0:
         code = ctypes.get_errno()
         raise OSError(code, os.strerror(code))
@@ -195,14 +174,7 @@ class PortOpener:
         self._usb: UsbIdentity | None = None
 
     def __call__(self, baud: int | None = None) -> SerialPort:
-        """Open the port.
-
-        Args:
-            baud: Another rate, this once.
-
-        Raises:
-            PortUnavailable: It cannot be opened; the message says why.
-        """
+        """Open the port, this once at another ``baud`` if it is given."""
         name = find_again(self._name, self._usb)
         if name is None:
             raise PortUnavailable(self._name, "its adapter is not plugged in; plug it in again")
@@ -221,15 +193,10 @@ def identity(name: str) -> UsbIdentity | None:
 
 
 def find_again(name: str, usb: UsbIdentity | None) -> str | None:
-    """Find the present name of a port that was known as ``name``.
+    """Find the present name of a port that was known as ``name``; None if it is not plugged in.
 
-    Args:
-        name: As it was asked for.
-        usb: The adapter it was on, if known; then only that adapter will do, because after a
-            replug another one may have got the name.
-
-    Returns:
-        A name to open; None if that adapter is not plugged in.
+    If its adapter ``usb`` is known, only that will do, because after a replug another one may have
+    got the name.
     """
     if usb is None or identity(name) == usb:
         return name
