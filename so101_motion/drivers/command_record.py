@@ -1,11 +1,7 @@
 """The record that a driver makes of each command it sends, for tests and recordings.
 
-A driver calls ``on_command`` on its own thread each time goals go out. The record holds the command
-``q_cmd`` before gravity and lag compensation, and the goals in ticks after it. The caps on speed
-and acceleration apply to the command; the goals are what the wire carries.
-
-    sent = []
-    rig.servos.on_command = sent.append
+It holds the command ``q_cmd`` before gravity and lag compensation, to which the caps on speed and
+acceleration apply, and the goals in ticks after it, which the wire carries.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Refuse commands that are too fast, and limit servo goals; the last step before the bus.
 
-Every goal for a running arm passes through here, in every mode. The limiter knows the last command
-and its time, and keeps these promises for each joint:
+Every goal for a running arm passes through here, in every mode. For each joint:
 
 1. *The command moves no faster than its caps.* Over any span it moves by at most
    ``v * (span + CATCH_UP)`` and what ``acceleration`` adds in between, where ``v`` is the
@@ -20,9 +19,8 @@ and its time, and keeps these promises for each joint:
 4. *The goals of an arm that a hand guides* follow the hand no faster than ``speed``.
 
 A command that breaks 1 or 2 comes from a bug or a wrong reading, so it is refused instead of
-clamped: nothing is sent, the joint stays at the last command, and ``CommandRefused`` says which
-joint, how far and what was allowed. The executor treats that as a fault. Offsets, leads and guided
-goals (3 and 4) come from measurements and are clamped silently, as their controllers expect.
+clamped: nothing is sent, and the executor treats ``CommandRefused`` as a fault. Offsets, leads and
+guided goals come from measurements and are clamped silently, as their controllers expect.
 """
 
 from __future__ import annotations
@@ -66,10 +64,7 @@ _ROUNDING = 1e-6  # [rad] and [rad/s]
 class GoalLimiter:
     """Limits the commands of the six joints; in plain lists, for it is called in every cycle.
 
-    Args:
-        names: Names of the joints, for messages.
-        speed: Hard cap of every joint [rad/s].
-        acceleration: Hard cap of every joint [rad/s^2].
+    ``speed`` [rad/s] and ``acceleration`` [rad/s^2] are the hard caps of every joint.
     """
 
     def __init__(self, names: Sequence[str], *, speed: float, acceleration: float) -> None:

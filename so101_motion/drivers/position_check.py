@@ -11,8 +11,7 @@ is therefore checked against the last sure position of its joint. With ``v`` the
 A reading that does not fit is rejected, and asked for again. One that fits is *sure* if it agrees
 with the past, which means within ``CLOSE`` of the first range, or if it is the last of ``ENOUGH``
 readings in a row that agree with each other. Such a row counts even if each reading alone does not
-fit, but never if it is out of reach at ``FASTEST``. So however many wrong answers come, no position
-is accepted that the joint cannot have reached. If the joint really is elsewhere, for example
+fit, but never if it is out of reach at ``FASTEST``. If the joint really is elsewhere, for example
 because an encoder slipped, its position is accepted a quarter of a second later.
 
 Code that makes a goal out of a position uses a sure one.
@@ -63,11 +62,7 @@ _HALF = TICKS_PER_TURN // 2
 
 
 class PositionCheck:
-    """Checks the positions of all servos, in ticks; in plain numbers, for it runs every cycle.
-
-    Args:
-        n: How many joints.
-    """
+    """Checks the positions of ``n`` servos, in ticks; in plain numbers, for it runs every cycle."""
 
     def __init__(self, n: int = 6) -> None:
         self._known: list[_KnownPosition | None] = [None] * n

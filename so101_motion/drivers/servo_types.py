@@ -96,11 +96,8 @@ they would otherwise."""
 class ServoFigures:
     """How one servo differs from its type; shares of the type's figures, 1 where it does not.
 
-    Attributes:
-        torque: Of the torque per volt.
-        friction: Of all friction, dry and viscous.
-        dead_time: Of the delays of goals and of the loop.
-        play: Between gears and output [rad]; None if it is not known.
+    ``friction`` is of all friction, dry and viscous, ``dead_time`` of the delays of goals and of
+    the loop; ``play`` lies between gears and output [rad] and is None if it is not known.
     """
 
     torque: float = 1.0

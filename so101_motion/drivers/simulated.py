@@ -1,15 +1,14 @@
 """The simulated arm: six servos, each a second-order system solved in closed form.
 
-Each joint behaves like a position servo with its own speed cap. An inner setpoint runs towards the
-last goal at no more than that cap (the servo's speed register does the same), and the joint follows
-the inner setpoint as a critically damped second-order system::
+An inner setpoint runs towards the last goal at no more than the joint's own speed cap (the servo's
+speed register does the same), and the joint follows it as a critically damped system::
 
     q'' = w^2 (s - q) - 2 w q',      w = 1 / TIME_CONSTANT
 
 Between two calls the goal is constant, so the inner setpoint is one ramp and one rest, and on each
-of them the equation has a closed solution. The joint is therefore exact at any instant and does not
-depend on how often it is read; only floating point rounds. The response to an inner setpoint is an
-average of its past, so the joint never moves faster than the cap and never overshoots a goal.
+of them the equation has a closed solution: the joint does not depend on how often it is read. Its
+response is an average of the past of the inner setpoint, so it never moves faster than the cap and
+never overshoots a goal.
 
 Not modelled: gravity, friction, backlash, ticks, and contact with anything. With torque off a joint
 stays where it is until ``push`` moves it.
@@ -49,14 +48,8 @@ class SimArm:
     Besides a driver's methods it has those of a person at the arm: push it, hold a joint fast,
     break the connection. They may be called from any thread.
 
-    Args:
-        clock: The clock of the rig.
-        q: Angles of the arm joints at the start, shape (5,), [rad]; zeros by default.
-        q_jaw: Angle of the jaw at the start [rad].
-
-    Attributes:
-        on_command: Called with every command as it is taken, on the caller's thread; None for
-            nobody.
+    ``q``, shape (5,), and ``q_jaw`` are where it starts [rad]. ``on_command`` is called with every
+    command as it is taken, on the caller's thread; None for nobody.
     """
 
     def __init__(

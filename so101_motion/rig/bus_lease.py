@@ -30,17 +30,9 @@ _log = logging.getLogger(__name__)
 class BusLease:
     """A loan of a port's bus until ``give_back``. Any thread but the port's may use it.
 
-    Use it in a ``with`` block or call ``give_back``.
-
-    Args:
-        executor: Its thread runs the jobs.
-        servos: The servos on the bus.
-        clock: The rig's clock.
-        purpose: The purpose as errors name it: ``"calibration"``.
-        returned: Called on the port's thread when the servos have been set up again.
-
-    Raises:
-        MotionError: Something moves, or the bus is lent already; the message says for what.
+    Use it in a ``with`` block or call ``give_back``. ``purpose`` is as errors name it:
+    ``"calibration"``. ``returned`` is called on the port's thread when the servos have been set up
+    again. Raises ``MotionError`` if something moves, or the bus is lent already.
     """
 
     def __init__(
@@ -95,9 +87,6 @@ class BusLease:
 
         A job that raises is not called again; the next ``call`` raises what it raised. While there
         is no port (``PortUnavailable``) it waits, and goes on when the port is back.
-
-        Raises:
-            MotionError: The bus has been given back, or the port was closed.
         """
 
         def begin(control: JointController) -> None:
@@ -108,11 +97,7 @@ class BusLease:
         self._result(self._executor.ask(begin))
 
     def at_baud(self, baud: int) -> None:
-        """Let the port talk at another rate from now on; the joints are not read meanwhile.
-
-        Raises:
-            MotionError: The bus has been given back, or the port was closed.
-        """
+        """Let the port talk at another rate from now on; the joints are not read meanwhile."""
 
         def change() -> None:
             self._refuse_over()
@@ -121,9 +106,7 @@ class BusLease:
         self._result(self._executor.requests.ask(change))
 
     def give_back(self, *, hold: bool | None = False) -> None:
-        """End the loan and set the servos up again with the present calibration.
-
-        May be called twice.
+        """End the loan; set the servos up with the present calibration. May be called twice.
 
         Args:
             hold: Whether all joints are held where they are afterwards; otherwise all are limp.

@@ -123,19 +123,13 @@ class HardwareRig(Rig):
     def reload(self) -> None:
         """Load the calibration again, from the file or the servos; the arm stays where it is.
 
-        Raises:
-            MotionError: Something moves.
-            BusError: The servos cannot be set up; all is as before.
+        If something moves, or the servos cannot be set up, it raises and all is as before.
         """
         with _hardware_lock:
             self._shared.rebuild(self.servos.settings)
 
     def drive(self) -> None:
-        """Ask for the arm's servos, if this share only looks at them; they are held where they are.
-
-        Raises:
-            BusError: They cannot be reached or set up; likewise.
-        """
+        """Ask for the arm's servos, if this share only looks at them; they hold where they are."""
         with _hardware_lock:
             looks = self._asked
             if not looks.required():
@@ -145,13 +139,8 @@ class HardwareRig(Rig):
     def write_calibration(self) -> Path | None:
         """Store the calibration file in the servos for good; see ``eeprom.write_calibration``.
 
-        Returns:
-            The version that has what they held before.
-
-        Raises:
-            CalibrationError: There is no file, or what they held cannot be kept.
-            MotionError: Something moves.
-            BusError: A servo cannot be reached or set up.
+        Returns the version that has what they held before. Raises ``CalibrationError`` if there is
+        no file, or what they held cannot be kept.
         """
         file = self._asked.file or self.settings.file
         if file is None:
@@ -167,13 +156,9 @@ class HardwareRig(Rig):
         return kept
 
     def lend_bus(self, purpose: str) -> BusLease:
-        """Borrow the bus, to calibrate the servos or to set them up; see ``BusLease``.
+        """Borrow the bus for a ``purpose``, which errors name; see ``BusLease``.
 
-        Args:
-            purpose: The purpose; errors name it.
-
-        Raises:
-            MotionError: Something moves, or the bus is lent already; the message says for what.
+        Raises ``MotionError`` if something moves, or the bus is lent already.
         """
         lease = BusLease(
             self.executor,
@@ -317,12 +302,9 @@ def _on_port(port: str) -> SharedPort | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortUse:
-    """How the components of this process use a port.
+    """How components of this process use a port: combined ``settings``, each one's ``shares``.
 
-    Attributes:
-        settings: Their combined settings.
-        joints: The joints whose servos were found there, base to jaw.
-        shares: The settings of each component.
+    ``joints`` are those whose servos were found there, base to jaw.
     """
 
     settings: ServoSettings
@@ -331,10 +313,7 @@ class PortUse:
 
 
 def use_of(port: str) -> PortUse | None:
-    """How this process uses a port, by any of its names; None if it does not.
-
-    Does not use the bus and never waits.
-    """
+    """How this process uses a port, by any of its names; None if it does not. Never waits."""
     for live in tuple(_hardware):
         if live.is_on(port):
             return PortUse(

@@ -153,14 +153,9 @@ def find_joints(
 def joint_map(joint: str, found: JointCalibration, *, offset: int | None, zero: Zero) -> JointMap:
     """Make the map from ticks to radians of one joint.
 
-    The jaw's zero is such that the closed end of its travel is the model's closed jaw.
-
-    Args:
-        joint: Its name.
-        found: Its calibration.
-        offset: The homing offset that its servo has to hold, if the calibration came from a file
-            [tick]; else None.
-        zero: The zero of an arm joint.
+    The jaw's zero is such that the closed end of its travel is the model's closed jaw; ``zero`` is
+    for an arm joint. ``offset`` is the homing offset that the servo has to hold, if the calibration
+    came from a file [tick]; else None.
     """
     at_zero = zero_ticks(found, zero)
     if joint == GRIPPER_JOINT:

@@ -101,12 +101,10 @@ class ServoSettings:
 def combined(shares: Sequence[ServoSettings]) -> ServoSettings:
     """Combine the settings of the components on a port, in the order in which they came.
 
-    What only one of them gives holds for all. They must agree, except on these: the arm's
-    calibration file counts, without one the first that is named, and the longest timeout. Any part
-    of components that agree agrees as well, so components can always leave.
-
-    Raises:
-        ConfigError: They contradict each other; the message names every such setting.
+    What only one of them gives holds for all. They must agree (``ConfigError`` names every setting
+    that differs), except on these: the arm's calibration file counts, without one the first that is
+    named, and the longest timeout. Any part of components that agree agrees as well, so components
+    can always leave.
     """
     tied = [share for share in shares if not share.goes_with_arm] or shares[:1]
     given = {"baudrate": _different(share.baudrate for share in tied)}

@@ -1,19 +1,13 @@
 """Drive the servos of one port with their calibration, and report their health.
 
 ``ServoDriver`` is the ``JointDriver`` of a real arm. ``FeetechArm`` talks to the servos; this file
-decides
-
-* how ticks become angles: by the calibration file, else the servos' registers, else defaults;
-* which servos must answer: an arm's five, a gripper's one;
-* when a joint has an alarm, so that the executor ends its motion and backs off.
-
-All of it can be decided again while the arm is held (``rebuild``), when the calibration file has
-changed or another component joins. It runs on the I/O thread, like every driver.
+decides how ticks become angles (by the calibration file, else the servos' registers, else
+defaults), which servos must answer, and when a joint has an alarm. All of it can be decided again
+while the arm is held (``rebuild``), when the calibration file has changed or another component
+joins. It runs on the I/O thread, like every driver.
 
 While no component asks for a servo, or the bus is lent, a ``BusMonitor`` has the port: nothing is
 driven, and reading goes on as far as servos answer.
-
-The I/O thread notes the result of each try to find the servos; any thread may read it.
 """
 
 from __future__ import annotations
@@ -180,13 +174,10 @@ class ServoDriver:
     # What a driver does
 
     def read(self) -> JointReading:
-        """Measure all joints; see ``FeetechArm.read``.
+        """Measure all joints; see ``FeetechArm.read``. Raises ``NotReady`` before they were found.
 
         While the servos are only monitored nothing is raised: a joint whose servo does not answer
         keeps its last angle, or 0.
-
-        Raises:
-            NotReady: The servos have not been found yet.
         """
         if self._monitor is None and self._arm is None and not self.settings.required():
             self.monitor_only()  # whoever asked for servos left before they were found
@@ -237,12 +228,9 @@ class ServoDriver:
     # What else can be asked, on the I/O thread
 
     def rebuild(self, settings: ServoSettings) -> None:
-        """Set the servos up again with ``settings``; if that fails, go on as before.
+        """Set the servos up again with ``settings``; if that fails (``BusError``), go on as before.
 
         Angles may mean something else afterwards, so use it with ``Executor.call_and_rehold``.
-
-        Raises:
-            BusError: A required servo cannot be reached or set up.
         """
         if self._arm is not None and self._arm.is_connected:  # to learn it while all still works
             _require(self._bus(self._arm.bus.port, settings), settings, settings.required())
@@ -271,13 +259,9 @@ class ServoDriver:
     def take_back(self, *, hold: bool) -> None:
         """Set the servos up again after a lease, with the present settings.
 
-        Args:
-            hold: Whether the joints are to be held next, even if no component asks for them. Joints
-                that were known are then waited for, and left out if they stay silent.
-
-        Raises:
-            BusError: A required servo cannot be reached or set up; it is tried again with each
-                ``read``.
+        To ``hold`` the joints next is possible even if no component asks for them. Joints that were
+        known are then waited for, and left out if they stay silent. What raises ``BusError`` is
+        tried again with each ``read``.
         """
         self._is_lent = False
         known, now = self.known, self.settings

@@ -5,10 +5,9 @@ last setup. A caller that can wait applies new settings at once (``connect``, ``
 event loop, which cannot wait, the port's own thread does it (``set_up_soon``), and goes on trying
 while servos stay silent, exactly as after a cable was pulled.
 
-``servos.settings`` is computed anew from ``shares`` whenever a component joins or leaves. Leaving
-alone sets nothing up: the servos stay as they are until a component joins, the calibration is
-loaded again or the bus comes back from a loan. So the setup of an arm that is being replaced is
-kept, and its servos are driven, until the new one is there.
+When a component leaves, nothing is set up: the servos stay as they are until a component joins, the
+calibration is loaded again or the bus comes back from a loan. So the servos of an arm that is being
+replaced are driven until the new one is there.
 """
 
 from __future__ import annotations
@@ -114,12 +113,7 @@ class SharedPort:
     Attributes:
         shares: The settings of each component that uses it.
         is_closing: Whether the last one is leaving.
-        servos: Its servos.
-        rig: Its arm and gripper.
         failures: Records the second before a failure.
-
-    Raises:
-        BusError: The port cannot be opened; or, if it waits, a servo cannot be reached.
     """
 
     def __init__(
@@ -316,11 +310,8 @@ class SharedPort:
     def set_up_soon(self, share: ServoSettings) -> Future[None]:
         """Have the port's thread set the servos up, unless they are.
 
-        Args:
-            share: On whose behalf; it is not ready until its settings are in force.
-
-        Returns:
-            Done when that was tried once, successfully or not.
+        ``share`` is not ready until its settings are in force. The future is done when that was
+        tried once, successfully or not.
         """
         tried: Future[None] = Future()
         ask = self.rig.executor.ask

@@ -1,27 +1,20 @@
-"""The transactions on the servo bus, with retries and counters.
+"""The transactions on the servo bus, with retries and counters; only this file retries.
 
-How it works. ``protocol.py`` builds the packets and finds the answers; here they are sent, waited
-for and counted. A question to one servo is waited for like a sync read of one.
-
-An answer that comes after its timeout is late, not lost. It is recognised when it comes, because
-its length is that of an overdue question (``stale_replies.py``), and from then on answers are
-waited for longer (``Lateness``): an adapter with a latency timer, a virtual machine or a hub may be
-16 ms away.
+An answer that comes after its timeout is late, not lost: its length is that of an overdue question
+(``stale_replies.py``), and from then on answers are waited for longer (``Lateness``): an adapter
+with a latency timer, a virtual machine or a hub may be 16 ms away.
 
 Four rules keep a wrong value from being believed:
 
 * Input is discarded before every question and after every wrong answer.
 * An answer that broke off, and ends with the beginning of the next, is refused (``protocol.py``).
 * An answer must come from the right servo and have the right length. The length is the only mark
-  a question leaves on its answer, so it is varied while an old answer may still be on its way
-  (``stale_replies.py``).
+  a question leaves on its answer, so it is varied while an old answer may still be on its way.
 * A value written to one servo is read back. The acknowledgement alone proves little: it may be a
   late one, or be lost although the servo obeyed.
 
 No servo acknowledges a sync write; they are for setpoints, and the next one comes soon. The status
 byte of an answer is kept as telemetry and never turns a reading into an error.
-
-Only this file retries. Everything is counted per servo, and ``counters`` can be read at any time.
 """
 
 from __future__ import annotations
@@ -104,11 +97,9 @@ class Port(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PingAnswers:
-    """The answers to a broadcast ping.
+    """The ``ids`` whose answers to a broadcast ping were valid, in order.
 
-    Attributes:
-        ids: The servos whose answers were valid, in order.
-        garbled: Whether other bytes came too: from servos that share an id, or noise.
+    ``garbled`` is whether other bytes came too: from servos that share an id, or noise.
     """
 
     ids: tuple[int, ...]
@@ -121,18 +112,14 @@ def reply_timeout_in(period: float) -> float:
 
 
 class Bus:
-    """The servos on one port. Used by one thread at a time.
+    """The servos on one open port, which is the bus's own now. Used by one thread at a time.
 
     Args:
-        port: The open port; the bus's own from now on.
+        port: The port.
         names: What the servos are called in messages, by id.
         counters: Counters to continue, by id; for a bus that comes back on a new port.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s]. For a sync
             read it includes the time on the wire, where that is short enough.
-
-    Attributes:
-        port: As given.
-        counters: Counters by id.
     """
 
     def __init__(
@@ -217,16 +204,9 @@ class Bus:
     ) -> tuple[str, ...]:
         """Store ``values`` in EEPROM registers for good; writes only those that differ.
 
-        Args:
-            servo_id: The servo.
-            values: The values, by register.
-            anew: Write the others too: what a register holds may be forgotten at power-off.
-
-        Returns:
-            The names of those that differed.
-
-        Raises:
-            BusError: See ``write``. The servo is locked again as far as it can be reached.
+        With ``anew`` the others are written too: what a register holds may be forgotten at
+        power-off. Whatever fails, the servo is locked again as far as it can be reached. Returns
+        the names of those that differed.
         """
         held = {row: self.read(servo_id, row) for row in values}
         differing = {row: want for row, want in values.items() if held[row] != want}
@@ -245,13 +225,8 @@ class Bus:
     def overlay(self, servo_id: int, values: Mapping[Register, int]) -> tuple[str, ...]:
         """Write EEPROM registers that differ, in force until the servo loses its power.
 
-        Nothing is stored, because the servo is locked.
-
-        Returns:
-            The names of those that were written.
-
-        Raises:
-            BusError: See ``write``.
+        Nothing is stored, because the servo is locked. Returns the names of those that were
+        written.
         """
         differing = {row: want for row, want in values.items() if self.read(servo_id, row) != want}
         if differing and self.read(servo_id, LOCK) != 1:  # another program left it open
@@ -329,7 +304,8 @@ class Bus:
         """Read ``count`` bytes from ``start`` of many servos, in one transaction.
 
         Servos answer in the order they are listed, each in its own time slot. Once the last one has
-        answered, no other will, so waiting ends.
+        answered, no other will, so waiting ends. A servo that did not answer is missing in the
+        result.
 
         Args:
             servo_ids: The servos to ask.
@@ -338,9 +314,6 @@ class Bus:
             tries: How often to ask servos that do not answer, 1 to 4; later tries wait longer. A
                 control loop has time for one only, and asks again in its next cycle.
             given_up: Servos known to be silent; they are asked only once.
-
-        Returns:
-            The answers by id; a servo that did not answer is missing.
         """
         found: dict[int, Answer] = {}
         # The silent ones first, so that the last one is there to be waited for.

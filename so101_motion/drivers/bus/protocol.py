@@ -4,16 +4,12 @@ A status packet is ``FF FF id length flags data... checksum``, where ``length`` 
 data bytes plus 2 and the checksum is the inverted sum of everything between header and itself.
 It names the servo but neither the question nor the register. ``Answers`` therefore looks for
 packets from given servos with a given number of data bytes, and skips everything else a byte at a
-time: noise, broken packets, packets of other lengths. A broken packet can cost its own servo's
-answer and no other.
+time. A broken packet can cost its own servo's answer and no other.
 
 The checksum alone does not reveal a packet that broke off. If the next packet follows at once, the
 FF FF of its header stands in the place of the missing bytes, and for one value in 256 the checksum
 is right. So a packet that contains the beginning of another is refused (``is_cut_short``), and an
-answer whose checksum FF turns out to be the first byte of the next header is taken back, because
-one of its bytes is missing.
-
-Tests compare every packet with the one that the vendor's SDK builds, and let the SDK read ours.
+answer whose checksum FF turns out to be the first byte of the next header is taken back.
 """
 
 from __future__ import annotations
@@ -93,11 +89,9 @@ def whole_packets(data: bytes) -> Iterator[tuple[int, int]]:
 
 
 class Answer(NamedTuple):  # six are made in every cycle, and this is the fastest kind
-    """The answer of one servo.
+    """The bytes that a servo was asked for; they are valid even if a bit of ``faults`` is set.
 
-    Attributes:
-        data: The bytes it was asked for.
-        faults: Its status byte, see ``Fault``; the data is valid even if a bit is set.
+    ``faults`` is its status byte, see ``Fault``.
     """
 
     data: bytes
@@ -105,15 +99,10 @@ class Answer(NamedTuple):  # six are made in every cycle, and this is the fastes
 
 
 class Answers:
-    """Collects the answers to one question from received bytes, in chunks of any size.
+    """Collects answers of ``count`` data bytes of ``servo_ids`` from bytes in chunks of any size.
 
-    Args:
-        servo_ids: The servos whose answers are expected.
-        count: How many data bytes each answer has.
-
-    Attributes:
-        found: The answers so far, by servo id; a second one from a servo replaces the first.
-        skipped: How many bytes belonged to no expected answer.
+    ``found`` has the answers so far, by servo id; a second one from a servo replaces the first.
+    ``skipped`` counts the bytes that belonged to no expected answer.
     """
 
     def __init__(self, servo_ids: Collection[int], count: int) -> None:

@@ -1,16 +1,11 @@
 """The register table of the STS3215 servo, as the driver uses it.
 
-How it works. A ``Register`` is one row: its address, its bytes, its sign bit, the meaning of one
-count, and the source. Everything else follows from the row. Words are little-endian.
-Signed registers are sign-magnitude: one bit is the sign, the bits below it are the size; the three
-positions of that bit (10, 11, 15) are a property of the row, not of the servo.
+A ``Register`` is one row. Words are little-endian. Signed registers are sign-magnitude: one bit is
+the sign, the bits below it are the size; which bit (10, 11, 15) is a property of the row.
 
-Three kinds of memory. *Measured* registers are read-only. *RAM* starts from its default whenever
-the servo gets power. *EEPROM* takes effect at once but is forgotten at power-off unless it was
-written while ``LOCK`` was 0; ``bus.py`` does that by read, compare, write.
-
-``scale`` turns a count into SI (radians, volts, amperes, seconds) or into a share of full drive;
-temperatures stay in degrees Celsius and say so.
+*Measured* registers are read-only. *RAM* starts from its default whenever the servo gets power.
+*EEPROM* takes effect at once but is forgotten at power-off unless it was written while ``LOCK`` was
+0; ``Bus.store`` does that.
 
 Sources, named in the rows:
     FT  Feetech's STS memory table
@@ -52,8 +47,7 @@ class Memory(Enum):
 class Fault(IntFlag):
     """Bits of the status byte that every reply carries, and of register 65.
 
-    A set bit is about the servo, not about the reply: the reading in it is valid, and the write it
-    acknowledges was done.
+    They are about the servo: a reading with one is valid, a write that it acknowledges was done.
     """
 
     NONE = 0
@@ -81,7 +75,7 @@ class Register:
         lower: Smallest value that may be written.
         upper: Largest.
         unit: What one count is, in words.
-        scale: What one count is, as a number in SI; 1 for codes and bare numbers.
+        scale: The same in SI (a share of full drive, degC); 1 for codes and bare numbers.
         source: Who says so.
         sign_bit: Which bit is the sign; None for unsigned.
     """

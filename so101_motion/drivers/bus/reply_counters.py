@@ -1,7 +1,6 @@
 """Count each servo's good, late, lost and corrupt replies from the start of the program.
 
-``Bus`` counts. Code that reopens the bus passes the same ``ReplyCounters`` to the new one, so that
-the counts survive an unplugged cable and a new set-up. Any thread may read them.
+Code that reopens the bus passes the same ``ReplyCounters`` on. Any thread may read them.
 """
 
 from __future__ import annotations
@@ -81,11 +80,7 @@ class Lateness:
 
 
 class ReplyCounters(dict[int, ReplyCounter]):
-    """The counter of each servo, by id; made when the servo is first asked.
-
-    Attributes:
-        lateness: How late answers come on this bus.
-    """
+    """The counter of each servo, by id, made when it is first asked; and how late answers come."""
 
     def __init__(self) -> None:
         super().__init__()

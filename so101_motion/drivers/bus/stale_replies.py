@@ -57,9 +57,6 @@ class StaleReplies:
             now: The time [s].
             again: Whether an older reply to the same question would do no harm.
             most: Longest reply there is time for [byte]; at least eight lengths are tried.
-
-        Returns:
-            The first address and the number of bytes; they include the bytes that are needed.
         """
         if not (again and start == self._start):
             self._expect_copies()

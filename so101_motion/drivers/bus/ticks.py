@@ -1,16 +1,13 @@
 """Convert servo ticks to joint angles and back, and speeds and accelerations to servo units.
 
-A turn has 4096 ticks. (Two known programs divide by 4095, which stretches half a turn by 0.04 deg;
-we do not.) A ``JointMap`` says for one joint which tick is zero, in which direction the servo
-counts, and between which ticks it may go. Its values come from a calibration; ``rig`` passes them.
-
+A turn has 4096 ticks. (Two known programs divide by 4095, which stretches half a turn by 0.04 deg.)
 Positions are as the servo reports them, with its homing offset already subtracted. They lie on a
 circle: tick 4095 is next to tick 0. ``to_rad`` unrolls that circle at the point opposite to the
 middle of the joint's range, which the joint cannot reach. So a position a little outside the range
 becomes an angle a little outside, and never one a turn away.
 
 Reading and writing back never moves a joint: ``to_ticks(to_rad(t)) == t`` for every tick of the
-unrolled circle, exactly (see the property test).
+unrolled circle, exactly.
 """
 
 from __future__ import annotations
@@ -81,16 +78,10 @@ class JointMap:
         drive_mode: int = 0,
         zero_ticks: float | None = None,
     ) -> JointMap:
-        """The map for the values of a calibration record.
+        """The map for a calibration record [tick]; ``drive_mode`` is 0 if ticks grow with q.
 
-        Args:
-            servo_id: The servo's id.
-            homing_offset: The servo's homing offset [tick], None to leave it as it is.
-            range_min: Smallest position of the recorded travel [tick].
-            range_max: Largest.
-            drive_mode: Not 0 if the servo counts down with the angle.
-            zero_ticks: The position at angle zero; None for the middle of the travel, as in a
-                calibration that does not know the arm's shape.
+        ``homing_offset`` None leaves the servo's as it is; ``zero_ticks`` None is the middle of the
+        travel, as in a calibration that does not know the arm's shape.
         """
         middle = (range_min + range_max) / 2.0
         return cls(

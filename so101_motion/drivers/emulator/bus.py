@@ -1,19 +1,14 @@
 """The emulated bus: which servos hear an instruction, which answer, and when.
 
-How it works
-    ``feed`` takes a chunk of bytes as the client wrote it and returns the replies, each with the
-    time at which its last byte has left the servo, counted from the first byte of the chunk. There
-    is no clock and no port here: ``pty_port.py`` waits and writes; a test reads the result.
+Times are those of a half-duplex wire at ten bits a byte. A single reply starts right after the
+request. Sync-read replies come in fixed slots, ``len + 9`` byte times each in the order of the
+list, and broadcast pings in slots by id, so a silent servo leaves a hole and delays nobody. Servos
+that share an id answer together and pull the wire low over each other: what arrives is the bitwise
+AND, and the checksum tells. Equal answers survive unless the servos are a bit apart, which they are
+now and then, because each has its own clock.
 
-    Times are those of a half-duplex wire at ten bits a byte. A single reply starts right after
-    the request. Sync-read replies come in fixed slots, ``len + 9`` byte times each in the order
-    of the list, and broadcast pings in slots by id, so a silent servo leaves a hole and delays
-    nobody. Servos that share an id answer together and pull the wire low over each other: what
-    arrives is the bitwise AND, and the checksum tells. Equal answers survive unless the servos are
-    a bit apart, which they are now and then, because each has its own clock.
-
-    A servo hears only its own baud rate. Broadcasts are carried out by all and acknowledged by
-    none, except ping and sync read.
+A servo hears only its own baud rate. Broadcasts are carried out by all and acknowledged by none,
+except ping and sync read.
 
 Source: as in ``codec.py``; slot times: firmware arithmetic, bench-tested by its author.
 """
@@ -46,13 +41,7 @@ _LONGEST_SYNC_WRITE = 125  # bytes for each servo
 
 
 class Reply(NamedTuple):
-    """Bytes that a servo sends, and when.
-
-    Attributes:
-        after: When the last byte is sent, from the first byte of the request [s].
-        data: The bytes.
-        held: Extra delay of a late reply [s], beyond the time on the wire.
-    """
+    """Bytes whose last comes ``after`` the request's first [s]; ``held`` is extra delay [s]."""
 
     after: float
     data: bytes
@@ -65,15 +54,10 @@ class _Answer(NamedTuple):
 
 
 class Bus:
-    """The cable with its servos.
+    """The cable with the servos of ``world``; ``faults`` may be changed while it runs.
 
-    Args:
-        world: The world whose servos are on the cable.
-        faults: Disturbances of the wire; may be changed while it runs.
-
-    Attributes:
-        observers: Called with the time [s] and the bytes of every chunk a client writes, after the
-            world has caught up and before the chunk takes effect; the world's lock is held.
+    ``observers`` are called with the time [s] and the bytes of every chunk a client writes, after
+    the world has caught up and before the chunk takes effect; the world's lock is held.
     """
 
     def __init__(self, world: World, faults: WireFaults | None = None) -> None:

@@ -1,22 +1,19 @@
 """The servo's side of the protocol: decode instructions, encode status packets.
 
-How it works
-    An instruction is ``FF FF id length code params... checksum`` with ``length = params + 2`` and
-    ``checksum = ~(id + length + code + params) & FF``; a status packet is the same with the status
-    byte in place of the code. The listener is a table-like state machine fed one byte at a time,
-    so any chunking gives the same instructions, and it never raises: like a servo, it answers
-    what it does not understand with silence. A packet that arrives whole, as nearly all do, is
-    taken out in one piece, with the same result.
+An instruction is ``FF FF id length code params... checksum`` with ``length = params + 2``; a status
+packet has the status byte in place of the code. The listener is fed one byte at a time, so any
+chunking gives the same instructions, and like a servo it answers what it does not understand with
+silence. A packet that arrives whole is taken out in one piece, with the same result.
 
-    Two habits of the real firmware matter to a client and are kept:
+Two habits of the real firmware matter to a client and are kept:
 
-    - ``FF FF x`` starts a packet *wherever* it occurs, even inside the parameters of another. A
-      payload must therefore never hold two 255 in a row; a client that sends one is not heard.
-    - The id of a packet is fixed when its id byte passes, so a servo acknowledges the write that
-      renames it under its old id.
+- ``FF FF x`` starts a packet *wherever* it occurs, even inside the parameters of another. A
+  payload must therefore never hold two 255 in a row; a client that sends one is not heard.
+- The id of a packet is fixed when its id byte passes, so a servo acknowledges the write that
+  renames it under its old id.
 
-    This codec is the emulator's own. The driver has another, written from the same document by
-    other hands, and the tests play them against each other and against the vendor's library.
+The driver has another codec, written from the same document by other hands; the tests play them
+against each other and against the vendor's library.
 
 Source: Feetech, STS/SMS protocol manual; github.com/0o8o0-blip/sts3215-firmware, uart_protocol.c
 (behaviour only).
@@ -63,13 +60,10 @@ class State(Enum):
 
 
 class Instruction(NamedTuple):
-    """One well-formed instruction heard on the wire.
+    """One well-formed instruction heard on the wire, to servo ``servo_id``, 254 for all.
 
-    Attributes:
-        servo_id: Addressee, 254 for everybody.
-        code: What to do; may be a code no servo knows.
-        params: What follows the code.
-        end: How many bytes into the chunk given to ``hear`` its last byte was.
+    ``code`` may be one no servo knows. Its last byte was the ``end``-th of the chunk that was
+    heard.
     """
 
     servo_id: int

@@ -33,13 +33,8 @@ _QUIET_AFTER = 5  # unchanged inspections in a row; 5 ms each, longer than the u
 class Settings:
     """Settings of the drive, from the registers.
 
-    Attributes:
-        gains: Of the position loop.
-        limits: Of the protections.
-        mode: What drives the motor, such as ``POSITION_MODE``.
-        span: Goals are clamped to it, unless both are equal [tick].
-        drive_sign: -1 if the motor is wired the other way round.
-        encoder_reversed: Whether the encoder counts down.
+    Goals are clamped to ``span`` [tick], unless its ends are equal. ``drive_sign`` is -1 if the
+    motor is wired the other way round; ``encoder_reversed`` is whether the encoder counts down.
     """
 
     gains: Gains
@@ -51,13 +46,7 @@ class Settings:
 
 
 class Drive:
-    """Controller, motor and shaft of one servo.
-
-    Args:
-        joint: The servo's joint.
-        kind: Its type.
-        q: Joint angle to start at [rad].
-        settings: Settings from its registers.
+    """Controller, motor and shaft of one servo, whose joint starts at ``q`` [rad].
 
     Attributes:
         powered: Whether the electronics run; if not, the shaft is free.
@@ -167,9 +156,8 @@ class Drive:
     def send(self, goal: float) -> None:
         """Follow a goal after the delay of the firmware.
 
-        Args:
-            goal: A position [tick]; in speed mode a speed [tick/s], in PWM mode a duty [1/1000], in
-                step mode a further distance [tick].
+        In position mode it is a position, in step mode a further distance [tick], in speed mode a
+        speed [tick/s], in PWM mode a duty [1/1000].
         """
         self._goals.put(goal)
         self.wake()

@@ -1,8 +1,7 @@
 """Model the supply voltage, motor currents and temperatures.
 
-All six servos hang on one cable. Their total current lowers the supply voltage, and below the
-voltage their regulators need they switch off. A motor's loss warms its servo with one time
-constant.
+The total current of all six servos lowers the supply voltage, and below the voltage their
+regulators need they switch off. A motor's loss warms its servo with one time constant.
 """
 
 from __future__ import annotations
@@ -31,12 +30,10 @@ _IDLE_CURRENT = 0.03  # [A] of the electronics, chosen
 
 
 class Supply:
-    """A power supply with its leads.
+    """A power supply of ``volts`` without load.
 
-    Attributes:
-        volts: Without load [V].
-        resistance: Of supply and leads together [ohm]; chosen: 0.6 V less at the 5 A of the usual
-            supply.
+    ``resistance`` is that of supply and leads together [ohm]; chosen: 0.6 V less at the 5 A of the
+    usual supply.
     """
 
     def __init__(self, volts: float, resistance: float = 0.12) -> None:
@@ -49,13 +46,9 @@ class Supply:
 
 
 class Motor:
-    """Current and temperature of one servo.
+    """Current, signed like the duty [A], and temperature of one servo [degC].
 
-    Attributes:
-        kind: The servo's type.
-        current: Through the bridge, signed like the duty [A].
-        temperature: The value of register 63, with decimals [degC].
-        ambient: Temperature it cools down to [degC].
+    ``ambient`` is what it cools down to [degC].
     """
 
     def __init__(self, kind: ServoType) -> None:

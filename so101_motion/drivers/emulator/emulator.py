@@ -3,12 +3,8 @@
 Tests run an ``Emulator`` in their own process; the command line runs one in its own (``run.py``). A
 test that needs a lost reply or a hot servo calls ``begin`` with a fault; there is nothing to patch.
 
-``holding_script`` writes a hand script for a calibration: hold the arm up, and lead each joint to
-its stops.
-
-A script is text, see ``hand.py``; write it to a file for ``so101 emulate --hand``, or type ``pose``
-and ``sweep`` while the emulator runs. The hand carries the weight of the joint it leads, and
-presses against a stop with little more than that: a stop gives way under more, and the calibration
+The two scripts here are for ``hand.py``. The hand carries the weight of the joint it leads, and
+presses against a stop with little more than that: a stop gives way under more, and a calibration
 would record it too far out.
 """
 
@@ -254,7 +250,6 @@ class Emulator:
     Attributes:
         world: The servos; its methods disturb them.
         bus: The wire; ``bus.faults`` may be changed at any time.
-        now: The clock the physics follows [s].
         on_open: Called with every emulator of this process as it is made.
     """
 

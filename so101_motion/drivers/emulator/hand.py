@@ -53,13 +53,9 @@ def jaw_angle_for_gap(gap: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Waypoint:
-    """One line of a script.
+    """One line of a script: where to lead ``joint`` by ``t`` [s].
 
-    Attributes:
-        t: When [s].
-        joint: Which joint.
-        q: Where to [rad]; None for "where it is" (``start``).
-        release: Whether the hand lets go.
+    ``q`` is None for "where it is" (``start``) [rad]; ``release`` is whether the hand lets go.
     """
 
     t: float
@@ -87,13 +83,7 @@ def parse_script(text: str) -> tuple[Waypoint, ...]:
 
 
 class Hand:
-    """A hand that follows a script.
-
-    Args:
-        script: Waypoints of all joints, in order of time.
-        t: When the script starts, on the emulator's clock [s].
-        strength: Its largest torque [N m].
-    """
+    """A hand of a largest torque [N m] that follows a script, sorted by time, from ``t`` on [s]."""
 
     def __init__(
         self, script: Sequence[Waypoint] = (), t: float = 0.0, *, strength: float = STRENGTH

@@ -1,12 +1,8 @@
 """Figures of the joints of an emulated SO-101: stops, inertia, acceleration and zeros.
 
-Those of its servos are in ``servo_types.py``. Each figure says whether it was fitted on recordings,
-measured on arms, printed in a datasheet or chosen. No emulated figure has been compared with an
-SO-101 of our own.
-
-Angles are in the frame of the arm's model [rad]. ``zero_ticks`` and ``direction`` say what a
-servo's encoder reads at joint angle zero and in which direction it counts; a calibration has to
-find both.
+No emulated figure has been compared with an SO-101 of our own; ``servo_types.py`` has those of the
+servos. Angles are in the frame of the arm's model [rad]. ``zero_ticks`` and ``direction`` say what
+a servo's encoder reads at joint angle zero and in which direction it counts.
 """
 
 from __future__ import annotations

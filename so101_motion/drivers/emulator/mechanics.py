@@ -1,18 +1,17 @@
 """Model the mechanics of one joint: motor, gears, friction, play and stops.
 
 The rotor behind its gears has nearly all the inertia, so each joint is one mass and joints do not
-move each other; gravity, contacts and a hand act as torque on the output shaft. Between the rotor
-and the output there is play. A load presses the output against one side of it, and the motor
-carries the load; an unloaded output is dragged along and lies anywhere in between. That is why a
-joint reached from two sides rests in two places. The encoder sits on the output.
+move each other; gravity, contacts and a hand act as torque on the output shaft. A load presses the
+output against one side of the play between rotor and output; an unloaded output is dragged along
+and lies anywhere in between. The encoder sits on the output.
 
 Dry friction grows with what the gears carry, from the motor's side and from the world's. Lifting a
 weight therefore takes more torque than holding it, lowering it takes less, and between the two the
 joint stands still: where it rests depends on where it came from.
 
 Integration is semi-implicit at 1 ms, so neither damping nor dry friction can add energy. Dry
-friction holds a resting shaft against any smaller torque exactly: a joint at rest stays at rest,
-bit for bit, and the emulator can stop computing it.
+friction holds a resting shaft against any smaller torque bit for bit, so that the emulator can stop
+computing it.
 
 Source: Rhoban's bam, model M5, for the form of the friction; ``servo_types.py`` for the figures.
 """
@@ -39,21 +38,12 @@ _SPEEDS = 1000  # in that table; beyond them the curve stays as it is
 class Shaft:
     """Output shaft of one servo, in encoder ticks counted from an arbitrary turn.
 
-    Args:
-        kind: Motor and gears.
-        inertia: Of the links [kg m^2].
-        lower: A stop [tick].
-        upper: A stop [tick].
-        at: Where it starts, at rest [tick].
-
     Attributes:
         output: Where the output is [tick].
         rotor: Where the motor is, counted at the output [tick]; the play lies between the two.
         velocity: How fast the rotor moves [tick/s] at the output.
-        lower: A stop [tick].
-        upper: A stop [tick].
-        lower_stiffness: Stiffness of the lower stop [N m/rad].
-        upper_stiffness: Stiffness of the upper stop [N m/rad].
+        lower: A stop [tick]; ``lower_stiffness`` is its stiffness [N m/rad].
+        upper: The other one, likewise.
     """
 
     __slots__ = (
@@ -88,12 +78,10 @@ class Shaft:
         self._stands_under: tuple[float, bool, float] | None = None
 
     def step(self, volts: float, *, bridge: bool, load: float) -> None:
-        """Advance by 1 ms.
+        """Advance by 1 ms with a mean voltage ``volts`` across the motor.
 
-        Args:
-            volts: Mean voltage across the motor.
-            bridge: Whether the motor's ends are connected; open, there is no back-EMF brake.
-            load: Torque of the world on the output, positive towards higher ticks [N m].
+        Without a ``bridge`` between the motor's ends there is no back-EMF brake. ``load`` is the
+        torque of the world on the output, positive towards higher ticks [N m].
         """
         output, velocity = self.output, self.velocity
         if not self.lower <= output <= self.upper:

@@ -28,14 +28,9 @@ _SAVED = tuple(keep is Keep.EEPROM for keep in _KEEP)
 
 
 class Memory:
-    """The 87 bytes of a servo, with their flash image and the backup of instruction 9.
+    """The 87 ``bytes`` of a servo; ``flash`` is what a power cut leaves.
 
-    Args:
-        factory: Values that differ from the table's defaults in this particular servo, by row.
-
-    Attributes:
-        bytes: The content now.
-        flash: The content that a power cut leaves.
+    ``factory`` has values that differ from the table's defaults in this particular servo.
     """
 
     def __init__(self, factory: Mapping[Register, int] | None = None) -> None:

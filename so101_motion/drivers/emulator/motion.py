@@ -1,15 +1,14 @@
 """Model the servo's motion profile and position loop, in steps of a millisecond.
 
-How it works
-    A goal is not a set-point. A *profile* starts at the present position and travels to the goal
-    on a trapezoid of speed, and the *loop* drives the motor after the profile's set-point. Writing
-    another goal re-plans from the velocity the profile has at that instant: the speed stays
-    continuous, and a goal behind it is reached by braking first. Writing the same goal again
-    changes nothing. The profile is blind: it ends on time even if the joint never moved.
+A *profile* starts at the present position and travels to the goal on a trapezoid of speed; the
+*loop* drives the motor after the profile's set-point. Another goal re-plans from the velocity the
+profile has at that instant: the speed stays continuous, and a goal behind it is reached by braking
+first. The same goal again changes nothing. The profile is blind: it ends on time even if the joint
+never moved.
 
-    The loop is a P-D-I controller in whole encoder ticks whose output is a duty in thousandths,
-    plus a constant that overcomes stiction. It has no feed-forward and, as delivered, no integral,
-    so under gravity the joint hangs below its goal until the error alone makes enough duty.
+The loop is a P-D-I controller in whole encoder ticks whose output is a duty in thousandths,
+plus a constant that overcomes stiction. It has no feed-forward and, as delivered, no integral,
+so under gravity the joint hangs below its goal until the error alone makes enough duty.
 
 Positions here are ticks of the unwrapped shaft angle, speeds ticks a second.
 
@@ -40,13 +39,8 @@ that servos are delivered with that is full duty, and one that is held up does n
 class Profile:
     """The servo's set-point: a trapezoidal profile whose target may change at any time.
 
-    Attributes:
-        position: The set-point.
-        velocity: Its speed, signed.
-        target: Where it is going.
-        acceleration: How fast its speed changes.
-        speed: Its cruising speed.
-        floor: It travels at least this fast, from the first step to the last.
+    ``speed`` is its cruising speed; it travels at least at ``floor``, from the first step to the
+    last.
     """
 
     __slots__ = ("acceleration", "floor", "position", "speed", "target", "velocity")
@@ -201,13 +195,9 @@ class Loop:
 
 
 class GoalDelay:
-    """Delays goals until the control step in which the firmware takes them up.
+    """Delays goals by ``delay`` [s], until the control step in which the firmware takes them up.
 
-    Args:
-        delay: How long that takes [s].
-
-    Attributes:
-        waiting: The goals, and the step in which each is due.
+    ``waiting`` has the goals, and the step in which each is due.
     """
 
     def __init__(self, delay: float) -> None:

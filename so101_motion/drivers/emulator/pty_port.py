@@ -1,20 +1,17 @@
 """Serve the emulated bus on a pseudo-terminal.
 
-How it works
-    One thread waits for bytes, hands them to the bus and writes the replies when they are due.
-    It sleeps in ``select`` and costs nothing while nobody talks. In real time a reply is due when
-    its last byte would have left the wire; otherwise at once. On top comes the adapter's latency:
-    like a USB adapter it holds what it received until that long after the first byte, and then
-    hands over everything it has by then.
+One thread waits for bytes, hands them to the bus and writes the replies when they are due. In real
+time that is when the last byte would have left the wire; otherwise at once. On top comes the
+adapter's latency: like a USB adapter it holds what it received until that long after the first
+byte, and then hands over everything it has by then.
 
-    A client's baud rate is read back from the terminal, so a client at the wrong rate is not
-    heard, as on a wire. Unplugging closes the pseudo-terminal while a client may have it open (its
-    reads end, its writes fail); plugging in opens another, usually under another name, and ``link``
-    follows it.
+A client's baud rate is read back from the terminal, so a client at the wrong rate is not heard.
+Unplugging closes the pseudo-terminal while a client may have it open; plugging in opens another,
+usually under another name, and ``link`` follows it.
 
-    The thread keeps the client's side open too, so that settings survive between clients. That
-    has one catch: an exclusive lock (TIOCEXCL) of a client that died would survive as well. Where
-    inotify can tell when the last client closes, the lock is lifted then. All of this is Linux.
+The thread keeps the client's side open too, so that settings survive between clients. So would an
+exclusive lock (TIOCEXCL) of a client that died: where inotify can tell when the last client closes,
+the lock is lifted then. All of this is Linux.
 """
 
 from __future__ import annotations
@@ -121,17 +118,10 @@ def _watch(path: str) -> int | None:
 
 
 class PtyPort:
-    """Serves a bus on a pseudo-terminal.
+    """Serves a bus on a pseudo-terminal, to whose present name ``link`` leads if it is given.
 
-    Args:
-        bus: What answers.
-        now: The emulator's clock [s].
-        pacing: When replies arrive.
-        link: A symbolic link to keep on the terminal's present name.
-
-    Attributes:
-        port: The name a client opens: the link if there is one, else the terminal's name.
-        delivered: How many bytes have been handed to clients.
+    ``now`` is the emulator's clock [s]. ``delivered`` counts the bytes handed to clients, which
+    open ``port``: the link if there is one, else the terminal's name.
     """
 
     def __init__(

@@ -74,20 +74,17 @@ def _written(start: int, stop: int) -> frozenset[int]:
 
 
 class Servo:
-    """A servo in its joint.
+    """A servo in its joint, which starts at ``q`` [rad].
 
     Args:
         joint: Its joint.
         kind: Its type.
-        q: Joint angle to start at [rad].
+        q: Joint angle to start at.
         factory: EEPROM values that differ from the table's defaults, by row.
         goal_enables_torque: Whether writing a goal switches torque on.
         dither: How far position readings scatter [tick].
 
     Attributes:
-        joint: Its joint.
-        memory: Its registers.
-        drive: Its controller, motor and shaft.
         connected: False while its cable is unplugged: no power, no answers.
         boot_at: When a starting servo will be up, on the emulator's clock [s], else None.
         now: When the instruction came that it carries out, on the same clock [s].

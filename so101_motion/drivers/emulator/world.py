@@ -1,14 +1,11 @@
 """Simulate the six servos of an arm over time, with gravity, hand and supply.
 
-How it works
-    Nothing runs by itself. A caller that reads or changes the servos calls ``advance`` with the
-    time first. The world then catches up in steps of 1 ms, and every 5 ms updates gravity, the
-    hand, the supply, heat and protections. Servos that are quiet (see ``drive.py``) are not
-    stepped, and when all are quiet, the rest of the interval is one jump: an arm at rest costs
-    nothing.
+Nothing runs by itself. A caller that reads or changes the servos calls ``advance`` with the time
+first. The world then catches up in steps of 1 ms, and every 5 ms updates gravity, the hand, the
+supply, heat and protections. Servos that are quiet (see ``drive.py``) are not stepped, and when all
+are quiet, the rest of the interval is one jump: an arm at rest costs nothing.
 
-    The joints do not move each other: each has one inertia. Gravity and the supply couple them;
-    gravity is passed in as a function, so that this package needs no kinematics.
+The joints do not move each other: each has one inertia. Gravity and the supply couple them.
 
 Every public method takes ``lock``, so a test may disturb the servos while another thread serves
 their port; hold it yourself to do several things at once.
@@ -51,11 +48,9 @@ class World:
         servos: Along the cable, base to gripper; the last one drives the jaw.
         t: Time at which it starts [s].
         gravity: Holding torque as a function of the joint angles.
-        supply: The power supply.
+        supply: The power supply; its voltage may be changed at any time.
 
     Attributes:
-        servos: Along the cable.
-        supply: The power supply; its voltage may be changed at any time.
         hand: The scripted hand; replace it to start another script.
         lock: Held while anything changes; re-entrant.
     """

@@ -27,16 +27,8 @@ LONGEST_WAIT = 5.0
 class Connection:
     """Opens, keeps and reopens a bus. Used by one thread at a time.
 
-    Args:
-        open_port: Opens the port or raises ``PortUnavailable``.
-        clock: The clock of the rig.
-        names: The servos' names in messages, by id.
-        reply_timeout: See ``Bus``.
-        counters: Counters to continue, by id.
-
-    Attributes:
-        counters: The servos' counters, by id.
-        losses: How often the port went away.
+    The arguments are those of ``Bus``; ``open_port`` opens its port or raises ``PortUnavailable``.
+    ``losses`` says how often the port went away.
     """
 
     def __init__(

@@ -9,9 +9,7 @@ acceleration are capped in the servos' own registers as well.
 the joint's position plus the offset with which the servo carries the joint's weight. A servo that
 already drives its joint, because an earlier process left it so or the cable was out for a moment,
 stands a little off its goal under its load; the first goal keeps exactly that distance. A joint
-outside its limits, where no goal can keep it, is left as it is until a goal inside comes
-(``out_of_range.py``). Goals are computed in ``goal_compensation.py``, while a hand guides the arm
-in ``hand_guiding.py``, and for a soft pull in ``hand_pull.py``.
+outside its limits is left as it is until a goal inside comes (``out_of_range.py``).
 
 *One silent servo does not disturb the others*, and no lost answer is asked for twice in a cycle:
 the next cycle comes soon. For a quarter of a second a joint without an answer is assumed to follow
@@ -20,8 +18,8 @@ its goals (``joint_estimate.py``), for half a second if all are silent. Then ``r
 servo is asked with them. When it answers again it is set up anew; one that had restarted is made to
 hold where it is, and ``ServoFault`` is raised once.
 
-*The port may go away.* Every ``read`` then tries to reopen it (``chain.py``) and sets the servos up
-again. They hold meanwhile, and get no new goal before somebody asks for one.
+*The port may go away.* Every ``read`` then tries to reopen it and sets the servos up again. They
+hold meanwhile, and get no new goal before somebody asks for one.
 """
 
 from __future__ import annotations

@@ -1,23 +1,18 @@
 """Compute the goals of the six servos from the commanded joint angles.
 
 A goal lies beyond the commanded angle: by the distance that weight and friction make the servo give
-way (``gravity_compensation.py``) and by its lag at speed (``lag_compensation.py``). It is a whole
-number of ticks within the servo's limits. How far the command may move and how much may be added to
-it is bounded in one place, the last before the bus: ``goal_limiter.py``.
+way (``gravity_compensation.py``) and by its lag at speed (``lag_compensation.py``). How far the
+command may move and how much may be added to it is bounded in one place, the last before the bus:
+``goal_limiter.py``. The goals sent are remembered: under its load a joint stands a little off its
+goal, and has to keep that distance when it is commanded to stay.
 
-The goals sent are remembered, because the servos pull towards them: under its load a joint stands a
-little off its goal, and has to keep that distance when it is commanded to stay.
-
-``Reversals`` compensates friction and play in advance where planned joints turn round.
-
-Where a joint turns round, its friction changes sides, and unless its load presses its gears to one
-side, its motor has to cross the play before the joint follows. If compensation starts only when the
-joint has turned, the joint is a degree behind. So the compensation of friction changes sides
-shortly before, and the motor is driven through the play while the joint hardly moves. A load that
-changes sides takes a joint through the play as well; then the motor has to bring it back.
-
-The turn has to be known in advance, so this is done in planned motions only; and a motor is driven
-through the play only if an identification has measured it.
+``Reversals``: where a joint turns round, its friction changes sides, and unless its load presses
+its gears to one side, its motor has to cross the play before the joint follows. If compensation
+starts only when the joint has turned, the joint is a degree behind. So the compensation of friction
+changes sides shortly before, and the motor is driven through the play while the joint hardly moves.
+A load that changes sides takes a joint through the play as well; then the motor has to bring it
+back. The turn has to be known in advance, so this is done in planned motions only; and a motor is
+driven through the play only if an identification has measured it.
 """
 
 from __future__ import annotations
@@ -67,11 +62,7 @@ _N = 5
 class Reversals:
     """Predicts the sides of friction and play of the arm joints.
 
-    Args:
-        trim: The models of the servos and their loads.
-
-    Attributes:
-        crossing: Speed at which each motor is driven through the play now [rad/s].
+    ``crossing`` is the speed at which each motor is driven through the play now [rad/s].
     """
 
     def __init__(self, trim: Trim) -> None:
@@ -155,7 +146,6 @@ class GoalCompensation:
             found are faded out within ``_GIVEN_UP``.
 
     Attributes:
-        trim: The offsets for weight and friction.
         q: Commanded joint angles [rad].
         held: The servos' goals; None for one that is limp, or whose goal is not known.
         is_set: Whether there has been a command since the servos were found.

@@ -133,14 +133,9 @@ _JAW = 5
 class Trim:
     """Offsets of the six joints' goals against weight and friction; zero for the jaw.
 
-    Args:
-        gravity: The torque that holds a pose.
-        per_kg: The torque that each kilogram in the gripper adds; None to learn no such load.
-
-    Attributes:
-        models: The model of each servo.
-        carried: Estimated mass in the gripper [kg].
-        lags: The uncompensated lag of each joint now [rad].
+    Without ``per_kg``, the torque that each kilogram in the gripper adds, no such load is learnt.
+    ``carried`` is the estimated mass in the gripper [kg], ``lags`` the uncompensated lag of each
+    joint now [rad].
     """
 
     def __init__(self, gravity: Gravity, per_kg: Gravity | None = None) -> None:

@@ -22,24 +22,16 @@ VITALS_PERIOD = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointHealth:
-    """The health of one servo at one instant.
+    """The health of one servo at ``t``, when the figures were measured, on the rig's clock [s].
 
     Attributes:
-        joint: Which joint.
-        servo_id: Its servo.
-        t: When the figures were measured, on the rig's clock [s].
         is_silent: Whether it does not answer at present; the figures are then its last ones.
-        volts: Supply voltage at the servo [V].
-        amps: Motor current [A].
-        temperature_c: [degC].
         load: Drive, -1 to 1; not a torque.
         faults: The conditions it reports now: ``voltage``, ``encoder``, ``overheated``,
             ``overcurrent``, ``overload``.
         latched: All conditions it has reported since the start.
-        answers: Right answers since the start.
-        lost: Questions without an answer.
-        corrupt: Questions with a garbled answer.
-        retries: Questions that were repeated.
+        answers: Right answers since the start; ``lost`` ones, ``corrupt`` ones and ``retries``
+            likewise.
     """
 
     joint: str

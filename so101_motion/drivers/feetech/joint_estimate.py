@@ -9,12 +9,10 @@ the last one plus the change of the command since, but never beyond the command:
 commanded to stay where it was pushed goes nowhere. A joint without a command, because it is limp or
 a hand leads it, is assumed to be where it was last.
 
-``VelocityEstimate`` estimates joint velocities from recent joint positions.
-
 The servo's own velocity comes in steps of 4.4 deg/s, because it counts ticks over 20 ms. A straight
-line through the positions of the last tenth of a second is finer and needs no bytes: with 100
-measurements a second a scatter of one tick becomes 0.4 deg/s. It is half that window late, which
-does not matter for its use: deciding whether a joint is at rest.
+line through the positions of the last tenth of a second (``VelocityEstimate``) is finer and needs
+no bytes: with 100 measurements a second a scatter of one tick becomes 0.4 deg/s. It is half that
+window late, which does not matter for deciding whether a joint is at rest.
 """
 
 from __future__ import annotations
@@ -43,11 +41,7 @@ _FEWEST = 3  # with two points the scatter would be the slope; slow polling keep
 
 
 class VelocityEstimate:
-    """Fits the slopes of several signals; in plain Python, which is faster than numpy for six.
-
-    Args:
-        n: How many.
-    """
+    """Fits the slopes of ``n`` signals; plain Python is faster than numpy for six."""
 
     def __init__(self, n: int) -> None:
         self._t: deque[float] = deque()
@@ -83,15 +77,9 @@ _START = reg.PRESENT_POSITION.address
 
 
 class JointEstimate:
-    """Position and velocity of each joint; in plain lists, which are faster than numpy for six.
+    """Angles ``q`` [rad] and velocities ``qd`` [rad/s] of the joints, 0 without a servo.
 
-    Args:
-        maps: The servo of each joint there is, by index.
-        n: How many joints; one without a servo stays at 0.
-
-    Attributes:
-        q: Joint angles [rad].
-        qd: Joint velocities [rad/s].
+    In plain lists, which are faster than numpy for six. ``maps`` has the servo of each joint.
     """
 
     def __init__(self, maps: Mapping[int, JointMap], n: int = 6) -> None:

@@ -33,12 +33,7 @@ _Ram = Mapping[int, Mapping[Register, int]]
 class OutOfRangeJoints:
     """The joints outside their limits, and which of those are on their way in.
 
-    Args:
-        maps: The servo of each joint, by index.
-        ram: What RAM registers must hold, by servo.
-
-    Attributes:
-        left: Joints that get no goal.
+    ``ram`` is what RAM registers must hold, by servo. Joints that are ``left`` get no goal.
     """
 
     def __init__(self, maps: Mapping[int, JointMap], ram: _Ram) -> None:

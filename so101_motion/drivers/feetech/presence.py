@@ -38,13 +38,9 @@ _NO_CHANGE = PresenceChange((), ())
 
 
 class Presence:
-    """Keeps track of which servos answer.
+    """Keeps track of which of ``servo_ids`` answer.
 
-    Args:
-        servo_ids: The servos that should answer.
-
-    Attributes:
-        silent: The servos that do not; replaced whole, so any thread may read it.
+    ``silent`` are those that do not; it is replaced whole, so any thread may read it.
     """
 
     def __init__(self, servo_ids: Sequence[int]) -> None:

@@ -46,14 +46,12 @@ ENOUGH = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoTrouble:
-    """One thing that is wrong with a servo.
+    """One thing that is wrong with a servo, in a sentence with its figure, and what to do about it.
 
     Attributes:
         kind: Its subject; ``"fault"`` if only a status bit shows it.
         level: ``"stop"`` if its joint must not be moved, ``"warn"`` if the servo does not fit its
             supply, ``"note"`` if it works, but not as well as it could.
-        sentence: What is wrong, with its figure.
-        fix: What to do about it.
     """
 
     kind: Literal["temperature", "load", "supply", "fault"]

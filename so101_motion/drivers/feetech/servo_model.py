@@ -68,10 +68,6 @@ class ServoModel:
         figures: How it differs from its type.
 
     Attributes:
-        sold_as: As given.
-        p_gain: As given.
-        braking: As given.
-        figures: As given.
         is_known: Whether an identification has found how it differs from its type.
         kind: The type with its own figures.
         full_drive_error: The position error at which it makes full drive [rad].

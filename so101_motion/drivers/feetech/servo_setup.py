@@ -71,9 +71,7 @@ class ServoCondition:
         torque: Whether it drives its joint.
         goal_ticks: The goal of its position loop. None if the goal register is so far off that the
             servo would pull as hard as it can.
-        present_ticks: Its position.
-        p_gain: Proportional gain of its position loop.
-        kind: Its type, by the upper limit of its supply.
+        kind: Its type, by its supply.
         max_acceleration: Cap of its acceleration, in units of register 41.
         torque_limit: Its torque limit now, in thousandths of full drive.
         crawls: Whether its caps have been set to a crawl, because its goal is outside its limits.
@@ -94,15 +92,8 @@ class ServoCondition:
 def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCondition:
     """Set up a servo; its torque stays on or off, and a driven joint stays where it is.
 
-    Args:
-        bus: Its bus.
-        joint: The servo and its calibration.
-        ram: Values of RAM registers. If the torque limit is not among them, it becomes the value
-            that the servo starts with.
-
-    Raises:
-        BusError: It cannot be reached or does not take a value.
-        ServoFault: Its settings forbid to move it.
+    ``ram`` has the values of RAM registers. If the torque limit is not among them, it becomes the
+    value that the servo starts with. Raises ``ServoFault`` if its settings forbid to move it.
     """
     servo_id = joint.servo_id
     shift = 0

@@ -1,10 +1,8 @@
 """List the serial ports by their lasting names, and say why one cannot be used.
 
-A port has several names, and most of them change. ``/dev/ttyACM0`` is whichever adapter came first;
-macOS shows a device as ``cu``, as ``tty`` and perhaps once more by a vendor's driver. Each adapter
-is listed once, under the name that stays: Linux keeps links by serial number and, for the cheap
-adapters without one, by the USB socket. ``key`` is a short name that stays too: it is made of the
-serial number, else of the socket, else of the port's name.
+``/dev/ttyACM0`` is whichever adapter came first; macOS shows a device as ``cu``, as ``tty`` and
+perhaps once more by a vendor's driver. Each adapter is listed once, under the name that stays:
+Linux keeps links by serial number and, for the cheap adapters without one, by the USB socket.
 
 Only USB adapters are listed, those of servo boards first. The user has to name any other port, such
 as a Raspberry Pi's own or one on the network.
@@ -55,7 +53,8 @@ class FoundPort:
     Attributes:
         name: The name for a configuration: the one that stays, or the user's.
         device: The system's name for it today.
-        key: A short name that stays, for components on this port: letters, digits, ``-``, ``_``.
+        key: A short name that stays, for components on this port: letters, digits, ``-``, ``_``, of
+            the serial number, else of the socket, else of the port's name.
         aliases: Its other names.
         description: The adapter's own description, or its chip.
         serial_number: The adapter's own; None if it has none or shares it with others.

@@ -64,16 +64,8 @@ class UsbIdentity:
 class SerialPort:
     """A serial port that is open exclusively.
 
-    Args:
-        name: The device to open, or a link to one.
-        baud: Bits per second.
-
-    Attributes:
-        name: As given.
-        baud: As given.
-
-    Raises:
-        PortUnavailable: It is not there, not allowed, or in use, and by whom.
+    ``name`` is the device to open, or a link to one, ``baud`` in bits per second. Raises
+    ``PortUnavailable``: it is not there, not allowed, or in use, and by whom.
     """
 
     def __init__(self, name: str, baud: int = 1_000_000) -> None:
@@ -154,13 +146,7 @@ _UNPLUGGED = "the port went away; check the USB cable and plug it in again"
 class PortOpener:
     """Opens the same adapter each time, even if it was plugged into another socket.
 
-    Args:
-        name: The port as configured.
-        baud: Bits per second.
-        make: Opens a port by its name and rate.
-
-    Attributes:
-        baud: As given.
+    ``make`` opens a port by its name and rate; ``baud`` may be set.
     """
 
     def __init__(
