@@ -39,30 +39,30 @@ def install_udev(
     Prints the udev rule on stdout, and its purpose on stderr; --install writes it to
     /etc/udev/rules.d and activates it.
     """
-    from so101_motion.drivers.port import host_checks
+    from so101_motion.drivers.port import port_list
 
     if sys.platform != "linux":
         raise click.UsageError("udev is only on Linux; no rule is needed on this computer")
     if install and not dry_run:
-        write_rule(host_checks.RULES)
+        write_rule(port_list.RULES)
         return
     if install:
-        aside(f"would be written to {host_checks.RULES} and activated:")
-    click.echo(host_checks.udev_rules(), nl=False)
+        aside(f"would be written to {port_list.RULES} and activated:")
+    click.echo(port_list.udev_rules(), nl=False)
     aside(f"\n{_EXPLANATION}\n{_BRLTTY}")
-    if host_checks.is_rule_installed():
-        aside(f"It is installed: {host_checks.RULES}")
+    if port_list.is_rule_installed():
+        aside(f"It is installed: {port_list.RULES}")
     else:
         aside(f"To install it:\n    {_as_root()}")
 
 
 def write_rule(path: Path) -> None:
     """Write the udev rule and activate it."""
-    from so101_motion.drivers.port import host_checks
+    from so101_motion.drivers.port import port_list
     from so101_motion.files import atomic
 
     try:
-        atomic.write(path, host_checks.udev_rules().encode())
+        atomic.write(path, port_list.udev_rules().encode())
     except OSError as error:
         reason = f"{error.strerror}; do it as root: {_as_root()}"
         raise PortUnavailable(str(path), reason) from error

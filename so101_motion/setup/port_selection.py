@@ -13,8 +13,7 @@ from pathlib import Path
 from so101_motion.calib.record import versions
 from so101_motion.common.errors import CalibrationError, ConfigError
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT as REPLY_TIMEOUT
-from so101_motion.drivers.port import host_checks
-from so101_motion.drivers.port.port_list import adapters_without_port, port_problem
+from so101_motion.drivers.port import port_list
 from so101_motion.files import user_storage
 from so101_motion.setup.discovery import discover
 from so101_motion.setup.findings import Findings
@@ -71,7 +70,7 @@ def look(named: Collection[str] = (), *, reply_timeout: float = REPLY_TIMEOUT) -
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
     """
     found = discover(named, reply_timeout=reply_timeout)
-    lost = adapters_without_port()
+    lost = port_list.adapters_without_port()
     candidates = tuple(
         Candidate(report=report, findings=about(report))
         for report in found.reports
@@ -95,13 +94,13 @@ def about(report: PortReport) -> Findings:
         baudrate=report.baudrate,
         agreeing_file=report.agreeing,
         adapter=report.port.description,
-        port_trouble="" if report.in_use else port_problem(name) or "",
+        port_trouble="" if report.in_use else port_list.port_problem(name) or "",
         supply_trouble=report.supply_trouble,
         interfering_programs={}
-        if host_checks.is_rule_installed()
-        else host_checks.interfering_programs(),
-        lost_adapters=adapters_without_port(),
-        latency_timer=host_checks.latency_timer(name),
+        if port_list.is_rule_installed()
+        else port_list.interfering_programs(),
+        lost_adapters=port_list.adapters_without_port(),
+        latency_timer=port_list.latency_timer(name),
     )
 
 

@@ -73,7 +73,7 @@ class Drive:
         self.guard = Guard(settings.limits)
         self.powered = True
         self.load, self.volts = 0.0, kind.volts
-        self._apply(settings)
+        self.settings = settings
         self._goals = GoalDelay(kind.goal_delay)
         self._shape = duty_table(kind.duty_shape)
         self._duties = [0.0] * (round(kind.loop_delay / DT) + 1)  # the last ones, oldest first
@@ -100,15 +100,12 @@ class Drive:
 
     @settings.setter
     def settings(self, settings: Settings) -> None:
-        self._apply(settings)
-        self.loop.gains, self.guard.limits = settings.gains, settings.limits
-        self.wake()
-
-    def _apply(self, settings: Settings) -> None:
         self._settings = settings
         self._follows = settings.mode == reg.POSITION_MODE
         self._drive_sign = settings.drive_sign
         self._counts, self._zero = (-1, TICKS_PER_TURN - 1) if settings.encoder_reversed else (1, 0)
+        self.loop.gains, self.guard.limits = settings.gains, settings.limits
+        self.wake()
 
     # -- angles ---------------------------------------------------------------------------------
 

@@ -298,66 +298,43 @@ class Emulator:
 
     def begin(self, fault: FaultEvent) -> None:
         """Begin a fault now; its ``at`` is ignored."""
-        if fault.kind == "unplug":
-            self.unplug()
-            return
-        value = fault.value if fault.value is not None else 0.0
-        place = fault.servo or ""
-        with self.world.lock:
-            self.world.advance(self.now())
-            match fault.kind:
-                case "dead":
-                    self.world.disconnect(place)
-                case "reboot":
-                    self.world.reboot(place)
-                case "hot":
-                    self.world.warm(place, value)
-                case "brownout":
-                    self.world.power(value)
-                case "twin":
-                    self.world.servo(place).memory.set(reg.ID, int(value))
-                case "object":
-                    self.world.put_object(value)
-                case "only":
-                    self._plug_in(self.world.servo(place))
-                case "chain":
-                    self._plug_in(*self.world.servos)
-                case "pose":
-                    self._take_in_hand(holding_script(self._gravity, by=1.0))
-                case "sweep":
-                    speed = math.radians(value) if value > 0.0 else SPEED
-                    self._take_in_hand(sweeping_script(self._gravity, speed=speed)[0])
-                case name:
-                    setattr(self.bus.faults, name, value)
+        self._change(fault, begins=True)
 
     def end(self, fault: FaultEvent) -> None:
+        self._change(fault, begins=False)
+
+    def _change(self, fault: FaultEvent, *, begins: bool) -> None:
         if fault.kind == "unplug":
-            self.plug()
+            (self.unplug if begins else self.plug)()
             return
-        place = fault.servo or ""
-        with self.world.lock:
-            self.world.advance(self.now())
+        world, place, value = self.world, fault.servo or "", fault.value or 0.0
+        with world.lock:
+            world.advance(self.now())
             match fault.kind:
                 case "dead":
-                    self.world.connect(place)
+                    (world.disconnect if begins else world.connect)(place)
                 case "reboot":
-                    pass  # over by itself
+                    if begins:  # it is over by itself
+                        world.reboot(place)
                 case "hot":
-                    self.world.cool(place)
+                    world.warm(place, value) if begins else world.cool(place)
                 case "brownout":
                     volts = self._options.volts
-                    self.world.power(self._options.kind.volts if volts is None else volts)
+                    rated = self._options.kind.volts if volts is None else volts
+                    world.power(value if begins else rated)
                 case "twin":
-                    servo = self.world.servo(place)
-                    servo.memory.set(reg.ID, self._ids[self.world.servos.index(servo)])
+                    servo = world.servo(place)
+                    own_id = self._ids[world.servos.index(servo)]
+                    servo.memory.set(reg.ID, int(value) if begins else own_id)
                 case "object":
-                    self.world.take_object()
+                    world.put_object(value) if begins else world.take_object()
                 case "only" | "chain":
-                    self._plug_in()
+                    plugged = (world.servo(place),) if fault.kind == "only" else world.servos
+                    self._plug_in(*(plugged if begins else ()))
                 case "pose" | "sweep":
-                    self.world.hand = Hand()
+                    world.hand = self._hand_for(fault.kind, value) if begins else Hand()
                 case name:
-                    setattr(self.bus.faults, name, 0.0)
+                    setattr(self.bus.faults, name, value if begins else 0.0)
 
     def _plug_in(self, *servos: Servo) -> None:
         for place, servo in enumerate(self.world.servos, start=1):
@@ -366,8 +343,14 @@ class Emulator:
             elif servo not in servos:
                 self.world.disconnect(place)
 
-    def _take_in_hand(self, script: str) -> None:
-        self.world.hand = Hand(parse_script(script), self.world.t)
+    def _hand_for(self, kind: str, speed_deg: float) -> Hand:
+        speed = math.radians(speed_deg) if speed_deg > 0.0 else SPEED
+        script = (
+            holding_script(self._gravity, by=1.0)
+            if kind == "pose"
+            else sweeping_script(self._gravity, speed=speed)[0]
+        )
+        return Hand(parse_script(script), self.world.t)
 
     def close(self) -> None:
         self._port.close()

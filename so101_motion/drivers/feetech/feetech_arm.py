@@ -378,12 +378,12 @@ class FeetechArm:
             self._compensation.trim.measure(self._at.q, self._at.qd, fresh, now)
         for servo_id, volts in self._health_readings.take(now, found).items():
             self._compensation.supplied(self._index[servo_id], volts)
-        change = self._presence.judge(found, now)
-        if change.fallen or self._presence.all_silent:
+        fallen, back = self._presence.judge(found, now)
+        if fallen or self._presence.all_silent:
             self._compensation.is_set = False
-            raise missing_servos(bus, change.fallen or tuple(self._index), found, doubted)
-        if change.back:
-            self._take_back(bus, change.back)
+            raise missing_servos(bus, fallen or tuple(self._index), found, doubted)
+        if back:
+            self._take_back(bus, back)
 
     @property
     def _is_held(self) -> bool:

@@ -50,28 +50,6 @@ class JointHealth:
     retries: int
 
 
-def joint_health(
-    joint: str, servo_id: int, t: float, block: bytes, counter: ReplyCounter, *, is_silent: bool
-) -> JointHealth:
-    volts, amps, temperature_c, load = _figures(block)
-    return JointHealth(
-        joint=joint,
-        servo_id=servo_id,
-        t=t,
-        is_silent=is_silent,
-        volts=volts,
-        amps=amps,
-        temperature_c=temperature_c,
-        load=load,
-        faults=_words(counter.faults),
-        latched=_words(counter.latched),
-        answers=counter.answers,
-        lost=counter.lost,
-        corrupt=counter.corrupt,
-        retries=counter.retries,
-    )
-
-
 # Both are called in every cycle, and their results change ten times a second at most.
 
 
@@ -126,9 +104,27 @@ class HealthReadings:
         silent: Collection[int],
     ) -> tuple[JointHealth, ...]:
         """The newest health of each servo in ``names``, base to jaw; from any thread."""
-        blocks = self._blocks
-        return tuple(
-            joint_health(joint, i, *blocks[i], counters[i], is_silent=i in silent)
-            for i, joint in names.items()
-            if i in blocks
-        )
+        found = []
+        for servo_id, joint in names.items():
+            if servo_id not in self._blocks:
+                continue
+            (t, block), counter = self._blocks[servo_id], counters[servo_id]
+            volts, amps, temperature_c, load = _figures(block)
+            health = JointHealth(
+                joint=joint,
+                servo_id=servo_id,
+                t=t,
+                is_silent=servo_id in silent,
+                volts=volts,
+                amps=amps,
+                temperature_c=temperature_c,
+                load=load,
+                faults=_words(counter.faults),
+                latched=_words(counter.latched),
+                answers=counter.answers,
+                lost=counter.lost,
+                corrupt=counter.corrupt,
+                retries=counter.retries,
+            )
+            found.append(health)
+        return tuple(found)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 from so101_motion.common.errors import NoReply, ServoFault
 from so101_motion.drivers.bus.bus import Bus
@@ -19,22 +18,6 @@ which is no reason to end a motion; without power, the other cause, nothing move
 _FEWEST = 8
 """A servo counts as silent after at least so many reads. With 7 % of the answers spoiled, that
 happens by chance once in 2e9 answers: twice a year for a resting arm, read every 50 ms. Chosen."""
-
-
-@dataclass(frozen=True, slots=True)
-class PresenceChange:
-    """The servos that fell silent or came back with one read.
-
-    Attributes:
-        fallen: Servos that are silent from now on.
-        back: Servos that answer again.
-    """
-
-    fallen: tuple[int, ...]
-    back: tuple[int, ...]
-
-
-_NO_CHANGE = PresenceChange((), ())
 
 
 class Presence:
@@ -58,10 +41,10 @@ class Presence:
     def all_silent(self) -> bool:
         return len(self.silent) == len(self._ids)
 
-    def judge(self, found: Collection[int], now: float) -> PresenceChange:
-        """Update the silent servos from a read at ``now`` [s]; return the changes."""
+    def judge(self, found: Collection[int], now: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Update from a read at ``now`` [s]; return who fell silent and who answers again."""
         if len(found) == len(self._ids) and not self._misses and not self.silent:
-            return _NO_CHANGE
+            return (), ()
         before, self._misses = self._misses, {}
         for servo_id in self._ids:
             if servo_id not in found:
@@ -73,11 +56,9 @@ class Presence:
             for servo_id, (count, since) in self._misses.items()
             if count >= _FEWEST and now - since >= enough - 1e-9
         }
-        change = PresenceChange(
-            fallen=tuple(sorted(lost - self.silent)), back=tuple(sorted(self.silent & set(found)))
-        )
-        self.silent = (self.silent | lost) - set(change.back)
-        return change
+        fallen, back = tuple(sorted(lost - self.silent)), tuple(sorted(self.silent & set(found)))
+        self.silent = (self.silent | lost) - set(back)
+        return fallen, back
 
     def dismiss(self, servo_id: int) -> None:
         """Count a servo as silent that answered a read but could not be set up."""

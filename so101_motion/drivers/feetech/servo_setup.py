@@ -187,7 +187,13 @@ def _pull(bus: Bus, servo_id: int, block: bytes, *, p_gain: int, may_do_more: bo
 def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
     """Set the settings right that are wrong, until power-off; return their names."""
     servo_id = joint.servo_id
-    held = agreed(lambda: _settings(bus, servo_id))
+    eeprom = [row.name for row in reg.REGISTERS.values() if row.memory is Memory.EEPROM]
+
+    def settings() -> dict[str, int]:
+        held = read_registers(bus, servo_id)
+        return {name: held[name] for name in eeprom}
+
+    held = agreed(settings)
     odd = odd_settings(held, counts_down=joint.direction < 0)
     if odd and odd[0].forbids:
         raise ServoFault(
@@ -215,14 +221,6 @@ def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
         _fill(bus, servo_id, CRAWL, anew=())
     engage(bus, servo_id, here - round(4 * load / p_gain))
     return changed
-
-
-def _settings(bus: Bus, servo_id: int) -> dict[str, int]:
-    held = read_registers(bus, servo_id)
-    kept = {
-        row.name: held[row.name] for row in reg.REGISTERS.values() if row.memory is Memory.EEPROM
-    }
-    return kept
 
 
 def _fill(

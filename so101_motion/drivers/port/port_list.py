@@ -1,4 +1,4 @@
-"""List the serial ports by their lasting names, and say why one cannot be used.
+"""List the serial ports by their lasting names; find what keeps one from being used (Linux).
 
 ``/dev/ttyACM0`` is whichever adapter came first; macOS shows a device as ``cu``, as ``tty`` and
 perhaps once more by a vendor's driver. Each adapter is listed once, under the name that stays:
@@ -40,6 +40,11 @@ the others are the usual chips of such boards (Linux USB id list)."""
 _LINKS = Path("/dev/serial")
 _USB = Path("/sys/bus/usb/devices")
 _PROCESSES = Path("/proc")
+_TTYS = Path("/sys/class/tty")
+
+RULES = Path("/etc/udev/rules.d/70-so101.rules")
+"""Path of our udev rule. Its number is below 73, the rule that carries out ``uaccess``."""
+
 _MAC = re.compile(r"/dev/(?:cu|tty)\.(usbmodem|usbserial-?|wchusbserial)(.+)")
 _MAC_DRIVERS = ("usbmodem", "usbserial", "usbserial-", "wchusbserial")
 _USUAL_GROUP = "dialout"  # Debian's; Arch's is uucp
@@ -166,6 +171,12 @@ def adapters_without_port(*, usb: Path = _USB, processes: Path = _PROCESSES) -> 
     Linux only; elsewhere there are none.
     """
     found = []
+    why = "its driver is missing (try sudo modprobe ch341 cdc_acm cp210x ftdi_sio)"
+    if "brltty" in _running(processes):
+        why = (
+            "brltty, which drives Braille displays, has taken it for one. Unless you use one,"
+            " remove it (sudo apt remove brltty) and plug the adapter in again"
+        )
     for device in sorted(usb.glob("*")):
         try:
             ids = tuple(int((device / name).read_text(), 16) for name in ("idVendor", "idProduct"))
@@ -173,24 +184,72 @@ def adapters_without_port(*, usb: Path = _USB, processes: Path = _PROCESSES) -> 
             continue
         if ids in ADAPTERS and not any(device.glob("*/tty*")):
             chip = f"a {ADAPTERS[ids]} adapter ({ids[0]:04x}:{ids[1]:04x})"
-            found.append(
-                f"{chip} is plugged in, but there is no serial port for it: "
-                f"{_why_no_port(processes)}"
-            )
+            found.append(f"{chip} is plugged in, but there is no serial port for it: {why}")
     return tuple(found)
 
 
-def _why_no_port(processes: Path) -> str:
+# This computer
+
+
+_INTERFERING = {
+    "ModemManager": (
+        "ModemManager probes every new serial port for a modem, which disturbs the servos for half"
+        " a minute after the adapter was plugged in"
+    ),
+    "brltty": (
+        "brltty, which drives Braille displays, may take adapters with a CH340 chip for such a"
+        " display; then they have no serial port"
+    ),
+}
+
+
+def udev_rules() -> str:
+    lines = [
+        "# Servo adapters of the SO-101: usable without root, and ignored by ModemManager.",
+        "# Written by: so101 install-udev",
+    ]
+    for (vendor, product), chip in ADAPTERS.items():
+        match = f'ATTRS{{idVendor}}=="{vendor:04x}", ATTRS{{idProduct}}=="{product:04x}"'
+        lines += [
+            f"# {chip}",
+            f'SUBSYSTEM=="tty", {match}, GROUP="dialout", MODE="0660", TAG+="uaccess",'
+            ' ENV{ID_MM_PORT_IGNORE}="1"',
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def is_rule_installed(rules: Path = RULES) -> bool:
+    """Whether our udev rule is installed in its present version."""
+    try:
+        return rules.read_text(encoding="utf-8") == udev_rules()
+    except OSError:
+        return False
+
+
+def interfering_programs(processes: Path = _PROCESSES) -> dict[str, str]:
+    """Running programs that are known to interfere with serial ports, each with its effect."""
+    running = _running(processes)
+    return {name: harm for name, harm in _INTERFERING.items() if name in running}
+
+
+def _running(processes: Path) -> set[str]:
+    running = set()
     for comm in processes.glob("[0-9]*/comm"):
-        try:
-            if comm.read_text().strip() == "brltty":
-                return (
-                    "brltty, which drives Braille displays, has taken it for one. Unless you use"
-                    " one, remove it (sudo apt remove brltty) and plug the adapter in again"
-                )
-        except OSError:
-            continue
-    return "its driver is missing (try sudo modprobe ch341 cdc_acm cp210x ftdi_sio)"
+        with contextlib.suppress(OSError):  # it has ended
+            running.add(comm.read_text().strip())
+    return running
+
+
+def latency_timer(port: str, ttys: Path = _TTYS) -> float | None:
+    """How long an FTDI adapter holds bytes back [s]; None for others, which have no such timer.
+
+    Opening the port with this package sets it to 1 ms where that is allowed.
+    """
+    device = os.path.basename(os.path.realpath(port))
+    try:
+        return float((ttys / device / "device" / "latency_timer").read_text()) / 1000.0
+    except (OSError, ValueError):
+        return None
 
 
 # Names

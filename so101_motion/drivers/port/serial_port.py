@@ -27,7 +27,7 @@ import select
 import termios
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import serial
 from serial.tools import list_ports
@@ -46,15 +46,8 @@ _libc.tcflush.argtypes = (ctypes.c_int, ctypes.c_int)
 _GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UsbIdentity:
-    """Identifies a USB adapter independently of its port's name.
-
-    Attributes:
-        vendor: USB vendor id.
-        product: USB product id.
-        serial_number: The adapter's own; cheap CH340 adapters have none.
-    """
+class UsbIdentity(NamedTuple):
+    """Identifies an adapter, whatever its port is called; cheap CH340 ones have no number."""
 
     vendor: int
     product: int
@@ -174,7 +167,7 @@ def identity(name: str) -> UsbIdentity | None:
     device = os.path.realpath(name)
     for port in list_ports.comports():
         if os.path.realpath(port.device) == device and port.serial_number and port.vid is not None:
-            return UsbIdentity(vendor=port.vid, product=port.pid, serial_number=port.serial_number)
+            return UsbIdentity(port.vid, port.pid, port.serial_number)
     return None
 
 
@@ -187,6 +180,6 @@ def find_again(name: str, usb: UsbIdentity | None) -> str | None:
     if usb is None or identity(name) == usb:
         return name
     for port in list_ports.comports():
-        if (port.vid, port.pid, port.serial_number) == (usb.vendor, usb.product, usb.serial_number):
+        if (port.vid, port.pid, port.serial_number) == usb:
             return str(port.device)
     return None

@@ -8,20 +8,20 @@ from click.testing import CliRunner
 from so101_motion.cli.udev import write_rule
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import PortUnavailable
-from so101_motion.drivers.port import host_checks
+from so101_motion.drivers.port import port_list
 from so101_motion.drivers.port.port_list import ADAPTERS
 
 
 def test_the_rule_goes_to_stdout_and_the_reasons_beside_it():
     result = CliRunner().invoke(main, ["install-udev"])
     assert result.exit_code == 0
-    assert result.stdout == host_checks.udev_rules()
+    assert result.stdout == port_list.udev_rules()
     for words in ("dialout", "usermod", "brltty", "install-udev --install"):
         assert words in result.stderr
 
 
 def test_every_known_adapter_has_a_line_that_udev_can_read():
-    lines = [line for line in host_checks.udev_rules().splitlines() if not line.startswith("#")]
+    lines = [line for line in port_list.udev_rules().splitlines() if not line.startswith("#")]
     assert len(lines) == len(ADAPTERS)
     for line in lines:
         for part in line.split(", "):
@@ -30,7 +30,7 @@ def test_every_known_adapter_has_a_line_that_udev_can_read():
 
 @pytest.mark.skipif(shutil.which("udevadm") is None, reason="there is no udevadm here")
 def test_udev_itself_finds_nothing_wrong_with_the_rule(tmp_path):
-    (tmp_path / "70-so101.rules").write_text(host_checks.udev_rules())
+    (tmp_path / "70-so101.rules").write_text(port_list.udev_rules())
     verify = ["udevadm", "verify", str(tmp_path / "70-so101.rules")]
     done = subprocess.run(verify, capture_output=True, text=True, check=False)
     if "Unknown" in done.stderr or "unrecognized" in done.stderr:
@@ -40,9 +40,9 @@ def test_udev_itself_finds_nothing_wrong_with_the_rule(tmp_path):
 
 def test_a_rule_is_installed_where_it_is_told(tmp_path, capsys):
     path = tmp_path / "70-so101.rules"
-    assert not host_checks.is_rule_installed(path)
+    assert not port_list.is_rule_installed(path)
     write_rule(path)
-    assert host_checks.is_rule_installed(path)
+    assert port_list.is_rule_installed(path)
     assert str(path) in capsys.readouterr().out
 
 
@@ -55,13 +55,13 @@ def test_programs_that_meddle_are_seen(tmp_path):
     for number, name in enumerate(("bash", "ModemManager", "brltty")):
         (tmp_path / str(number)).mkdir()
         (tmp_path / str(number) / "comm").write_text(f"{name}\n")
-    assert set(host_checks.interfering_programs(tmp_path)) == {"ModemManager", "brltty"}
-    assert host_checks.interfering_programs(tmp_path / "nothing") == {}
+    assert set(port_list.interfering_programs(tmp_path)) == {"ModemManager", "brltty"}
+    assert port_list.interfering_programs(tmp_path / "nothing") == {}
 
 
 def test_the_latency_of_an_ftdi_adapter_is_read(tmp_path):
     folder = tmp_path / "ttyUSB0" / "device"
     folder.mkdir(parents=True)
     (folder / "latency_timer").write_text("16\n")
-    assert host_checks.latency_timer("/dev/ttyUSB0", tmp_path) == 0.016
-    assert host_checks.latency_timer("/dev/ttyACM0", tmp_path) is None
+    assert port_list.latency_timer("/dev/ttyUSB0", tmp_path) == 0.016
+    assert port_list.latency_timer("/dev/ttyACM0", tmp_path) is None
