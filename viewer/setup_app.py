@@ -184,7 +184,6 @@ class SetupBar(Part):
         return BarButton(label=label, button=button)
 
     def refresh(self) -> bool:
-        """Show the torque, and what can be pressed; end a guiding whose time is over."""
         target = self._setup.target
         shown = self._setup.torque.shown.text
         self._bar.state = "Not connected yet" if target is None else shown
@@ -227,7 +226,6 @@ class SetupBar(Part):
         self._guiding[1].start()
 
     def _can(self, place: int) -> SetupTarget | None:
-        """The arm, unless the button at ``place`` has just become grey."""
         target = self._setup.target
         return target if reasons(target, self._setup.doing)[place] is None else None
 

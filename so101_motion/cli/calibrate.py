@@ -104,7 +104,6 @@ def calibrate(
 def _print_dry_run(
     report: PortReport, path: Path, joints: tuple[str, ...], before: Calibration, as_json: bool
 ) -> None:
-    """Print what a calibration would do; does not touch the servos."""
     from so101_motion.calib.record.record import JOINTS
 
     wanted = joints or JOINTS
@@ -134,7 +133,6 @@ def _before(path: Path) -> Calibration:
 
 
 def _on_machine(source: MachineSource, events: TextIO | None) -> None:
-    """Calibrate through the calibration sensor of a machine."""
     from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Terminal, sentence

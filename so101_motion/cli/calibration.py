@@ -350,7 +350,6 @@ def _write(stored: Stored, report: PortReport) -> None:
 
 
 def facts(stored: Stored) -> dict[str, Any]:
-    """The content of a calibration file, for programs."""
     return {
         "file": str(stored.path),
         "calibration": {joint: entry.to_json() for joint, entry in stored.calibration.items()},
@@ -440,7 +439,6 @@ def _zero_facts(
 
 
 def _print(stored: Stored, heading: str, as_json: bool, **more: object) -> None:
-    """Print the content of a calibration file."""
     if as_json:
         print_json("calibration", {**facts(stored), **more})
         return
@@ -460,7 +458,6 @@ def _table(calibration: Calibration) -> None:
 
 
 def _print_dry_run(wanted: Stored, as_json: bool) -> None:
-    """Print the content that would be saved and how the file differs now; writes nothing."""
     from so101_motion.calib.record import compare, store
 
     try:
@@ -505,7 +502,6 @@ def _print_diff(rows: tuple[Difference, ...], missing: list[str], there: str) ->
 
 
 def _read_registers(port: str | None) -> Mapping[str, Mapping[str, int]]:
-    """Read the servos' calibration registers, by joint."""
     from so101_motion.calib.motors.arm_identification import look
     from so101_motion.cli import port_choice
     from so101_motion.cli.shared import quietly

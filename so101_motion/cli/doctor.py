@@ -85,7 +85,6 @@ def doctor(
 
 
 def _diagnose_machine(machine: MachineSource, as_json: bool) -> None:
-    """Send ``diagnose`` to the machine's arm, and print its findings."""
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import echo
 
@@ -177,7 +176,6 @@ def _with_file(seen: Findings, file: Path | None) -> Findings:
 
 
 def _with_arm(seen: Findings, report: PortReport) -> Findings:
-    """Add the state of the servos and the bus; an arm that holds goes on holding."""
     from so101_motion.cli.port_choice import lent_bus
     from so101_motion.setup.findings import examine
 
@@ -241,7 +239,6 @@ def _print(check: Check) -> None:
 
 
 def _print_next(seen: Findings) -> None:
-    """Print the next open step of the setup, if there is one."""
     from so101_motion.setup.setup_steps import FULL, SetupState
 
     left = FULL.next_open(SetupState.found(seen))
@@ -281,7 +278,6 @@ def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
 
 
 def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:
-    """Write everything as a Markdown page that can be attached to a question."""
     lines = [f"# so101 doctor, version {__version__}", "", "| | what | found | try |", "|-|-|-|-|"]
     lines += [
         f"| {_SIGNS[c.verdict][0]} | {c.name} | {_cell(c.sentence)} | {_cell(c.fix)} |"
@@ -294,7 +290,6 @@ def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:
 
 
 def _failures() -> list[str]:
-    """The newest failure records of this user's arms, as lines of the page."""
     from so101_motion.files.failure_record import newest
 
     lines: list[str] = []

@@ -91,7 +91,6 @@ class OperationTerminal:
     # Helpers
 
     def _chosen(self, view: View, pressed: str) -> Offer | None:
-        """The command that is to be given now."""
         due = next((o for o in view.offers if o.due_in is not None and o.due_in <= 0.0), None)
         if not self._terminal.is_manned or not pressed:
             return None if due is None or due.why_not else due
@@ -112,7 +111,6 @@ class OperationTerminal:
         return self._terminal.run(ask, self._picture)
 
     def _tell(self) -> View:
-        """Print what was said since the last time."""
         view, terminal = self._operation.view, self._terminal
         for said in view.said:
             if said.number > self._told:
@@ -158,7 +156,6 @@ class OperationTerminal:
 
 
 def _keys(view: View) -> list[tuple[Offer, tuple[str, ...]]]:
-    """The offers and their keys; the first has Enter as well."""
     offers = [offer for offer in view.offers if not offer.cancels and not offer.is_look]
     return [
         (o, (ENTER, o.key) if o is offers[0] else (o.key,))
@@ -172,7 +169,6 @@ def _trouble(view: View) -> str:
 
 
 def drawn(view: View) -> Table:
-    """The rows of a view."""
     table = Table(box=None, pad_edge=False, padding=(0, 1), show_header=bool(view.columns))
     for heading in ("", "", *view.columns):
         table.add_column(heading, header_style="dim")
@@ -188,7 +184,6 @@ def drawn(view: View) -> Table:
 
 
 def bar_of(row: Row, style: str = "") -> Text:
-    """A row's bar, and the marker on it."""
     assert row.bar is not None
     begin, end = (round(share * WIDTH) for share in row.bar)
     cells = ["█" if begin <= place < end else "·" for place in range(WIDTH)]

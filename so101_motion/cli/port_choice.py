@@ -90,7 +90,6 @@ def calibration_file(given: str | None, report: PortReport) -> Path:
 
 
 def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) -> PortReport:
-    """The named port, else the only one for which ``is_meant``."""
     from so101_motion.setup.discovery import discover
 
     if port is not None:

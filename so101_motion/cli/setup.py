@@ -127,7 +127,6 @@ def setup(
 def _print_dry_run(
     report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_json: bool
 ) -> None:
-    """Print what a setup would do; writes nothing to a servo."""
     from so101_motion.calib.motors.setup_view import SETUP_ORDER
 
     left = [joint for joint in SETUP_ORDER if joint not in done]
@@ -152,7 +151,6 @@ def _walk(
     joints: tuple[str, ...],
     within: float | None,
 ) -> Verification | None:
-    """Set up the motors, or only those of some joints; then, with all of them, verify the chain."""
     from so101_motion.calib.motors.setup_view import SETUP_ORDER
     from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.common.errors import MotorSetupError

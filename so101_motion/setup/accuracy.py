@@ -30,7 +30,6 @@ class Bounds:
     fail: float
 
     def judge(self, value: float | None) -> Verdict:
-        """The verdict on ``value``; an unknown value is ok."""
         if value is None or value <= self.warn:
             return "ok"
         return "warn" if value <= self.fail else "fail"
@@ -77,14 +76,12 @@ class JointAccuracy:
 
     @property
     def verdict(self) -> Verdict:
-        """The worst of its figures."""
         if self.error is None:
             return "fail" if self.trouble else "not tested"
         return "fail" if self.trouble else _worst(verdict for verdict, _ in self._findings())
 
     @property
     def sentence(self) -> str:
-        """The problems found and what to do; empty when all is well."""
         if self.trouble:
             return self.trouble
         return "; ".join(sentence for verdict, sentence in self._findings() if verdict != "ok")
@@ -99,7 +96,6 @@ class JointAccuracy:
         ]
 
     def to_json(self) -> dict[str, Any]:
-        """For programs; degrees, millimetres, milliseconds."""
         return {
             "joint": self.joint,
             "verdict": self.verdict,
@@ -113,7 +109,6 @@ class JointAccuracy:
 
 
 def reasons(joints: Iterable[JointAccuracy]) -> dict[str, list[str]]:
-    """What is wrong, each sentence once, and at which joints."""
     found: dict[str, list[str]] = {}
     for joint in joints:
         if joint.sentence:
@@ -142,13 +137,11 @@ class MoveReport:
 
     @property
     def passed(self) -> bool:
-        """Whether all joints were tested and none has failed; warnings do not count."""
         fit = all(joint.verdict in ("ok", "warn") for joint in self.joints)
         return fit and not self.ended_by and self.as_shown is not False
 
     @property
     def sentence(self) -> str:
-        """The result in words."""
         if self.ended_by:
             return f"The test was not finished: {self.ended_by}"
         if self.as_shown is False:
@@ -168,14 +161,12 @@ class MoveReport:
 
     @property
     def verdict(self) -> Literal["ok", "warn", "fail"]:
-        """``"fail"`` unless it is passed; ``"warn"`` if a joint has a warning."""
         if not self.passed:
             return "fail"
         return "warn" if any(joint.verdict == "warn" for joint in self.joints) else "ok"
 
     @property
     def fix(self) -> str:
-        """What to do; empty when it is passed."""
         if self.passed:
             return ""
         return "test again" if self.ended_by else "read the note at each joint, then test again"
@@ -186,7 +177,6 @@ class MoveReport:
         return max((j.tool for j in self.joints if j.tool is not None), default=None)
 
     def to_json(self) -> dict[str, Any]:
-        """For programs."""
         return {
             "arm": self.arm,
             "began_at": self.began_at,
@@ -199,12 +189,10 @@ class MoveReport:
         }
 
     def file(self, versions: Mapping[str, str] | None = None) -> bytes:
-        """The report as a JSON file."""
         content = {"schema": SCHEMA, **(versions or {}), **self.to_json()}
         return json.dumps(content, indent=2).encode() + b"\n"
 
     def text(self) -> str:
-        """The report as a table, and under it what is wrong: each reason once."""
         lines = [
             f"{self.sentence}.",
             f"{self.arm}, {self.began_at}, {self.seconds:.0f} s",
@@ -236,7 +224,6 @@ class Measurements:
         self._visits: dict[float, dict[bool, list[float]]] = {}  # place: from below: angles
 
     def note_motion(self, i: int, states: list[JointState]) -> None:
-        """Add the motion of arm joint ``i`` to its stop."""
         moving = [state for state in states if state.arm_moving]
         moving_refs = [state for state in moving if state.qd_ref[i] != 0.0]
         self._behind += [(float(s.q_ref[i] - s.q[i]), float(s.qd_ref[i])) for s in moving_refs]
@@ -244,17 +231,14 @@ class Measurements:
             self._settle = max(self._settle, moving[-1].t - moving_refs[-1].t)
 
     def note_stop(self, wanted: float, here: float, *, is_from_below: bool) -> None:
-        """Add a stop: the wanted and the measured angle [rad]."""
         self._error = max(self._error or 0.0, abs(here - wanted))
         visits = self._visits.setdefault(round(wanted, 4), {False: [], True: []})
         visits[is_from_below].append(here)
 
     def note_jaw(self, off: float) -> None:
-        """Add how far the jaw was off [rad]."""
         self._error = max(self._error or 0.0, abs(off))
 
     def accuracy(self) -> JointAccuracy:
-        """Compute the figures."""
         lag, is_jaw = self._lag(), self._joint == GRIPPER_JOINT
         return JointAccuracy(
             joint=self._joint,
@@ -288,17 +272,14 @@ class Measurements:
 
 
 def degrees(angle: float | None) -> str:
-    """An angle [rad] as text in degrees."""
     return "–" if angle is None else f"{to_deg(angle):.1f}°"
 
 
 def milliseconds(duration: float | None) -> str:
-    """A time [s] as text in milliseconds."""
     return "–" if duration is None else f"{1e3 * duration:.0f} ms"
 
 
 def millimetres(length: float | None) -> str:
-    """A length [m] as text in millimetres."""
     return "–" if length is None else f"{to_mm(length):.1f} mm"
 
 

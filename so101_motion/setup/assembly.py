@@ -47,7 +47,6 @@ class AssemblyOperation(LocalOperation):
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         joint, left = self._joint, self._left
         t = self._now() - self._since
         off = _SWING * math.sin(2.0 * math.pi * t / _TURN) if t < _MOST_SHOWN else 0.0

@@ -120,14 +120,12 @@ class CalibrationOperation(LocalOperation):
         }
 
     def close(self) -> None:
-        """Undo a running calibration, and close the port."""
         self.calibrator.close()
 
     # The view
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         now = self.calibrator.situation
         state, joints = now.view.state, now.joints
         seen = estimate_pose(state, joints, now.angles)
@@ -414,7 +412,6 @@ _AGAIN = Offer(
 
 
 def ranges(joints: Mapping[str, JointView]) -> dict[str, Any]:
-    """The recorded travels [tick]."""
     return {
         joint: {"min": view.recorded_min, "max": view.recorded_max, "range": view.travel}
         for joint, view in joints.items()
@@ -423,7 +420,6 @@ def ranges(joints: Mapping[str, JointView]) -> dict[str, Any]:
 
 
 def _is_through(view: JointView) -> bool:
-    """Whether more movement would record nothing new."""
     return view.verdict is Verdict.COMPLETE or (view.joint == ROLL and view.is_done)
 
 

@@ -61,7 +61,6 @@ class StepResult:
 
     @property
     def put_back(self) -> str:
-        """Text that says how the arm is left after an abort."""
         trouble = f". But: {self.trouble}" if self.trouble else ""
         return f"{PUT_BACK}; {about_torque(self.holds)}{trouble}"
 
@@ -107,7 +106,6 @@ class Situation:
 
     @property
     def untouched(self) -> str:
-        """Text that says how the arm is left when no calibration was under way."""
         return f"nothing is under way, so nothing was changed; {about_torque(self.holds)}"
 
 
@@ -158,12 +156,10 @@ class Calibrator(Session):
 
     @property
     def port(self) -> str:
-        """The serial port."""
         return self._rig.settings.port
 
     @property
     def situation(self) -> Situation:
-        """The present state; never waits."""
         servos, view, is_active = self._rig.servos, self.view, self.is_active
         joints = view.joints  # none yet while a start is on its way
         if not is_active or not joints:
@@ -183,13 +179,11 @@ class Calibrator(Session):
 
     @property
     def is_under_way(self) -> bool:
-        """Whether a calibration is under way."""
         return self.view.state is not State.IDLE
 
     # Calibrating
 
     def start(self, access: BusAccess | None = None) -> CalibrationView:
-        """Begin, on a bus that is borrowed for it."""
         with self._lock:
             loan = self._loan
             if loan is None:
@@ -270,7 +264,6 @@ class Calibrator(Session):
             return self._give_back(hold=hold, stored=stored)
 
     def close(self) -> None:
-        """Abort a running calibration and close the port; waits for a running step."""
         with self._lock:
             self._end()
             self._rig.close()
@@ -335,7 +328,6 @@ class Calibrator(Session):
 
     @contextmanager
     def _borrow(self) -> Iterator[BusAccess]:
-        """Borrow the bus for one request of the motor setup."""
         with self._lock:
             loan = self._rig.lend_bus("motor setup")
             try:
@@ -344,7 +336,6 @@ class Calibrator(Session):
                 loan.abandon()  # servos are missing during a setup, and that is no error
 
     def _at_rest(self, joint: str) -> JointView:
-        """The view of a joint that is not being calibrated."""
         setup = self._rig.servos.setups.get(joint)
         ticks = self._ticks(joint, setup)
         entry = record.default(joint) if setup is None else setup.calibration
@@ -364,7 +355,6 @@ class Calibrator(Session):
         )
 
     def _ticks(self, joint: str, setup: JointSetup | None) -> int | None:
-        """The position of a joint's servo; None if that is not known."""
         servos = self._rig.servos
         if not servos.is_ours:
             ticks = servos.positions.get(joint)

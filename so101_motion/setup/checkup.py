@@ -52,27 +52,22 @@ class Check:
 
 
 def ok(name: str, sentence: str) -> Check:
-    """A check that passed."""
     return Check(name=name, verdict="ok", sentence=sentence)
 
 
 def warn(name: str, sentence: str, fix: str) -> Check:
-    """A check with a warning: the arm works, but not as well as it could."""
     return Check(name=name, verdict="warn", sentence=sentence, fix=fix)
 
 
 def fail(name: str, sentence: str, fix: str) -> Check:
-    """A check that failed: the arm must not or cannot be moved; a setup cannot go on."""
     return Check(name=name, verdict="fail", sentence=sentence, fix=fix)
 
 
 def check_up(seen: Findings) -> tuple[Check, ...]:
-    """Run all checks, in the order in which problems should be fixed."""
     return tuple(check for checks in _CHECKS for check in checks(seen))
 
 
 def is_healthy(checks: Iterable[Check]) -> bool:
-    """Whether no check failed; warnings do not count."""
     return all(check.verdict != "fail" for check in checks)
 
 
@@ -266,7 +261,6 @@ def _bus_quality(seen: Findings) -> Iterator[Check]:
 
 
 def _sooner(seen: Findings) -> str:
-    """What makes answers come sooner."""
     if seen.latency_timer is not None and seen.latency_timer > 0.002:
         device = os.path.basename(os.path.realpath(seen.port or ""))
         return (

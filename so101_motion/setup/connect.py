@@ -60,7 +60,6 @@ class ConnectOperation(LocalOperation):
 
     @property
     def findings(self) -> Findings:
-        """What was found on the chosen port."""
         chosen = self.chosen
         if chosen is not None:
             return chosen.findings
@@ -68,7 +67,6 @@ class ConnectOperation(LocalOperation):
 
     @property
     def check(self) -> Check:
-        """Whether there is a port that can be used."""
         if self.seen is None:
             return Check(name="connect", verdict="fail", sentence="looking at the ports")
         count = len(self.seen.candidates)
@@ -79,7 +77,6 @@ class ConnectOperation(LocalOperation):
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         seen, chosen, check = self.seen, self.chosen, self.check
         candidates = () if seen is None else seen.candidates[:_MOST_PORTS]
         is_wrong = seen is not None and check.verdict == "fail"
@@ -121,7 +118,6 @@ class ConnectOperation(LocalOperation):
 
 
 def _row(candidate: Candidate, *, is_chosen: bool) -> Row:
-    """A port: its name, what is on it, and its voltage against the servos' rated one."""
     report = candidate.report
     volts: tuple[str, ...] = ()
     if report.volts is not None and report.nominal_volts is not None:

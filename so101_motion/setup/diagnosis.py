@@ -34,7 +34,6 @@ class Examination:
     counters: Mapping[int, ReplyCounter]
 
     def label(self, servo_id: int) -> str:
-        """The name of a servo in a message."""
         name = self.names.get(servo_id)
         return f"servo {servo_id}" + (f" ({name})" if name else "")
 
@@ -58,7 +57,6 @@ def examine(bus: Bus, names: Mapping[int, str], turned: Collection[int] = ()) ->
 
 
 def explain(seen: Examination) -> tuple[str, ...]:
-    """Report everything that is wrong, worst first; empty when all is well."""
     if not seen.servos:
         return (_nobody(seen),)
     return (*_missing(seen), *_each(seen), *_together(seen))
@@ -131,7 +129,6 @@ def _each(seen: Examination) -> list[str]:
 
 
 def _about_settings(facts: ServoFacts) -> list[str]:
-    """List the settings that keep a servo from working with the driver."""
     found = [f"{odd.sentence}; {odd.fix}" for odd in facts.odd_settings]
     if not facts.fits_arm:
         found.append(f"is a {facts.model}, not an STS3215; replace it")

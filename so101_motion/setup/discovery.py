@@ -106,7 +106,6 @@ def discover(
 
 
 def _side_by_side(reports: Sequence[PortReport]) -> list[PortReport]:
-    """Give each arm a suggested position beside the others."""
     arms = [report.port for report in reports if report.has_arm]
     return [
         replace(report, stands_at=APART * arms.index(report.port)) if report.has_arm else report
@@ -173,7 +172,6 @@ def _report_use(port: FoundPort, use: hardware_rig.PortUse) -> PortReport:
 
 
 def _configured(shares: Iterable[ServoSettings]) -> frozenset[str]:
-    """The parts of an arm that components on a port use, by what each asked for."""
     parts = set()
     for asked in shares:
         if asked.servo_ids is not None:
@@ -186,7 +184,6 @@ def _configured(shares: Iterable[ServoSettings]) -> frozenset[str]:
 
 
 def _ask(port: FoundPort, open_bus: OpenBus, *, at_all_rates: bool) -> ServosOnBus:
-    """Find the servos on a port; if there are none, try other rates."""
     with closing(open_bus(port.name, BAUDRATE)) as bus:
         seen = arm_identification.look(bus)
     if not seen.is_empty or not at_all_rates:

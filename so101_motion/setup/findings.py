@@ -100,7 +100,6 @@ class Findings:
 
     @property
     def facts(self) -> dict[str, ServoFacts]:
-        """The facts of each servo that answers, by joint, base to jaw."""
         if self.servos is None:
             return {}
         found = {joint: check.facts for joint, check in self.servos.motors.items()}
@@ -150,7 +149,6 @@ def examine(access: BusAccess) -> tuple[Verification, BusQuality | None]:
 
 
 def listen(bus: Bus, ids: Iterable[int], cycles: int = CYCLES) -> BusQuality:
-    """Read all servos again and again as the control loop does, on the port's thread."""
     ids = tuple(ids)
     before = _counted(bus, ids)
     times = []

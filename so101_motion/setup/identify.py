@@ -100,7 +100,6 @@ class Sweep:
     duration: float
 
     def __str__(self) -> str:
-        """Text that says what will move how far."""
         folds = " and ".join(f"{to_deg(fold):.0f}°" for fold in self.folds)
         far = f"{self.joint} from {to_deg(self.ends[0]):.0f}° to {to_deg(self.ends[1]):.0f}°"
         return f"{far}, also with the wrist at {folds}" if folds else far
@@ -120,12 +119,10 @@ class IdentificationOutline:
 
     @property
     def duration(self) -> float:
-        """How long it takes about [s]."""
         return self.raising + sum(sweep.duration for sweep in self.sweeps)
 
     @property
     def sentence(self) -> str:
-        """A sentence that says what will move and how far."""
         return (
             "The arm is raised; then move, one after the other:"
             f" {'; '.join(map(str, self.sweeps))}. At most"
@@ -258,7 +255,6 @@ class Identification:
         return IdentifyReport(found=now, before=before, predictions=told, file=kept)
 
     def write_recordings(self, folder: Path, *, hand_is_empty: bool) -> tuple[Path, ...]:
-        """Write the records into ``folder``, one file a joint; see ``write_recordings``."""
         load = None if hand_is_empty else self._load
         weights = weights_of(self._records, gravity_of, load)
         return write_recordings(folder, self._records, weights)
@@ -286,7 +282,6 @@ class Identification:
         raise trouble
 
     def _limits(self, speed: float) -> MotionLimits:
-        """Caps with at most ``speed`` [rad/s], within the arm's own."""
         acceleration = min(ACCELERATION, self._rig.arm.acceleration)
         return MotionLimits.uniform(
             velocity=min(speed, self._rig.arm.speed),
@@ -326,13 +321,11 @@ class _Tape:
         self._states.pop(joint, None)
 
     def hear(self, command: SentCommand) -> None:
-        """Note a command; on the I/O thread."""
         self._sent.append(command)
         if self.listener is not None:
             self.listener(command)
 
     def look(self, state: JointState) -> None:
-        """Note a state of the arm; on the I/O thread, in every period, at rest as well."""
         joint = self.joint
         for health in self._rig.servos.health:  # none without a port
             if health.joint == joint:
@@ -348,7 +341,6 @@ class _Tape:
         return longest
 
     def records(self) -> dict[str, JointRecord]:
-        """The records of all joints that moved."""
         noted = dict(self._states)  # the I/O thread may just be adding one
         return {joint: self._record(joint, tuple(states)) for joint, states in noted.items()}
 

@@ -74,7 +74,6 @@ class IdentifyOperation(LocalOperation):
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         outline, report, doing = self._outline, self.report, self._doing
         mode = self._rig.arm.state.mode
         busy = doing or (None if mode is Mode.HOLDING else f"the arm is {mode.value}")
@@ -125,7 +124,6 @@ class IdentifyOperation(LocalOperation):
         outline: bool = False,
         undo: bool = False,
     ) -> dict[str, Any] | Started:
-        """Plan and move, or only plan, or restore the figures before."""
         joints = joints or ARM_JOINTS
         for joint in joints:
             if joint not in ARM_JOINTS:

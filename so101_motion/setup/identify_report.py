@@ -42,7 +42,6 @@ class IdentifyReport:
     file: Path | None
 
     def to_json(self) -> dict[str, Any]:
-        """For programs; degrees, grams, millimetres."""
         load = self.found.load
         return {
             "at": self.found.at,
@@ -56,7 +55,6 @@ class IdentifyReport:
         }
 
     def text(self) -> str:
-        """The report as a table."""
         lines = [
             f"{'joint':<15}{'torque':>8}{'friction':>10}{'dead time':>11}{'play':>8}"
             f"{'off, as sold':>14}{'as known':>10}"
@@ -75,7 +73,6 @@ class IdentifyReport:
         return "\n".join(lines) + "\n"
 
     def remarks(self) -> list[str]:
-        """Sentences about supply, load, and changes since the last time."""
         said = [f"supply {self.found.volts:.1f} V; shares are of the servo type's figures"]
         load = self.found.load
         if load is not None:
@@ -100,7 +97,6 @@ class IdentifyReport:
 
 
 def changes(before: ServoRecord | None, now: ServoRecord) -> Iterator[str]:
-    """Describe how servos differ from the last time, if by more than ``CHANGED``."""
     if before is None:
         return
     for joint, each in now.servos.items():
@@ -117,7 +113,6 @@ def changes(before: ServoRecord | None, now: ServoRecord) -> Iterator[str]:
 
 
 def changes_since(calibration: Path) -> tuple[str, ...]:
-    """Describe the changes between the last two saved identifications of a calibration."""
     try:
         now = servo_file.read(calibration)
     except CalibrationError as error:
@@ -126,7 +121,6 @@ def changes_since(calibration: Path) -> tuple[str, ...]:
 
 
 def record_of(found: Identified) -> ServoRecord:
-    """The record to save."""
     load = found.load
     return ServoRecord(
         at=datetime.now(UTC).isoformat(timespec="seconds"),

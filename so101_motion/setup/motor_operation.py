@@ -146,7 +146,6 @@ class MotorOperation(LocalOperation):
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         setup = self.state
         motor = self._next(setup)
         is_ready = motor is not None and self._is_ready(setup, motor)
@@ -170,7 +169,6 @@ class MotorOperation(LocalOperation):
         )
 
     def _next(self, setup: SetupView) -> MotorView | None:
-        """The motor that is next; None when all that are wanted are done."""
         if self._picked is not None:
             return setup.motors[self._picked]
         wanted = (motor for joint, motor in setup.motors.items() if joint in self.joints)
@@ -198,7 +196,6 @@ class MotorOperation(LocalOperation):
 
     @staticmethod
     def _trouble(setup: SetupView, motor: MotorView) -> tuple[str, str]:
-        """What is wrong with the motor, and what to do."""
         is_wrong = motor.state == "found" and motor.fix and _owner(setup, motor) is None
         if is_wrong or (motor.state == "failed" and _NOBODY not in motor.sentence):
             return motor.sentence, motor.fix.removesuffix(f"; then discover {motor.joint} again")
@@ -214,7 +211,6 @@ class MotorOperation(LocalOperation):
 
     @staticmethod
     def _is_ready(setup: SetupView, motor: MotorView) -> bool:
-        """Whether the motor can be written to, and has no problem to fix first."""
         return motor.state == "found" and not motor.fix and _owner(setup, motor) is None
 
     def _offers(self, setup: SetupView, motor: MotorView) -> tuple[Offer, ...]:
@@ -336,7 +332,6 @@ class MotorOperation(LocalOperation):
         }
 
     def skip(self, motor_name: str = "") -> dict[str, Any]:
-        """Leave a joint's servo as it is and go on with the next."""
         status = f"{motor_name} skipped"
         skipped = replace(self._motor(motor_name), state="skipped", sentence=status, fix="")
         with self._busy:
@@ -346,7 +341,6 @@ class MotorOperation(LocalOperation):
         return {"motor_name": motor_name, "status": status, "next_step": self.state.next_step}
 
     def forget(self, motor_name: str = "") -> dict[str, Any]:
-        """Mark a joint's servo as not set up, because a wrong one was; changes no servo."""
         anew = replace(self._motor(motor_name), state="todo", found_id=None, sentence="", fix="")
         with self._busy:
             self._show(anew)
@@ -356,12 +350,10 @@ class MotorOperation(LocalOperation):
         return {"motor_name": motor_name, "next_step": self.state.next_step}
 
     def _choose(self, motor_name: str) -> None:
-        """Ask for a motor next, even if it is done."""
         self.forget(motor_name)
         self._picked = motor_name
 
     def _swap(self, motor_name: str, owner: str) -> None:
-        """Take the connected motor for this joint, and ask again for that of the id's owner."""
         self.forget(owner)
         self._choose(motor_name)
 
@@ -425,7 +417,6 @@ class MotorOperation(LocalOperation):
         return {"status": self.state.status}
 
     def verify(self) -> Verification:
-        """Check the six servos of the finished chain."""
         with self._attempt(None, "verifying all servos") as tuner:
             self.checked = found = chain_check.verify(tuner)
             for check in found.motors.values():
@@ -485,7 +476,6 @@ class MotorOperation(LocalOperation):
         self._show(replace(self._motor(joint), state="failed", sentence=sentence, fix=fix))
 
     def _find(self, joint: str) -> MotorView:
-        """Find the one connected servo, and show it."""
         with self._attempt(joint, f"looking for the servo of {joint}") as tuner:
             facts = find_alone(tuner, joint, hint=None, on_rate=self._show_rate)
             found = replace(self._motor(joint).with_facts(facts, tuner.baud), state="found", fix="")
@@ -505,7 +495,6 @@ class MotorOperation(LocalOperation):
         return found
 
     def _admit(self, joint: str, servo_id: int, current_id: int | None) -> None:
-        """Refuse a servo that should not be assigned to ``joint``."""
         if current_id not in (None, servo_id):
             raise MotorSetupError(
                 joint,
@@ -557,7 +546,6 @@ def _doubt(setup: SetupView, motor: MotorView) -> str:
 
 
 def _row(motor: MotorView, *, is_next: bool) -> Row:
-    """A motor: its state, the id and the rate it has, and the id it is to have."""
     mark, tone = _MARKS[motor.state]
     if is_next and motor.state in ("todo", "failed"):
         mark, tone = "●", "busy"
@@ -611,7 +599,6 @@ def _scanned(tuner: Tuner, servo_id: int) -> dict[str, Any]:
 
 
 def about_servo(motor: MotorView) -> dict[str, Any]:
-    """The published keys about the servo that was found for a motor."""
     return {
         "current_id": motor.found_id,
         "model": motor.model,
@@ -652,7 +639,6 @@ class ChainOperation(LocalOperation):
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         found = self._motors.checked
         wrong = () if found is None else tuple(c for c in found.motors.values() if c.error)
         due = max(self._looked_at + PAUSE - self._now(), 0.0) if self._waits else None

@@ -124,12 +124,10 @@ class Outline:
 
     @property
     def duration(self) -> float:
-        """How long the test takes about [s]."""
         return sum(swing.duration for swing in self.swings)
 
     @property
     def left_out(self) -> str:
-        """One sentence about the joints that are not tested; empty when all are."""
         if not self.obstacles:
             return ""
         joints = " and ".join(joint for joint, _ in self.obstacles)
@@ -142,7 +140,6 @@ class Outline:
 
     @property
     def sentence(self) -> str:
-        """A sentence that says what will move and how far."""
         moved = [swing.joint for swing in self.swings if swing.joint != GRIPPER_JOINT]
         jaw = any(swing.joint == GRIPPER_JOINT for swing in self.swings)
         by = f"one after the other, by {to_deg(SWING):.0f}° back and forth"
@@ -186,18 +183,15 @@ class MoveTest(LocalOperation):
 
     @property
     def is_running(self) -> bool:
-        """Whether a test that was started by its command goes on."""
         return self._running is not None and not self._running.done()
 
     @property
     def asks(self) -> bool:
-        """Whether a person is still to say how the arm has moved."""
         report = self.report
         return report is not None and report.as_shown is None and not report.ended_by
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         state, report, run = self._arm.state, self.report, self._run
         holds, is_running = state.mode in HELD, self.is_running
         joint = run.joint if run is not None and is_running else ""
@@ -279,13 +273,11 @@ class MoveTest(LocalOperation):
         )
 
     def close(self) -> None:
-        """End a running test; returns when the arm is at rest."""
         self.cancel()
         if self._running is not None:
             wait((self._running,))
 
     def forget(self) -> None:
-        """Forget the last test, because the arm was changed."""
         self.report = self._q_planned = self._running = None
 
     # The commands
@@ -302,7 +294,6 @@ class MoveTest(LocalOperation):
         return {"will_move": outline.sentence, "cannot_move": dict(outline.obstacles)}
 
     def _move(self) -> None:
-        """Begin the test that was planned; ``view`` shows how it goes on."""
         outline = self._outline
         if self.is_running or outline is None or not self._is_planned_here(self._arm.state):
             raise NotPossibleNow("move", "plan the test first, while the arm is held")
@@ -316,7 +307,6 @@ class MoveTest(LocalOperation):
         self._running = own_thread(carry_out)
 
     def _answer(self, as_shown: bool) -> None:
-        """Say whether the arm has moved as its picture did."""
         if self.report is not None:
             self.report = replace(self.report, as_shown=as_shown)
 
@@ -441,7 +431,6 @@ class _Run:
     # The motion's thread
 
     def steps(self) -> Iterator[Step]:
-        """All steps of the test; each plan is made when it is its turn."""
         for swing in self._outline.swings:
             self._taken[swing.joint] = Measurements(swing.joint)
             self._joint = swing.joint
@@ -467,7 +456,6 @@ class _Run:
     # The caller's thread
 
     def look(self, state: JointState) -> None:
-        """Measure with a new state of the arm."""
         if self._joint != self.joint:
             swings = self._outline.swings
             done = [swing for swing in swings if swing.joint in self._taken][:-1]
@@ -487,7 +475,6 @@ class _Run:
             stop.over.set_result(None)
 
     def end(self, error: BaseException | None) -> str:
-        """Note how the motion ended; return why the test ended early, empty if it did not."""
         if error is None:
             return ""
         if isinstance(error, Interrupted):
@@ -498,7 +485,6 @@ class _Run:
         return f"{self._joint} is in trouble" if self._joint else str(error)
 
     def results(self) -> tuple[JointAccuracy, ...]:
-        """The measurements of each joint, base to jaw."""
         asked = {swing.joint for swing in self._outline.swings} | set(self._trouble)
         return tuple(
             self._result(joint) for joint in (*ARM_JOINTS, GRIPPER_JOINT) if joint in asked
@@ -510,7 +496,6 @@ class _Run:
         return replace(found, trouble=self._trouble.get(joint, ""))
 
     def rows(self) -> tuple[Row, ...]:
-        """The joints: measured, moving, to come."""
         left = [swing.joint for swing in self._outline.swings][len(self._done) :]
         marks: dict[bool, tuple[str, Tone]] = {True: ("●", "busy"), False: ("○", "dim")}
         to_come = ((joint, *marks[joint == self.joint]) for joint in left)
@@ -553,7 +538,6 @@ def _jaw_swing(aperture: float) -> Swing:
 
 
 def _stops(here: float, middle: float) -> tuple[float, ...]:
-    """The stops of a swing: from ``here``, at ``middle`` from both sides, and back."""
     swing = (middle, middle + SWING, middle, middle - SWING, middle)
     return swing if middle == here else (here, *swing, here)
 

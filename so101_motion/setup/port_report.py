@@ -97,16 +97,13 @@ class PortReport:
 
     @property
     def in_use(self) -> bool:
-        """Whether a component of this process uses the port."""
         return bool(self.configured)
 
     @property
     def has_arm(self) -> bool:
-        """Whether an arm can be configured."""
         return all(joint in self.joints for joint in ARM_JOINTS)
 
     def to_json(self) -> dict[str, Any]:
-        """For programs."""
         port = self.port
         return {
             "port": port.name,
@@ -128,7 +125,6 @@ class PortReport:
 
     @property
     def suggestions(self) -> tuple[Suggestion, ...]:
-        """What could be configured, in order."""
         found = _suggest(self)
         return tuple(one for one in found if PART_BY_MODEL[one.model] not in self.configured)
 

@@ -31,16 +31,13 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """The port's lasting name."""
         return self.report.port.name
 
     def calibration_file(self, name: str = "") -> Path:
-        """The path of its arm's calibration; see ``calibration_file``."""
         return calibration_file(self.report, name)
 
     @property
     def is_usable(self) -> bool:
-        """Whether it can be opened, as far as can be told."""
         return not self.findings.port_trouble
 
 
@@ -58,7 +55,6 @@ class PortsSeen:
 
     @property
     def usable(self) -> tuple[Candidate, ...]:
-        """The ports that can be opened."""
         return tuple(candidate for candidate in self.candidates if candidate.is_usable)
 
 
@@ -87,7 +83,6 @@ def look(named: Collection[str] = (), *, reply_timeout: float = REPLY_TIMEOUT) -
 
 
 def about(report: PortReport) -> Findings:
-    """Collect the findings about a port and about programs that interfere with ports."""
     name = report.port.name
     return Findings(
         port=name,

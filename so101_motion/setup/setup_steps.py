@@ -50,7 +50,6 @@ class SetupState:
 
     @classmethod
     def found(cls, seen: Findings) -> SetupState:
-        """The state that a check-up has found, without a setup under way."""
         is_saved = seen.stored is not None and not seen.file_trouble and not seen.is_unfinished
         return cls(seen=seen, saved=seen.file if is_saved else None)
 
@@ -102,15 +101,12 @@ class Workflow:
 
     @property
     def extent(self) -> str:
-        """The number of steps and how long they take, as text."""
         return f"{len(self.steps)} steps, about {self.minutes} minutes"
 
     def place(self, name: str) -> int | None:
-        """The index of a step by its name; None if it is not in this workflow."""
         return next((k for k, step in enumerate(self.steps) if step.name == name), None)
 
     def next_open(self, known: SetupState) -> SetupStep | None:
-        """The first step that is not done; None when all are."""
         return next((step for step in self.steps if step.check(known).verdict == "fail"), None)
 
 
@@ -223,7 +219,6 @@ def _assembled(known: SetupState) -> Check:
 
 
 def _reached(known: SetupState, name: str, *states: State, left: str) -> Check:
-    """Check whether a calibration has reached one of these states."""
     view = known.view
     if known.saved is not None:
         return ok(name, f"calibrated: {known.saved}")

@@ -61,7 +61,6 @@ class StandardMotions:
         return Identification(self._rig).outline()
 
     def sentence(self, outline: IdentificationOutline) -> str:
-        """A sentence that says what will move, how far and how fast."""
         ways = "; ".join(
             f"{each.joint} from {to_deg(each.ends[0]):.0f}° to {to_deg(each.ends[1]):.0f}°"
             for each in outline.sweeps
@@ -111,7 +110,6 @@ class StandardMotions:
         return {each.joint: self._recorded(each.joint) for each in outline.sweeps}
 
     def registers(self) -> dict[str, dict[str, int]]:
-        """What the servos' registers hold, by joint; asked of the servos, nothing is written."""
         lease = self._rig.lend_bus("reading the servos' registers")
         try:
             return {

@@ -66,7 +66,6 @@ class StepPage:
         return None if target is None else self._of(target)
 
     def build(self, gui: viser.GuiApi) -> None:
-        """Make the widgets, once, where the caller has put the cursor."""
         self._panel.build(gui)
 
     def enter(self) -> None:
@@ -76,16 +75,13 @@ class StepPage:
         """Leave the step; nothing of it may continue."""
 
     def refresh(self) -> bool:
-        """Take in changes since the last call; return whether there is anything new to show."""
         before, self._checked = self._checked, self.check()  # what keeps it from being left
         return self._panel.refresh() or self._checked != before
 
     def show(self) -> None:
-        """Update widgets and picture."""
         self._panel.show()
 
     def check(self) -> Check:
-        """The workflow's own check of this step."""
         return self._step.check(self._setup.known)
 
     def can_go_on(self) -> str | None:
@@ -94,7 +90,6 @@ class StepPage:
         return check.sentence if check.verdict == "fail" else None
 
     def next_label(self) -> str:
-        """What Next says, unless the setup ends with it."""
         return "Next"
 
     def is_next_due(self) -> bool:
@@ -145,7 +140,6 @@ class CalibrationPage(StepPage):
             self._setup.saved = now.saved
 
     def refresh(self) -> bool:
-        """Look at the calibration; note what it has saved."""
         news, target = super().refresh(), self._setup.target
         if target is not None:
             view = target.calibration.view
@@ -178,7 +172,6 @@ class ChainPage(StepPage):
             self._ask("verify", "looking at all six motors")
 
     def can_go_on(self) -> str | None:
-        """Why the chain is not ready."""
         target = self._setup.target
         return None if target is not None and target.is_under_way else super().can_go_on()
 
@@ -190,7 +183,6 @@ class FinalTestPage(StepPage):
         super().__init__(setup, TEST, lambda target: target.test)
 
     def build(self, gui: viser.GuiApi) -> None:
-        """Make the widgets."""
         text = "This arm cannot be moved from here. You may go on."
         self._unmoved = gui.add_html(cards.instruction(TEST.title, text), visible=False)
         super().build(gui)
@@ -198,35 +190,29 @@ class FinalTestPage(StepPage):
         self._setup.context.on_asked(self._save, self._hand_over)
 
     def leave(self) -> None:
-        """End a running test; the arm holds."""
         if self._test is not None:
             self._test.close()
 
     def show(self) -> None:
-        """Show the test, and what there is to be saved."""
         super().show()
         test = self._test
         self._unmoved.visible = test is None
         self._save.visible = test is not None and test.report is not None and not test.is_running
 
     def next_label(self) -> str:
-        """Next says what it does after a test that is missing or that has failed."""
         report = None if self._test is None else self._test.report
         if self._test is None or (report is not None and report.passed):
             return "Next"
         return "Skip the test" if report is None or report.ended_by else "Go on anyway"
 
     def is_next_due(self) -> bool:
-        """Whether the test is passed and its question answered, or there can be none."""
         return self._test is None or self._test.view.is_over
 
     def can_go_on(self) -> str | None:
-        """A running test keeps from going on; a skipped or failed one does not."""
         is_running = self._test is not None and self._test.is_running
         return "the test is running" if is_running else None
 
     def abort(self) -> str:
-        """End the test; the arm holds where it is."""
         self.leave()
         return super().abort()
 
@@ -257,11 +243,9 @@ class ConnectionPage(StepPage):
 
     @property
     def operation(self) -> ConnectOperation:
-        """The choice of the port."""
         return self._connect
 
     def build(self, gui: viser.GuiApi) -> None:
-        """Make the widgets."""
         super().build(gui)
         self._name = gui.add_text(
             "Name of this arm",
@@ -272,19 +256,16 @@ class ConnectionPage(StepPage):
         self._setup.context.on_entry(self._name, self._setup.progress.call)
 
     def refresh(self) -> bool:
-        """Take in the last look."""
         news = super().refresh()
         self._setup.seen = self._connect.findings
         return news
 
     def show(self) -> None:
-        """Show the ports."""
         super().show()
         chosen = self._connect.chosen
         self._name.visible = chosen is not None and chosen.report.calibration is None
 
     def check(self) -> Check:
-        """Whether there is a usable port."""
         return self._connect.check
 
     def open(self) -> SetupTarget:
@@ -316,7 +297,6 @@ class ConfigurePage(StepPage):
         self._text = self._url = ""
 
     def build(self, gui: viser.GuiApi) -> None:
-        """Make the widgets."""
         self._about = gui.add_html("")
         self._ways = gui.add_html("")
         self._open = gui.add_button("Open the arm's page", icon=viser.Icon.ROBOT, visible=False)
@@ -328,7 +308,6 @@ class ConfigurePage(StepPage):
         self._setup.context.on_asked(self._keep, self._hand_over)
 
     def enter(self) -> None:
-        """Make the configuration for the target."""
         target, self._text = self._setup.target, ""
         if target is not None and self._setup.saved is None:
             self._setup.saved = target.situation.saved
@@ -337,11 +316,9 @@ class ConfigurePage(StepPage):
             self._setup.do("writing the configuration", make, self._take)
 
     def refresh(self) -> bool:
-        """Nothing is new but what the worker has done."""
         return False
 
     def show(self) -> None:
-        """Show the configuration, and the link to its page."""
         target = self._setup.target
         if target is None:
             return
@@ -400,7 +377,6 @@ def _command(target: SetupTarget) -> str:
 
 
 def snippet(target: SetupTarget) -> str:
-    """The configuration of the arm on the target's port for viam-server, as JSON."""
     seen = port_selection.look((target.where,))
     reports = [candidate.report for candidate in seen.candidates]
     return json.dumps(configuration(reports), indent=2)

@@ -191,8 +191,6 @@ class SetupPart(Part):
             self._folders[page].visible = True
 
     def _connect(self) -> None:
-        """Open the arm, then show the step."""
-
         def made(target: SetupTarget) -> None:
             self.setup.work_on(target)
             if self.wizard.place == 0:
@@ -202,7 +200,6 @@ class SetupPart(Part):
         self.setup.do("connecting", self._connection.open, made)
 
     def _reason(self) -> str | None:
-        """Why Next is disabled."""
         if self._current is None or self.setup.doing:
             return self.setup.doing or "nothing is chosen"
         return self._current.can_go_on()
@@ -210,7 +207,6 @@ class SetupPart(Part):
     # A part of the page
 
     def refresh(self) -> bool:
-        """Refresh the step; return whether anything is new."""
         is_stale, self._is_stale = self._is_stale, False
         ended = self.setup.collect()
         torque = self.setup.torque.look(self.setup.target, is_blind=self.setup.is_looking)
@@ -219,7 +215,6 @@ class SetupPart(Part):
         return is_stale or ended or torque or news or asked
 
     def show(self) -> None:
-        """Update the tab and the picture."""
         wizard, step = self.wizard, self.wizard.step
         if wizard.workflow is None or step is None or self._current is None:
             about = self._outcome or "From a box of parts to a moving arm. What do you need?"
@@ -262,7 +257,6 @@ class SetupPart(Part):
 
 
 def setup_parts(context: ArmContext, *, on_stage: Callable[[bool], None]) -> tuple[SetupPart, ...]:
-    """The Setup tab for the arm of a preview; none for a simulated arm."""
     source = known_arm(context.rig)
     if source is None:
         return ()

@@ -55,14 +55,12 @@ class Picture:
         self.light(())
 
     def light(self, joints: Collection[str], color: Color = ORANGE) -> None:
-        """Highlight the links that these joints move, and no others."""
         if (joints, color) != self._lit:
             self._lit = (joints, color)
             self._arm.paint(_PALE)
             self._arm.paint(color, {MOVED_LINK[joint] for joint in joints})
 
     def draw(self, picture: ViewPicture) -> None:
-        """Draw the picture of an operation."""
         *q, q_jaw = picture.q
         self.move(np.array(q), q_jaw)
         *q_ghost, q_jaw_ghost = picture.ghost or (0.0,)

@@ -16,7 +16,6 @@ _VERDICTS = {"ok": ("✓", GOOD), "warn": ("!", WARM), "fail": ("✗", BAD)}
 
 
 def choice(workflow: Workflow) -> str:
-    """The description of a workflow, shown before it is chosen."""
     return (
         f'<div style="{PAD};padding-top:.7em;font-size:.88em;line-height:1.35">'
         f"{escape(workflow.purpose)}"
@@ -25,7 +24,6 @@ def choice(workflow: Workflow) -> str:
 
 
 def step_list(rows: Iterable[StepRow]) -> str:
-    """The list of steps: done, current, to come; compact."""
     steps = []
     for number, row in enumerate(rows, start=1):
         mark, weight, colour, back = {
@@ -47,7 +45,6 @@ def step_list(rows: Iterable[StepRow]) -> str:
 
 
 def torque(now: TorqueText) -> str:
-    """Whether the joints are held; always visible."""
     colour = AMBER if now.is_on else DIM
     return (
         f'<div style="{PAD};font-size:.85em;display:flex;gap:.5em;align-items:baseline">'
@@ -57,7 +54,6 @@ def torque(now: TorqueText) -> str:
 
 
 def link(url: str, text: str) -> str:
-    """A link to another page of ours."""
     return (
         f'<div style="{PAD};font-size:.85em"><a href="{escape(url)}" target="_blank" rel="noopener"'
         f' style="color:inherit;font-weight:600">{escape(text)}</a></div>'
@@ -65,6 +61,5 @@ def link(url: str, text: str) -> str:
 
 
 def check_text(check: Check) -> str:
-    """The result of a check and what to do."""
     mark, colour = _VERDICTS[check.verdict]
     return marked(mark, colour, check.sentence, check.fix)

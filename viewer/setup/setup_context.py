@@ -54,7 +54,6 @@ class SetupContext(Worker):
 
     @property
     def tested(self) -> Check | None:
-        """What the final test has found; None before."""
         report = None
         if self.target is not None and self.target.test is not None:
             report = self.target.test.report
@@ -64,7 +63,6 @@ class SetupContext(Worker):
 
     @property
     def known(self) -> SetupState:
-        """The state that the steps judge."""
         if self.target is None:
             return SetupState(seen=self.seen, saved=self.saved)
         now = self.target.situation
@@ -77,7 +75,6 @@ class SetupContext(Worker):
         )
 
     def work_on(self, target: SetupTarget) -> None:
-        """Set a new target; forgets the progress with another arm."""
         self.target = target
         if not target.is_remote:
             self.port = target.where
@@ -86,14 +83,12 @@ class SetupContext(Worker):
             target.motors.keep_in(self.progress)
 
     def put_away(self) -> None:
-        """Close the target, because no step needs it any more."""
         target, self.target = self.target, None
         self.seen, self.saved = Findings(), None
         if target is not None:
             self._workers.submit(target.close)
 
     def close(self) -> None:
-        """Close the target, and wait for the worker."""
         self.opened.close()
         self.put_away()
         self.end()

@@ -47,33 +47,27 @@ class SetupTarget:
 
     @property
     def situation(self) -> Situation:
-        """The state of calibration, motor setup and arm; never waits."""
         view = self.calibration.view
         now = msgspec.convert(view.facts, Situation)
         return now if view.is_connected else replace(now, is_connected=False)
 
     @cached_property
     def assembly(self) -> AssemblyOperation:
-        """The check of its assembly."""
         return AssemblyOperation()
 
     @cached_property
     def test(self) -> MoveTest | None:
-        """The test of its motions; None if it cannot be moved."""
         name = f"arm on {self.where}"
         return None if self.rig is None else MoveTest(self.rig, name=name, hold=self.hold)
 
     @property
     def is_under_way(self) -> bool:
-        """Whether a calibration is under way."""
         return self.calibration.view.state != State.IDLE.value
 
     def hold(self) -> object:
-        """Hold the joints where they stand."""
         return self.set_torque(True)
 
     def let_go(self) -> None:
-        """Switch the torque of all joints off; they sink at once."""
         self.set_torque(False)
 
     def close(self) -> None:
@@ -151,7 +145,6 @@ def known_arm(source: RigLike | Machine) -> ArmSource | None:
 
 
 def _open_share(rig: HardwareRig) -> SetupTarget:
-    """Open the port that the page's own arm is on, with equal settings."""
     settings = rig.settings
     file = settings.fallback_file or settings.calibration_file
     if file is None:
@@ -164,7 +157,6 @@ def _open_share(rig: HardwareRig) -> SetupTarget:
 
 
 def _of_machine(machine: Machine) -> SetupTarget:
-    """The operations of the machine's own calibration sensor."""
     send = partial(machine.do_command, machine.calibration_sensor())
     rig = machine if isinstance(machine, MachineRig) else None
     return SetupTarget(

@@ -41,16 +41,13 @@ class StepWizard:
 
     @property
     def step(self) -> SetupStep | None:
-        """The current step; None before a workflow is chosen."""
         return None if self.workflow is None else self.workflow.steps[self.place]
 
     @property
     def is_last(self) -> bool:
-        """Whether this is the last step."""
         return self.workflow is not None and self.place == len(self.workflow.steps) - 1
 
     def rows(self, known: SetupState) -> tuple[StepRow, ...]:
-        """The list of steps, each judged; empty before a workflow is chosen."""
         if self.workflow is None:
             return ()
         return tuple(
@@ -68,7 +65,6 @@ class StepWizard:
 
     @property
     def where(self) -> str:
-        """The progress in words; empty before a workflow is chosen."""
         if self.workflow is None:
             return ""
         left = sum(step.minutes for step in self.workflow.steps[self.place :])
@@ -76,23 +72,19 @@ class StepWizard:
 
     @property
     def interrupted(self) -> SetupStep | None:
-        """The step of an earlier unfinished setup; None if there is none."""
         found = self._interrupted()
         return None if found is None else found[0].steps[found[1]]
 
     def resume(self) -> None:
-        """Continue the earlier setup, if there is one."""
         found = self._interrupted()
         if found is not None:
             self.workflow, self.place = found
 
     def choose(self, workflow: Workflow) -> None:
-        """Start a workflow with its first step."""
         self.workflow, self.place = workflow, 0
         self._keep()
 
     def go_on(self) -> None:
-        """Go to the next step; after the last one no workflow is under way."""
         if self.is_last:
             self.end()
         elif self.workflow is not None:
@@ -100,7 +92,6 @@ class StepWizard:
             self._keep()
 
     def go_back(self) -> None:
-        """Go to the step before; from the first one to the choice."""
         if self.place == 0:
             self.end()
         else:

@@ -29,7 +29,6 @@ class TorqueText:
 
 
 def torque(target: SetupTarget | None) -> TorqueText:
-    """The text for the present target."""
     if target is None:
         return TorqueText(text="Torque not known: no arm yet")
     now = target.situation

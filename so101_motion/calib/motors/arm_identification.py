@@ -58,7 +58,6 @@ class ServoFacts:
     counts_down: bool = False
 
     def holds(self, register: Register) -> int:
-        """The decoded value of a register."""
         return self.held[register.name]
 
     @property
@@ -81,7 +80,6 @@ class ServoFacts:
 
     @property
     def firmware(self) -> str:
-        """Its firmware's version."""
         return f"{self.holds(reg.FIRMWARE_MAJOR)}.{self.holds(reg.FIRMWARE_MINOR)}"
 
     @property
@@ -106,7 +104,6 @@ class ServoFacts:
 
     @property
     def troubles(self) -> tuple[ServoTrouble, ...]:
-        """The problems with its supply, temperature and load, and the faults it reports."""
         return judge(
             volts=self.volts,
             lowest_volts=self.lowest_volts,
@@ -125,7 +122,6 @@ class ServoFacts:
 
     @property
     def has_harmful_supply(self) -> bool:
-        """Whether its joint must not be moved with its supply."""
         return any(each.kind == "supply" and each.level == "stop" for each in self.troubles)
 
     @property
@@ -172,7 +168,6 @@ class ServosOnBus:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no servo answers."""
         return not (self.servos or self.shared or self.garbled)
 
     @property
@@ -182,7 +177,6 @@ class ServosOnBus:
 
     @property
     def has_gripper(self) -> bool:
-        """Whether the jaw's servo is there and of its kind."""
         return self._is_there(SERVO_IDS[JOINTS[-1]])
 
     @property
@@ -203,7 +197,6 @@ class ServosOnBus:
 
     @property
     def unexpected_ids(self) -> tuple[int, ...]:
-        """Ids that are not an arm's."""
         return tuple(i for i in (*self.servos, *self.shared) if i not in SERVO_IDS.values())
 
     def _is_there(self, servo_id: int) -> bool:
@@ -212,7 +205,6 @@ class ServosOnBus:
 
 
 def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
-    """Read a servo's model and settings."""
     return ServoFacts(servo_id=servo_id, held=read_registers(bus, servo_id))
 
 
@@ -260,7 +252,6 @@ def colliding(bus: Bus, ids: Collection[int]) -> tuple[int, ...]:
 
 
 def fits(seen: ServosOnBus, found: FoundFile) -> bool:
-    """Whether a calibration file is of all joints of an arm and agrees with the servos."""
     calibration = found.stored.calibration if found.stored is not None else {}
     is_whole = all(joint in calibration for joint in ARM_JOINTS)
     return is_whole and compare.agrees(calibration, seen.held)

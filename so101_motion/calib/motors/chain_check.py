@@ -38,7 +38,6 @@ def verify(tuner: Tuner) -> Verification:
 
 
 def _at_other_rates(tuner: Tuner, missing: list[int]) -> dict[int, int]:
-    """The rate of each missing servo that answers at another one."""
     found: dict[int, int] = {}
     for baud in LIKELIEST_FIRST:
         asked = [i for i in missing if i not in found]
@@ -90,7 +89,6 @@ def _missing(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | Non
 
 
 def _trouble(joint: str, facts: ServoFacts, seen: ServosOnBus) -> tuple[str, str, str]:
-    """Status, what is wrong, and what to do."""
     if not facts.fits_arm:
         error = f"servo {facts.servo_id} ({joint}) is a {facts.model}, not an STS3215"
         return "wrong_model", error, f"replace it; {_AGAIN}"

@@ -46,24 +46,20 @@ class SetupProgress:
             pass
 
     def add(self, joint: str) -> None:
-        """Note that the motor of ``joint`` has its id."""
         if joint not in self.done:
             self.done.append(joint)
             self._keep()
 
     def reach(self, workflow: str, step: str) -> None:
-        """Note that a workflow has reached a step."""
         if (workflow, step) != (self.workflow, self.step):
             self.workflow, self.step = workflow, step
             self._keep()
 
     def call(self, arm: str) -> None:
-        """Note the user's name for the arm."""
         self.arm = arm
         self._keep()
 
     def work_on(self, port: str) -> None:
-        """Switch to this port; forgets the motors of another one."""
         if port != self.port:
             self.port, self.done = port, []
             self._keep()
@@ -74,7 +70,6 @@ class SetupProgress:
         self._keep()
 
     def clear(self) -> None:
-        """Forget the progress, because all is done or starts again."""
         self.done, self.workflow, self.step, self.arm = [], "", "", ""
         with contextlib.suppress(OSError):
             self._path.unlink(missing_ok=True)

@@ -115,5 +115,4 @@ def change_rate(tuner: Tuner, servo_id: int, baud: int) -> None:
 
 
 def answers_again(bus: Bus, servo_id: int) -> bool:
-    """Whether a servo answers within the time that writing its memory may take."""
     return any(bus.answering((servo_id,)) for _ in range(_WRITING))

@@ -41,7 +41,6 @@ class RateAnswers:
 
     @property
     def is_silence(self) -> bool:
-        """Whether there was no reply at all."""
         return not self.ids and not self.garbled
 
 
@@ -57,13 +56,11 @@ class Tuner:
         self.home = self.baud = access.call(lambda bus: bus.port.baud)
 
     def tune(self, baud: int) -> None:
-        """Talk at another rate."""
         if baud != self.baud:
             self._access.at_baud(baud)
             self.baud = baud
 
     def call(self, job: Callable[[Bus], T]) -> T:
-        """Run ``job`` on the port's thread, at the present rate."""
         return self._access.call(job)
 
     def __enter__(self) -> Self:
@@ -116,7 +113,6 @@ def find_first_rate(
 def find_all_rates(
     tuner: Tuner, *, on_rate: Callable[[int], None] = lambda baud: None
 ) -> list[RateAnswers]:
-    """Find the servos at all rates; leaves rates without an answer out."""
     rates = dict.fromkeys((tuner.home, *LIKELIEST_FIRST))
     return [heard for heard in sweep(tuner, rates, on_rate) if not heard.is_silence]
 

@@ -64,7 +64,6 @@ class MotorView:
     fix: str = ""
 
     def with_facts(self, facts: ServoFacts, baud: int) -> MotorView:
-        """This view with the servo's id, model, firmware and supply."""
         return replace(
             self,
             found_id=facts.servo_id,
@@ -76,7 +75,6 @@ class MotorView:
 
 
 def connect_alone(joint: str) -> str:
-    """The instruction to connect only the motor of a joint."""
     which = f"the motor of {joint}, which {MOVES[joint]}"
     return f"connect only {which}, to the adapter, with the power on"
 
@@ -106,19 +104,16 @@ class SetupView:
 
     @property
     def in_progress(self) -> bool:
-        """Whether a setup was begun and is not finished."""
         untouched = all(motor.state == "todo" for motor in self.motors.values())
         return bool(self.doing) or (not untouched and self.next_joint is not None)
 
     @property
     def next_joint(self) -> str | None:
-        """The joint whose servo is next; None when all are done."""
         unsettled = (joint for joint, m in self.motors.items() if m.state not in _SETTLED)
         return next(unsettled, None)
 
     @property
     def next_step(self) -> str:
-        """What to do next."""
         joint = self.next_joint
         if joint is None:
             return self._after_all()
@@ -151,7 +146,6 @@ class SetupView:
         return None
 
     def with_motor(self, motor: MotorView) -> SetupView:
-        """This view with one motor replaced."""
         motors = {**self.motors, motor.joint: motor}
         return replace(self, motors=motors, status=motor.sentence, fix=motor.fix, doing="")
 
@@ -195,5 +189,4 @@ class Verification:
 
     @property
     def ok(self) -> bool:
-        """Whether the arm can be calibrated."""
         return not self.misplaced and all(check.status == "ok" for check in self.motors.values())

@@ -53,7 +53,6 @@ class HeldCalibration:
 
     @classmethod
     def of(cls, entry: JointCalibration) -> HeldCalibration:
-        """The values that a servo holds for a calibration record's entry."""
         return cls(
             homing_offset=entry.homing_offset,
             range_min=entry.range_min,
@@ -71,7 +70,6 @@ class HeldCalibration:
 
 
 def read_held(bus: Bus, servo_id: int) -> HeldCalibration:
-    """Read the calibration that a servo holds."""
     limits = bus.read(servo_id, _LIMITS)
     return HeldCalibration(
         homing_offset=bus.read(servo_id, reg.HOMING_OFFSET),
@@ -147,7 +145,6 @@ def write_calibration(bus: Bus, stored: Stored) -> Path | None:
 
 
 def release(bus: Bus, servo_ids: Iterable[int]) -> None:
-    """Switch the torque of servos off."""
     for servo_id in servo_ids:
         bus.write(servo_id, reg.TORQUE_ENABLE, 0)
 
@@ -165,7 +162,6 @@ def is_driving(bus: Bus) -> bool | None:
 
 
 def require(bus: Bus, joints: Iterable[str]) -> None:
-    """Check that the joints' servos answer."""
     ids = [SERVO_IDS[joint] for joint in joints]
     answering = bus.answering(ids)
     if missing := [servo_id for servo_id in ids if servo_id not in answering]:

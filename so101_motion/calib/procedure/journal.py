@@ -59,7 +59,6 @@ class Journal:
 
 
 def path_for(calibration_file: Path) -> Path:
-    """The path of a calibration's journal."""
     return calibration_file.with_name(f"{calibration_file.name}.unfinished")
 
 

@@ -63,12 +63,10 @@ class Sampler:
         self._stillness = Stillness()
 
     def record(self) -> None:
-        """Start to record the joints' travels; on the port's thread."""
         self._sweeps = {joint: TravelRecorder() for joint in self._joints.values()}
         self._samples = 0
 
     def __call__(self, bus: Bus) -> None:
-        """Read all positions once."""
         answers = bus.sync_read(
             tuple(self._joints), _ROW.address, _ROW.size, given_up=self._presence.silent
         )

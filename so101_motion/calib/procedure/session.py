@@ -149,7 +149,6 @@ class Session:
         return self.view
 
     def start_recording(self) -> CalibrationView:
-        """Record the travels of the joints from now on."""
         with self._carried_out(Command.START_RECORDING):
             access, sampler = self._lent, self._sampler
             assert sampler is not None
@@ -195,7 +194,6 @@ class Session:
         return self.view
 
     def save(self) -> store.Stored:
-        """Save the new calibration to servos and file; returns the content of the file."""
         with self._carried_out(Command.SAVE):
             saving = self._saving()
             record.check(saving.calibration)
@@ -212,7 +210,6 @@ class Session:
         return stored
 
     def abort(self, command: Command = Command.ABORT) -> CalibrationView:
-        """Put the servos back as they were found."""
         with self._carried_out(command):
             self._put_back()
             self._leave()
@@ -222,7 +219,6 @@ class Session:
         return self.view
 
     def reset(self) -> CalibrationView:
-        """The same as ``abort``, under another name."""
         return self.abort(Command.RESET)
 
     def close(self) -> None:
@@ -240,7 +236,6 @@ class Session:
 
     @contextlib.contextmanager
     def _carried_out(self, command: Command) -> Iterator[None]:
-        """Check that a command is possible, and note where it has led to."""
         with self._lock:
             leads = steps.step(self._progress.state, command)
             try:
@@ -292,7 +287,6 @@ class Session:
         return self._access
 
     def _leave(self) -> None:
-        """Give up the bus, which is not needed any more."""
         access, self._access, self._sampler = self._access, None, None
         if access is not None:
             with contextlib.suppress(So101Error):  # it may have been taken from us
@@ -307,7 +301,6 @@ class Session:
 
 
 def find(bus: Bus, joints: Collection[str]) -> dict[str, JointProgress]:
-    """Read the state of the joints' servos before a calibration."""
     eeprom.require(bus, joints)
     found = {}
     for joint in joints:
@@ -324,7 +317,6 @@ def find(bus: Bus, joints: Collection[str]) -> dict[str, JointProgress]:
 
 
 def _in_order(key: str, joints: Collection[str]) -> tuple[str, ...]:
-    """The joints in order, base to jaw."""
     for joint in joints:
         if joint not in JOINTS:
             raise ConfigError(key, joint, f"must be one of {', '.join(JOINTS)}")

@@ -34,7 +34,6 @@ FEW = 2
 
 
 def hints(joints: Mapping[str, JointView], now: PoseEstimate) -> tuple[Row, ...]:
-    """A row for each joint that says how near it is to the homing pose."""
     return tuple(_hint(view, now) for view in joints.values())
 
 
@@ -86,7 +85,6 @@ _PLAIN = (
 
 
 def travels(joints: Mapping[str, JointView]) -> tuple[Row, ...]:
-    """A bar for each joint: its travel so far, and where it is now."""
     return tuple(map(_travel, joints.values()))
 
 
@@ -107,7 +105,6 @@ def _travel(view: JointView) -> Row:
 
 
 def _advice(view: JointView) -> str:
-    """The text beside the figures."""
     advice = view.sentence.partition("; ")[2]
     return advice if view.verdict is Verdict.ALMOST and advice else view.sentence
 
@@ -140,7 +137,6 @@ def _within(share: float) -> float:
 
 
 def left(joints: Mapping[str, JointView]) -> tuple[str, ...]:
-    """The joints whose travel is not complete yet."""
     return tuple(joint for joint, view in joints.items() if not view.is_done)
 
 
@@ -179,7 +175,6 @@ _QUALITIES: Mapping[Verdict | None, tuple[str, Tone]] = {
 
 
 def calibration_of(joints: Mapping[str, JointView]) -> Calibration:
-    """The calibration of the joints, in force or about to be saved."""
     return {
         joint: replace(
             record.default(joint),
@@ -192,12 +187,10 @@ def calibration_of(joints: Mapping[str, JointView]) -> Calibration:
 
 
 def in_force(joints: Mapping[str, JointView]) -> Calibration:
-    """The calibration in force of the joints that have one."""
     return calibration_of({joint: view for joint, view in joints.items() if view.is_done})
 
 
 def lines(joints: Mapping[str, JointView], before: Calibration) -> tuple[Row, ...]:
-    """A row for each joint: its quality, its travel, and the change from ``before``."""
     rows = compare.diff(
         {joint: entry for joint, entry in before.items() if joint in joints},
         compare.as_held(calibration_of(joints)),

@@ -67,7 +67,6 @@ class TravelArc:
         return start + (ticks - start) % TICKS_PER_TURN
 
     def moved(self, by: int) -> TravelArc:
-        """The same travel when every reading is ``by`` ticks more."""
         lower = (self.lower + by) % TICKS_PER_TURN
         middle = lower + self.travel // 2
         lower -= TICKS_PER_TURN if middle >= TICKS_PER_TURN else 0
@@ -104,7 +103,6 @@ class TravelRecorder:
             self._pass(sorted(self._window)[1])
 
     def _near(self, ticks: int) -> int:
-        """``ticks`` in the turn that is nearest to where the joint was."""
         here = self._window[-1] if self._at is None else self._at
         return here + around(ticks - here)
 

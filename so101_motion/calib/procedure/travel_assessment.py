@@ -108,7 +108,6 @@ def assess(
 
 
 def _grade(joint: str, arc: TravelArc, expected: int, home: int, moved: str) -> Assessment:
-    """Judge a travel that can be saved."""
     verdict, remark = Verdict.COMPLETE, ": done"
     if joint == GRIPPER_JOINT and arc.upper - home < arc.travel // 10:
         verdict = Verdict.WRONG_DIRECTION  # unless it was open, so it may be saved

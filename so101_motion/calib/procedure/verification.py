@@ -129,7 +129,6 @@ class Verification(LocalOperation):
 
     @property
     def joints(self) -> tuple[JointComparison, ...]:
-        """What is known of each joint so far; never waits."""
         arcs = self._sampler.seen.arcs
         return tuple(
             compared(joint, entry, arcs.get(joint), held_offset=self._offsets.get(joint, 0))
@@ -138,7 +137,6 @@ class Verification(LocalOperation):
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         joints, state = self.joints, self._state
         rows = (
             Row(

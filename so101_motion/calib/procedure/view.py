@@ -49,18 +49,15 @@ class JointProgress:
 
     @property
     def expected(self) -> int:
-        """Its travel from stop to stop [tick]."""
         return round(zero.expected_travel(self.joint))
 
     def assess(self, arc: TravelArc | None) -> Assessment:
-        """Judge a travel of this joint."""
         assert self.home is not None
         return verdict.assess(
             self.joint, arc, expected=self.expected, home=self.home, counts_down=self.counts_down
         )
 
     def fitted(self, arc: TravelArc | None, assessment: Assessment) -> Fit:
-        """Offset and limits for a travel of this joint that can be used."""
         assert self.home is not None
         if arc is None or assessment.verdict is Verdict.FULL_TURN:
             return travel.full_turn(offset=self.held.homing_offset, home=self.home)
@@ -117,14 +114,12 @@ class JointView:
 
     @property
     def travel(self) -> int:
-        """How far it has moved while it was recorded [tick]."""
         if self.recorded_min is None or self.recorded_max is None:
             return 0
         return self.recorded_max - self.recorded_min
 
     @property
     def travel_deg(self) -> float:
-        """How far it has moved while it was recorded [deg]."""
         return self.travel / TICKS_PER_DEG
 
     @property

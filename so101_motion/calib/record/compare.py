@@ -39,7 +39,6 @@ class Difference:
 
     @property
     def sentence(self) -> str:
-        """The difference as a sentence."""
         held = "is not known" if self.held is None else f"holds {self.held}"
         return f"{self.joint}: {self.field} is {self.filed} in the calibration, the servo {held}"
 
@@ -125,7 +124,6 @@ def _apart(field: str, there: int, filed: int) -> int:
 
 
 def as_held(calibration: Calibration) -> dict[str, dict[str, int]]:
-    """A calibration in the form that ``diff`` takes for servos."""
     return {
         joint: {field: getattr(entry, field) for field in FIELDS}
         for joint, entry in calibration.items()

@@ -98,7 +98,6 @@ def _home() -> Path | None:
 
 
 def _files(folder: Path, pattern: str) -> Iterator[Path]:
-    """The files there, by name; none if it cannot be looked into."""
     try:
         yield from sorted(path.resolve() for path in folder.glob(pattern))
     except OSError:
@@ -106,7 +105,6 @@ def _files(folder: Path, pattern: str) -> Iterator[Path]:
 
 
 def _kept_copies() -> Iterator[tuple[Path, Path]]:
-    """The last version of every file that is gone, and that file."""
     for folder, path in _kept():
         versions = history.listed(folder)
         if versions and not path.exists():
@@ -126,7 +124,6 @@ def _kept() -> Iterator[tuple[Path, Path]]:
 
 
 def _found(path: Path, origin: str, role: str, name: str = "") -> FoundFile | None:
-    """The file at ``path``, if it looks like a calibration."""
     stored, problem = None, ""
     try:
         if not _is_about_joints(path):

@@ -145,7 +145,6 @@ def export(calibration: Calibration, path: Path) -> None:
 
 
 def is_of_lists(content: object) -> bool:
-    """Whether this is a calibration in LeRobot's old format of lists."""
     return isinstance(content, Mapping) and {"motor_names", "homing_offset"} <= content.keys()
 
 
@@ -213,7 +212,6 @@ def _rows(content: Mapping[str, object]) -> dict[str, dict[str, int]]:
 def _list(
     content: Mapping[str, object], name: str, kind: type, count: int | None = None
 ) -> list[object]:
-    """A list of ``content``, checked."""
     value = content.get(name)
     what = "names" if kind is str else "whole numbers"
     if (

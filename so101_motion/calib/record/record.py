@@ -81,7 +81,6 @@ class JointCalibration:
     norm_mode: int = 3
 
     def to_json(self) -> dict[str, int]:
-        """The six fields by name."""
         return {name: getattr(self, name) for name in FIELDS}
 
 
@@ -217,7 +216,6 @@ def usable(content: object) -> UsablePart:
 
 
 def _entries(content: object) -> dict[str, object]:
-    """The entries by joint, of a record that can be of this arm."""
     if not isinstance(content, Mapping):
         raise CalibrationError(
             None,
@@ -278,7 +276,6 @@ NEW_IDS = "so101 setup --start-over, then so101 calibrate"
 
 
 def _check_order(found: Calibration) -> None:
-    """Refuse the record of an arm whose ids run the other way."""
     travels = {joint: entry.range_max - entry.range_min for joint, entry in found.items()}
     if wrong := misplaced((), travels):
         raise CalibrationError(None, wrong, NEW_IDS)

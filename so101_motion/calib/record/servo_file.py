@@ -58,7 +58,6 @@ class ServoRecord:
 
 
 def servos_path(path: Path) -> Path:
-    """The path of the servo figures of the calibration at ``path``: beside it."""
     return path.with_name(f"{path.stem}.servos.json")
 
 

@@ -157,7 +157,6 @@ def _is_module_data(path: Path) -> bool:
 
 
 def _bring_back(path: Path) -> tuple[str, ...]:
-    """Restore the file from its second copy; return a note about it."""
     for version in versions(path):
         try:
             read(version.path)

@@ -48,7 +48,6 @@ class Version:
 
 
 def zero_path(path: Path) -> Path:
-    """The path of the zeros of the calibration at ``path``: beside it."""
     return path.with_name(f"{path.stem}.zero.json")
 
 
@@ -88,7 +87,6 @@ def versions(path: Path) -> tuple[Version, ...]:
 
 
 def listed(kept: Path) -> tuple[Version, ...]:
-    """The versions in a folder, the last first."""
     found = []
     for entry in kept.glob("*.json"):
         match = _NAME.fullmatch(entry.name)

@@ -56,7 +56,6 @@ def read(path: Path, calibration: Calibration) -> tuple[dict[str, Zero], tuple[s
 
 
 def text(*sides: tuple[Calibration, Mapping[str, Zero]]) -> bytes:
-    """The content of the file for these zeros and records; empty if there are no zeros."""
     joints: dict[str, list[dict[str, object]]] = {}
     for calibration, zeros in sides:
         for joint in JOINTS:
@@ -77,7 +76,6 @@ def text(*sides: tuple[Calibration, Mapping[str, Zero]]) -> bytes:
 
 
 def _zero(joint: str, record: JointCalibration, entries: object) -> Zero | None:
-    """The zero of ``record`` among ``entries``; None if all belong to other records."""
     if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
         raise CalibrationError(joint, "its zeros must be a list of objects", "calibrate again")
     for entry in reversed(entries):  # the last was written last

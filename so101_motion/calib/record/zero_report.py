@@ -61,7 +61,6 @@ def explain(
 
 
 def explain_stored(stored: Stored) -> tuple[ZeroReport, ...]:
-    """Explain the zeros of a calibration file; empty if it has no joint of the arm."""
     zeros = {
         joint: in_force(stored.zeros.get(joint), None, stored.calibration[joint], None)
         for joint in ARM_JOINTS
