@@ -110,12 +110,7 @@ def serve_setup(
 
 
 def reasons(target: SetupTarget | None, doing: str) -> tuple[str | None, str | None, str | None]:
-    """Why the joints cannot be held, guided by hand, and let go of now; None if they can.
-
-    Args:
-        target: The arm; None before there is a connection.
-        doing: What runs on the worker now; empty when nothing does.
-    """
+    """Why the joints cannot be held, guided by hand, and let go of now; None if they can."""
     if target is None:
         return ("No arm is connected yet.",) * 3
     if target.rig is None:

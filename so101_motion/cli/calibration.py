@@ -310,12 +310,7 @@ def accept(
 
 
 def ask_and_write(other: OtherCalibration, port: str) -> None:
-    """Ask whether a calibration file is to be stored in servos that hold another, and do it.
-
-    Raises:
-        SystemExit: The answer is no.
-        So101Error: It cannot be written.
-    """
+    """Ask whether a calibration file is to be stored in servos that hold another, and do it."""
     from so101_motion.calib.record import store
     from so101_motion.cli import port_choice
 

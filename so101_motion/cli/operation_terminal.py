@@ -44,10 +44,6 @@ class OperationTerminal:
         """Go through the operation to its end; returns its last view.
 
         It ends early when looking has led nowhere ``within`` the time allowed.
-
-        Raises:
-            So101Error: A command failed, and there is no person to try again.
-            Quit: The person wants to stop; call ``give_up``.
         """
         state, since, pressed, terminal = "", time.monotonic(), "", self._terminal
         is_begun = not self._operation.view.is_over  # else once more, on a machine
@@ -76,11 +72,7 @@ class OperationTerminal:
         return view
 
     def give_up(self) -> None:
-        """Undo everything and say what that has led to.
-
-        Raises:
-            So101Error: That is not possible now.
-        """
+        """Undo everything and say what that has led to."""
         offer = self._operation.view.cancel
         if offer is None:
             self._terminal.say("cancelled: nothing was changed", style="yellow")

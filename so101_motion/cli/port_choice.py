@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 
 def look_at(port: str) -> PortReport:
-    """Report what is connected to this port; touches no other.
-
-    Raises:
-        PortUnavailable: It cannot be used.
-    """
+    """Report what is connected to this port; touches no other."""
     from so101_motion.drivers.port.port_list import find_ports, port_problem
     from so101_motion.setup.discovery import discover
 
@@ -34,22 +30,12 @@ def look_at(port: str) -> PortReport:
 
 
 def find_arm(port: str | None) -> PortReport:
-    """Find the port to use: the named one, else the only one with an arm.
-
-    Raises:
-        PortUnavailable: There is none, or it cannot be used.
-        click.UsageError: There are several.
-    """
+    """Find the port to use: the named one, else the only one with an arm."""
     return _found(port, "arm", lambda report: report.has_arm)
 
 
 def find_to_examine(port: str | None) -> PortReport:
-    """Find the port to examine: the one with an arm, else the only servo adapter's.
-
-    Raises:
-        PortUnavailable: There is none, or it cannot be used.
-        click.UsageError: There are several.
-    """
+    """Find the port to examine: the one with an arm, else the only servo adapter's."""
     try:
         return find_arm(port)
     except PortUnavailable as error:
@@ -62,12 +48,7 @@ def find_to_examine(port: str | None) -> PortReport:
 
 
 def find_adapter(port: str | None) -> PortReport:
-    """Find the port to set up servos on: the named one, else the only servo adapter's.
-
-    Raises:
-        PortUnavailable: There is none, or it cannot be used.
-        click.UsageError: There are several.
-    """
+    """Find the port to set up servos on: the named one, else the only servo adapter's."""
     from so101_motion.drivers.port.port_list import port_problem
 
     return _found(
@@ -78,11 +59,7 @@ def find_adapter(port: str | None) -> PortReport:
 
 
 def calibration_file(given: str | None, report: PortReport) -> Path:
-    """The given file, else the one that ``port_selection`` chooses for the arm on the port.
-
-    Raises:
-        CalibrationError: It is not a valid path, or this user has no home folder.
-    """
+    """The given file, else the one that ``port_selection`` chooses for the arm on the port."""
     from so101_motion.calib.record import store
     from so101_motion.setup import port_selection
 

@@ -58,21 +58,18 @@ class JointAccuracy:
     """How well one joint followed its goals.
 
     Attributes:
-        error: Largest error at rest [rad]; None if it never came to rest.
         hysteresis: How much that differs with the side it came from [rad]; None if not known.
-        lag: How far behind its setpoints it ran [s]; None if those are not known.
         settle: How long it took at most to come to rest [s]; None if setpoints are not known.
         tool: Largest error of the tool through all joints together [m]; None for the jaw.
-        trouble: Why it could not be tested to the end; empty if it was.
     """
 
     joint: str
-    error: float | None = None
+    error: float | None = None  # largest error at rest [rad]; None if it never came to rest
     hysteresis: float | None = None
-    lag: float | None = None
+    lag: float | None = None  # how far behind its setpoints it ran [s]; None if those are not known
     settle: float | None = None
     tool: float | None = None
-    trouble: str = ""
+    trouble: str = ""  # why it could not be tested to the end; empty if it was
 
     @property
     def verdict(self) -> Verdict:
@@ -121,18 +118,15 @@ class MoveReport:
     """The result of a move test.
 
     Attributes:
-        began_at: Its begin, as an ISO date and time with its zone.
-        seconds: How long it took [s].
-        ended_by: Why it ended early; empty if it did not.
         as_shown: Whether the user saw the arm move as its picture did, which no encoder can tell;
             None without an answer.
     """
 
     arm: str
     joints: tuple[JointAccuracy, ...]
-    began_at: str
-    seconds: float
-    ended_by: str = ""
+    began_at: str  # its begin, as an ISO date and time with its zone
+    seconds: float  # how long it took [s]
+    ended_by: str = ""  # why it ended early; empty if it did not
     as_shown: bool | None = None
 
     @property
@@ -210,11 +204,7 @@ class MoveReport:
 
 
 class Measurements:
-    """The measurements of one joint so far.
-
-    Attributes:
-        tool: How far the tool was off at most [m].
-    """
+    """The measurements of one joint so far."""
 
     def __init__(self, joint: str) -> None:
         self._joint = joint

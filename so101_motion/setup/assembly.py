@@ -33,11 +33,7 @@ _SPECIAL = {
 
 
 class AssemblyOperation(LocalOperation):
-    """Has a person check each joint of an assembled arm.
-
-    Args:
-        now: The time [s].
-    """
+    """Has a person check each joint of an assembled arm."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__()

@@ -40,15 +40,10 @@ TIP = 0.0063
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BaseFit:
-    """A fitted pose between two bases, and its residuals.
+    """A fitted pose between two bases, and its residuals."""
 
-    Attributes:
-        T_first_second: Pose of the second arm's base in that of the first.
-        residuals: How far the tips would be apart at each touch, shape (n,), [m].
-    """
-
-    T_first_second: SE3
-    residuals: Array
+    T_first_second: SE3  # pose of the second arm's base in that of the first
+    residuals: Array  # how far the tips would be apart at each touch, shape (n,), [m]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "residuals", frozen_array(self.residuals, (-1,)))
@@ -59,16 +54,7 @@ class BaseFit:
 
 
 def fit_base(p_first: Array, p_second: Array) -> BaseFit:
-    """Fit the pose between two bases to some touches.
-
-    Args:
-        p_first: The touched points in the first arm's base frame, shape (n, 3), [m].
-        p_second: The same points in the second's, shape (n, 3), [m].
-
-    Raises:
-        CalibrationError: The touches are too few, too near to one line, or do not agree.
-        ValueError: The shapes differ, or are others.
-    """
+    """Fit the pose between two bases to touches in both base frames, shapes (n, 3), [m]."""
     p_first, p_second = frozen_array(p_first, (-1, 3)), frozen_array(p_second, (-1, 3))
     if p_first.shape != p_second.shape:
         raise ValueError(f"{len(p_first)} places of one arm and {len(p_second)} of the other")
@@ -117,10 +103,6 @@ def measure_bases(
 
     Returns:
         The fit for each arm but the first.
-
-    Raises:
-        CalibrationError: The touches of an arm are too few, near one line, or do not agree.
-        So101Error: An arm cannot be put into manual mode.
     """
     first, *others = arms
     fits = {}

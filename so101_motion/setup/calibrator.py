@@ -47,17 +47,11 @@ PUT_BACK = "the motors have their previous settings again"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepResult:
-    """How the end of a calibration has left the arm.
+    """How the end of a calibration has left the arm."""
 
-    Attributes:
-        stored: The content of the file now; None if nothing was saved.
-        holds: Whether the joints are held now.
-        trouble: Why the arm is not held as it should be; None if it is.
-    """
-
-    stored: Stored | None = None
-    holds: bool = False
-    trouble: str | None = None
+    stored: Stored | None = None  # the content of the file now; None if nothing was saved
+    holds: bool = False  # whether the joints are held now
+    trouble: str | None = None  # why the arm is not held as it should be; None if it is
 
     @property
     def put_back(self) -> str:
@@ -83,8 +77,6 @@ class Situation:
             force.
         angles: Their angles [rad], as far as known. From ``set_homing`` on they are counted from
             the middle of the joint's limits, because no calibration is in force then.
-        calibration_file: Where a calibration is saved, absolute.
-        holds: Whether any joint is driven; None if no servo answers.
         checked: The last result of verifying the finished chain; None without one.
     """
 
@@ -92,9 +84,9 @@ class Situation:
     setup: SetupView
     joints: Mapping[str, JointView]
     angles: Mapping[str, float]
-    calibration_file: str
+    calibration_file: str  # where a calibration is saved, absolute
     is_connected: bool
-    holds: bool | None = None
+    holds: bool | None = None  # whether any joint is driven; None if no servo answers
     notes: tuple[str, ...] = ()
     checked: Verification | None = None
 
@@ -211,13 +203,7 @@ class Calibrator(Session):
             return view
 
     def hold(self) -> StepResult:
-        """Hold the joints where they stand, even if no component asks for the servos.
-
-        This ends hand guiding.
-
-        Raises:
-            CalibrationError: A calibration is under way.
-        """
+        """Hold the joints where they stand, without a component as well; ends hand guiding."""
         with self._lock:
             self._refuse_active("hold the joints")
             self._rig.arm.stop()
@@ -225,11 +211,7 @@ class Calibrator(Session):
             return self._give_back(hold=True)
 
     def let_go(self) -> None:
-        """Switch torque off, even if no component asks for the servos; silent ones are left out.
-
-        Raises:
-            BusError: A servo cannot be reached; try again.
-        """
+        """Switch torque off, even if no component asks for the servos; silent ones are left out."""
         with self._lock:
             if self.is_active:
                 self._lent.call(eeprom.let_go)
@@ -243,14 +225,7 @@ class Calibrator(Session):
                 loan.abandon()
 
     def restore(self, number: int | None = None) -> StepResult:
-        """Restore an earlier version of the calibration, in the file and in the servos.
-
-        Args:
-            number: Number of the version; the last one that differs if not given.
-
-        Raises:
-            CalibrationError: A calibration is under way, or there is no such version.
-        """
+        """Restore an earlier version in file and servos, the last that differs by default."""
         with self._lock:
             self._refuse_active("go back")
             hold = self._rig.servos.is_driving or None  # or as the servos are

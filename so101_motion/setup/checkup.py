@@ -38,17 +38,12 @@ _USABLE = 0.7  # share of it that is left under the arm's loads; chosen
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """One check and its result.
-
-    Attributes:
-        verdict: ``"ok"``, ``"warn"`` or ``"fail"``.
-        fix: What to do about it; empty when all is well.
-    """
+    """One check and its result."""
 
     name: str
-    verdict: Verdict
+    verdict: Verdict  # ``"ok"``, ``"warn"`` or ``"fail"``
     sentence: str
-    fix: str = ""
+    fix: str = ""  # what to do about it; empty when all is well
 
 
 def ok(name: str, sentence: str) -> Check:

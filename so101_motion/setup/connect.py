@@ -27,16 +27,7 @@ _BARE = (
 
 
 class ConnectOperation(LocalOperation):
-    """Has a person choose the port of the arm.
-
-    Args:
-        look: Looks at the ports; takes up to two seconds.
-        now: The time [s].
-
-    Attributes:
-        seen: What was plugged in at the last look; None before the first.
-        picked: The port that a person has picked, by name; None while nobody has.
-    """
+    """Has a person choose the port of the arm."""
 
     def __init__(
         self, look: Callable[[], PortsSeen], now: Callable[[], float] = time.monotonic

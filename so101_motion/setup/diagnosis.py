@@ -19,19 +19,12 @@ from so101_motion.drivers.feetech.servo_judgement import lossy_share, sag
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Examination:
-    """The result of reading the servos.
+    """The result of reading the servos."""
 
-    Attributes:
-        names: The joint of each servo that should be there, by id.
-        heard: Ids of all servos that answer.
-        servos: Their registers, by id.
-        counters: Counters of replies and losses, by id.
-    """
-
-    names: Mapping[int, str]
-    heard: tuple[int, ...]
-    servos: Mapping[int, ServoFacts]
-    counters: Mapping[int, ReplyCounter]
+    names: Mapping[int, str]  # the joint of each servo that should be there, by id
+    heard: tuple[int, ...]  # ids of all servos that answer
+    servos: Mapping[int, ServoFacts]  # their registers, by id
+    counters: Mapping[int, ReplyCounter]  # counters of replies and losses, by id
 
     def label(self, servo_id: int) -> str:
         name = self.names.get(servo_id)

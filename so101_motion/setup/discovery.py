@@ -72,14 +72,7 @@ def discover(
     reply_timeout: float = REPLY_TIMEOUT,
     open_port: Callable[[str, int], Port] = SerialPort,
 ) -> Discovery:
-    """Look at all ports; takes less than a second, unless one hangs or the computer is busy.
-
-    Args:
-        extra: Further ports to look at, by any name.
-        find: Lists the ports.
-        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
-        open_port: Opens a port by its name and rate.
-    """
+    """Look at all ports; takes less than a second, unless one hangs or the computer is busy."""
 
     def open_bus(name: str, baud: int) -> Bus:
         return Bus(open_port(name, baud), reply_timeout=reply_timeout)

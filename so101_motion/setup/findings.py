@@ -35,24 +35,16 @@ CYCLES = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusQuality:
-    """How reliably and how fast the servos answer.
-
-    Attributes:
-        late: How many answers came after their timeout; they are not among the lost.
-        lateness: How late answers typically come, beyond the time on the wire [s].
-        median: How long it takes to read all servos [s].
-        p99: The same, exceeded by one reading in a hundred [s].
-        longest: The longest [s].
-    """
+    """How reliably and how fast the servos answer."""
 
     asked: int
-    late: int
+    late: int  # how many answers came after their timeout; they are not among the lost
     lost: int
     corrupt: int
-    lateness: float
-    median: float
-    p99: float
-    longest: float
+    lateness: float  # how late answers typically come, beyond the time on the wire [s]
+    median: float  # how long it takes to read all servos [s]
+    p99: float  # the same, exceeded by one reading in a hundred [s]
+    longest: float  # the longest [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,41 +53,34 @@ class Findings:
 
     Attributes:
         software: Versions of this package and others, by name; empty text for missing ones.
-        port: The serial port; None for the simulated arm.
-        baudrate: The rate at which its servos answer [bit/s].
         supply_trouble: What is wrong with the supply of the first servo and what to do about it, as
             long as not all servos were looked at.
-        latency_timer: How long the adapter holds bytes back [s].
-        file: The calibration file; None when there is none.
         agreeing_file: Another program's file that agrees with the servos, if there is no ``file``.
-        stored: Its content; None when it cannot be used.
         servo_changes: How servos have changed between the last two identifications.
-        speed: Joint speed cap of plans [rad/s]; None when nothing can be moved.
         acceleration: Joint acceleration cap of plans [rad/s^2]; None when nothing can be moved.
-        planning_time: How long a motion took to plan [s].
     """
 
     software: Mapping[str, str] = field(default_factory=dict)
-    port: str | None = None
-    baudrate: int = BAUDRATE
+    port: str | None = None  # the serial port; None for the simulated arm
+    baudrate: int = BAUDRATE  # the rate at which its servos answer [bit/s]
     adapter: str = ""
     port_trouble: str = ""
     interfering_programs: Mapping[str, str] = field(default_factory=dict)
     lost_adapters: tuple[str, ...] = ()
     supply_trouble: tuple[str, str] | None = None
-    latency_timer: float | None = None
+    latency_timer: float | None = None  # how long the adapter holds bytes back [s]
     servos: Verification | None = None
     bus_quality: BusQuality | None = None
-    file: Path | None = None
+    file: Path | None = None  # the calibration file; None when there is none
     agreeing_file: Path | None = None
-    stored: Stored | None = None
+    stored: Stored | None = None  # its content; None when it cannot be used
     file_trouble: str = ""
     is_unfinished: bool = False
     zero_reports: tuple[ZeroReport, ...] = ()
     servo_changes: tuple[str, ...] = ()
-    speed: float | None = None
+    speed: float | None = None  # joint speed cap of plans [rad/s]; None when nothing can be moved
     acceleration: float | None = None
-    planning_time: float | None = None
+    planning_time: float | None = None  # how long a motion took to plan [s]
     planning_trouble: str = ""
 
     @property
@@ -137,11 +122,7 @@ def _name(requirement: str) -> str:
 
 
 def examine(access: BusAccess) -> tuple[Verification, BusQuality | None]:
-    """Measure the servos and how well they answer; takes a second and writes nothing.
-
-    Returns:
-        The bus quality is None when no servo answers.
-    """
+    """Measure the servos and, if any answers, their bus; takes a second and writes nothing."""
     with Tuner(access) as tuner:
         servos = chain_check.verify(tuner)
     ids = [check.servo_id for check in servos.motors.values() if check.facts is not None]

@@ -86,18 +86,12 @@ _LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """The motion of one joint.
-
-    Attributes:
-        ends: The ends between which it moves [rad].
-        folds: Further wrist angles at which it moves as well [rad].
-        duration: How long that takes, roughly [s].
-    """
+    """The motion of one joint."""
 
     joint: str
-    ends: tuple[float, float]
-    folds: tuple[float, ...]
-    duration: float
+    ends: tuple[float, float]  # the ends between which it moves [rad]
+    folds: tuple[float, ...]  # further wrist angles at which it moves as well [rad]
+    duration: float  # how long that takes, roughly [s]
 
     def __str__(self) -> str:
         folds = " and ".join(f"{to_deg(fold):.0f}°" for fold in self.folds)
@@ -107,13 +101,9 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentificationOutline:
-    """The motions of an identification, for the user to agree to.
+    """The motions of an identification, for the user to agree to."""
 
-    Attributes:
-        raising: How long the arm takes to the pose in which the sweeps begin [s].
-    """
-
-    raising: float
+    raising: float  # how long the arm takes to the pose in which the sweeps begin [s]
     sweeps: tuple[Sweep, ...]
     obstacles: tuple[tuple[str, str], ...]
 
@@ -142,12 +132,7 @@ def count_with(arm: PlannedArm, load: Load) -> None:
 
 
 class Identification:
-    """Identifies the servos of an arm, once.
-
-    Args:
-        rig: The arm, on a port of this computer.
-        joints: The joints to identify.
-    """
+    """Identifies the servos of an arm, once."""
 
     def __init__(self, rig: HardwareRig, joints: Sequence[str] = ARM_JOINTS) -> None:
         self._rig, self._joints = rig, joints
@@ -159,14 +144,7 @@ class Identification:
         self._load: Load | None = None
 
     def outline(self, search: Search | None = None) -> IdentificationOutline:
-        """Plan the motions from where the arm stands now; moves nothing.
-
-        Args:
-            search: Options of the search for all motions, with a scene if not the arm's own.
-
-        Raises:
-            PlanningError: The arm cannot be raised from where it stands.
-        """
+        """Plan the motions from where the arm stands now; moves nothing."""
         self._plan = partial(self._rig.arm.plan, search=search)
         raising = self._plan(_RAISED, limits=self._limits(SPEEDS[-1]))
         sweeps, obstacles = [], []
@@ -191,19 +169,7 @@ class Identification:
         outline: IdentificationOutline,
         on_progress: Callable[[str, float], None] = lambda _joint, _share: None,
     ) -> Mapping[str, JointRecord]:
-        """Move each joint as outlined and record it. Blocks; the arm moves.
-
-        Args:
-            outline: What ``outline`` returned; the arm still stands there.
-            on_progress: Called with the joint that moves and the share that is done, on this
-                thread.
-
-        Returns:
-            The record of each joint.
-
-        Raises:
-            So101Error: The arm could not finish; it holds.
-        """
+        """Move each joint as outlined and record it. Blocks; the arm moves, then holds."""
         rig, tape = self._rig, _Tape(self._rig)
         listener, rig.servos.on_command = rig.servos.on_command, tape.hear
         tape.listener = listener
@@ -232,15 +198,6 @@ class Identification:
 
         Plans count with a load that was weighed, from now on. It takes half a minute of a
         processor, in a separate process, because an arm may be moving.
-
-        Args:
-            hand_is_empty: Whether the hand is known to be empty.
-            keeps: Whether to save them; else the saved figures are compared with the arm.
-
-        Raises:
-            CalibrationError: The saved figures cannot be used.
-            OSError: They cannot be saved.
-            WorkerError: It was cancelled, or the process could not be started.
         """
         file = self._rig.settings.file
         before = None if file is None else servo_file.read(file)

@@ -22,15 +22,10 @@ from so101_motion.planning.timing.torque import place_in_hand
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """How far an emulated joint was from the real one, mean of its whole motion [rad].
+    """How far an emulated joint was from the real one, mean of its whole motion [rad]."""
 
-    Attributes:
-        as_sold: With the figures of the servo's type.
-        as_known: With the saved figures, or those just found.
-    """
-
-    as_sold: float
-    as_known: float
+    as_sold: float  # with the figures of the servo's type
+    as_known: float  # with the saved figures, or those just found
 
 
 def figures(

@@ -36,18 +36,7 @@ _NO_FILE = "the arm has no calibration file, and the figures belong beside one; 
 
 
 class IdentifyOperation(LocalOperation):
-    """Identifies the servos of an arm on a port of this computer.
-
-    Args:
-        rig: The arm.
-        ready: Makes the arm ready to move, and returns the scene to plan in; called before
-            planning, on the same thread. By default the arm's scene.
-        on_progress: Called with what begins, such as ``"Moving elbow_flex, 40% done"``.
-
-    Attributes:
-        identification: The last one; None before the first.
-        report: The result of the last one.
-    """
+    """Identifies the servos of an arm on a port of this computer."""
 
     refuses = False
 

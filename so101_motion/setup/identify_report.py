@@ -27,19 +27,12 @@ much as two identifications of one arm differ."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifyReport:
-    """The result of an identification.
+    """The result of an identification."""
 
-    Attributes:
-        found: The new figures.
-        before: The figures before; None if there were none.
-        predictions: How well figures predict each joint, by name.
-        file: The file that it is saved in; None if it is not saved.
-    """
-
-    found: ServoRecord
-    before: ServoRecord | None
-    predictions: Mapping[str, Prediction]
-    file: Path | None
+    found: ServoRecord  # the new figures
+    before: ServoRecord | None  # the figures before; None if there were none
+    predictions: Mapping[str, Prediction]  # how well figures predict each joint, by name
+    file: Path | None  # the file that it is saved in; None if it is not saved
 
     def to_json(self) -> dict[str, Any]:
         load = self.found.load
@@ -136,14 +129,6 @@ def write_recordings(
     """Write recordings in the form that ``benchmarks/fit_servo.py`` reads, one file a joint.
 
     They hold goals, positions, supply and weight, and neither a serial number nor a date.
-
-    Args:
-        folder: The folder; it is made.
-        records: The record of each joint.
-        weights: The torque that held it at each sample, shape (k,), [N m].
-
-    Raises:
-        OSError: They cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     files = []

@@ -244,13 +244,7 @@ class MotorOperation(LocalOperation):
     # The commands
 
     def discover(self, motor_name: str = "") -> dict[str, Any]:
-        """Find the one servo that is connected, whatever its id and baud rate.
-
-        Raises:
-            ConfigError: There is no such joint.
-            MotorSetupError: No servo answers, or more than one, or it is another model.
-            BusError: The port is gone, or the servo cannot be read.
-        """
+        """Find the one servo that is connected, whatever its id and baud rate."""
         before = self._motor(motor_name)
         try:
             found = self._find(motor_name)
@@ -278,19 +272,7 @@ class MotorOperation(LocalOperation):
         target_id: int | None = None,
         current_baudrate: int | None = None,
     ) -> dict[str, Any]:
-        """Give the one servo that is connected its id, rate and settings; it goes limp.
-
-        Args:
-            motor_name: The joint that it is for.
-            current_id: The id it must have now; any by default.
-            target_id: The id to give; only the joint's own will do.
-            current_baudrate: The rate to look for it first [bit/s].
-
-        Raises:
-            ConfigError: There is no such joint, or ``target_id`` is another joint's.
-            MotorSetupError: It is not safe to do, or did not succeed.
-            BusError: The port is gone, or the servo does not take a setting.
-        """
+        """Give the one servo that is connected its id, rate and settings; it goes limp."""
         motor = self._motor(motor_name)
         new_id = motor.target_id
         if target_id not in (None, new_id):
@@ -361,10 +343,6 @@ class MotorOperation(LocalOperation):
         """Store sound settings and the port's rate in all servos that have an arm's id, for good.
 
         They go limp. Ids and calibrations stay as they are.
-
-        Raises:
-            MotorSetupError: Several servos share an id.
-            BusError: The port is gone, or a servo does not take a setting.
         """
         with self._attempt(None, "repairing the settings") as tuner:
             heard = find_all_rates(tuner, on_rate=self._show_rate)

@@ -102,25 +102,19 @@ class Swing:
     Attributes:
         stops: Where it will stop, one after the other: angles [rad], for the jaw apertures. It
             begins and ends where it is now.
-        duration: How long that takes, roughly [s].
     """
 
     joint: str
     stops: tuple[float, ...]
-    duration: float
+    duration: float  # how long that takes, roughly [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
-    """The motions of a test, for the user to agree to.
+    """The motions of a test, for the user to agree to."""
 
-    Attributes:
-        swings: The motions, in order.
-        obstacles: Joints that cannot be tested, each with the reason.
-    """
-
-    swings: tuple[Swing, ...]
-    obstacles: tuple[tuple[str, str], ...]
+    swings: tuple[Swing, ...]  # the motions, in order
+    obstacles: tuple[tuple[str, str], ...]  # joints that cannot be tested, each with the reason
 
     @property
     def duration(self) -> float:
@@ -345,15 +339,7 @@ class MoveTest(LocalOperation):
         outline: Outline,
         on_progress: Callable[[str, float], None] = lambda _joint, _share: None,
     ) -> MoveReport:
-        """Move each joint as outlined and measure it. Blocks; the arm moves.
-
-        Args:
-            outline: What ``outline`` returned; the arm still stands there.
-            on_progress: Called on this thread with the joint that begins and the share done.
-
-        Returns:
-            The measurements. Troubles of the arm are in it, not raised.
-        """
+        """Move each joint as outlined and measure it. Blocks; the arm's troubles are not raised."""
         began_at, t_begin = datetime.now(UTC), self._clock.now()
         self._run = run = _Run(self._arm, self._gripper, outline, on_progress)
         with self._clock.attend():

@@ -33,32 +33,21 @@ PART_BY_MODEL = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """The frame of a suggested component.
+    """The frame of a suggested component."""
 
-    Attributes:
-        parent: Name of the frame that it is in.
-        y: How far to the left of that frame [m].
-    """
-
-    parent: str
-    y: float = 0.0
+    parent: str  # name of the frame that it is in
+    y: float = 0.0  # how far to the left of that frame [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suggestion:
-    """A component or service that could be configured.
-
-    Attributes:
-        api: Its API, such as ``"rdk:component:arm"``.
-        model: Its model, such as ``"devrel:so101:arm"``.
-        frame: Its frame; None if it has none.
-    """
+    """A component or service that could be configured."""
 
     name: str
-    api: str
-    model: str
+    api: str  # its API, such as ``"rdk:component:arm"``
+    model: str  # its model, such as ``"devrel:so101:arm"``
     attributes: Mapping[str, object]
-    frame: Frame | None = None
+    frame: Frame | None = None  # its frame; None if it has none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,15 +55,9 @@ class PortReport:
     """What was found on a port.
 
     Attributes:
-        baudrate: The bus's rate [bit/s].
         configured: The parts that components of this process have on the port: ``"arm"``,
             ``"gripper"``, ``"calibration"``.
-        arm_name: Name of the arm on the port; empty to suggest one.
-        stands_at: Suggested position of the arm, to the left of the first one [m].
-        volts: Supply of the first servo [V]; None if none answers.
-        nominal_volts: Its rated supply [V]: 7.4 or 12; None if none answers.
         supply_trouble: What is wrong with the supply and what to do; None if nothing is.
-        calibration: The calibration file to configure; None if there is none.
         agreeing: Another program's file that agrees with its servos in every number, if there is no
             such file.
     """
@@ -83,16 +66,16 @@ class PortReport:
     sentence: str
     joints: tuple[str, ...] = ()
     servo_ids: tuple[int, ...] = ()
-    baudrate: int = BAUDRATE
+    baudrate: int = BAUDRATE  # the bus's rate [bit/s]
     configured: frozenset[str] = frozenset()
-    arm_name: str = ""
-    stands_at: float = 0.0
-    volts: float | None = None
-    nominal_volts: float | None = None
+    arm_name: str = ""  # name of the arm on the port; empty to suggest one
+    stands_at: float = 0.0  # suggested position of the arm, to the left of the first one [m]
+    volts: float | None = None  # supply of the first servo [V]; None if none answers
+    nominal_volts: float | None = None  # its rated supply [V]: 7.4 or 12; None if none answers
     supply_trouble: tuple[str, str] | None = None
     role: Role = "unknown"
     because: str = ""
-    calibration: Path | None = None
+    calibration: Path | None = None  # the calibration file to configure; None if there is none
     agreeing: Path | None = None
 
     @property

@@ -47,11 +47,10 @@ class PortsSeen:
 
     Attributes:
         candidates: The ports with servo adapters and those that were named, the likeliest first.
-        nothing: Findings to show if there is no candidate.
     """
 
     candidates: tuple[Candidate, ...] = ()
-    nothing: Findings = field(default_factory=Findings)
+    nothing: Findings = field(default_factory=Findings)  # findings to show if there is no candidate
 
     @property
     def usable(self) -> tuple[Candidate, ...]:
@@ -59,12 +58,7 @@ class PortsSeen:
 
 
 def look(named: Collection[str] = (), *, reply_timeout: float = REPLY_TIMEOUT) -> PortsSeen:
-    """Look at the adapters that are plugged in; takes as long as ``discover``.
-
-    Args:
-        named: Ports to look at, of any kind; if there are any, no others are looked at.
-        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
-    """
+    """Look at the named ports, or at all adapters; takes as long as ``discover``."""
     found = discover(named, reply_timeout=reply_timeout)
     lost = port_list.adapters_without_port()
     candidates = tuple(
@@ -104,14 +98,6 @@ def calibration_file(report: PortReport, name: str = "") -> Path:
 
     That is the arm's present file, if one agrees with its servos or has its name; else one in the
     user's data directory, named after the adapter.
-
-    Args:
-        report: The report of the port.
-        name: The user's name for the arm, such as ``"leader"``; if not empty, a file of that name.
-
-    Raises:
-        CalibrationError: This user has no home.
-        ConfigError: It cannot be the name of a file, or is that of another arm.
     """
     if not name.strip():
         return report.calibration or own_folder() / file_name(report.port)
@@ -126,11 +112,7 @@ def calibration_file(report: PortReport, name: str = "") -> Path:
 
 
 def own_folder() -> Path:
-    """The folder of this user's calibrations.
-
-    Raises:
-        CalibrationError: This user has no home.
-    """
+    """The folder of this user's calibrations."""
     try:
         return versions.root().parent
     except OSError as error:

@@ -36,17 +36,13 @@ class SetupState:
 
     Attributes:
         seen: The findings about the port and the servos of the finished chain.
-        setup: The state of the motor setup.
-        view: The state of the calibration.
-        saved: The file of the calibration in force; None before it is saved.
-        tested: The result of the final test; None before it.
     """
 
     seen: Findings = field(default_factory=Findings)
-    setup: SetupView = field(default_factory=SetupView)
-    view: CalibrationView = field(default_factory=_untouched)
-    saved: Path | str | None = None
-    tested: Check | None = None
+    setup: SetupView = field(default_factory=SetupView)  # the state of the motor setup
+    view: CalibrationView = field(default_factory=_untouched)  # the state of the calibration
+    saved: Path | str | None = None  # the file of the calibration in force; None before it is saved
+    tested: Check | None = None  # the result of the final test; None before it
 
     @classmethod
     def found(cls, seen: Findings) -> SetupState:
@@ -72,16 +68,12 @@ class SetupState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupStep:
-    """One step of a setup.
-
-    Attributes:
-        minutes: How long it takes a beginner. Chosen.
-    """
+    """One step of a setup."""
 
     name: str
     title: str
     instruction: str
-    minutes: int
+    minutes: int  # how long it takes a beginner. Chosen
     check: Callable[[SetupState], Check]
 
 
@@ -111,11 +103,7 @@ class Workflow:
 
 
 def listed(workflow: str, known: SetupState) -> dict[str, Any]:
-    """The steps of a workflow with what is left of each, ready for JSON.
-
-    Raises:
-        ConfigError: There is no such workflow.
-    """
+    """The steps of a workflow with what is left of each, ready for JSON."""
     wanted = next((each for each in WORKFLOWS if each.name == workflow), None)
     if wanted is None:
         raise ConfigError("workflow", workflow, suggest(workflow, [w.name for w in WORKFLOWS]))

@@ -41,11 +41,7 @@ Recorded = dict[str, list[float] | list[list[float]]]
 
 
 class StandardMotions:
-    """The standard motions of one arm, once.
-
-    Args:
-        rig: Its servos; a hand that holds nothing.
-    """
+    """The standard motions of one arm, once."""
 
     def __init__(self, rig: HardwareRig) -> None:
         self._rig = rig
@@ -79,14 +75,7 @@ class StandardMotions:
     def move_and_record(
         self, outline: IdentificationOutline, on_progress: Callable[[str], None] = lambda _: None
     ) -> dict[str, Recorded]:
-        """Move as outlined and record. Blocks; the arm moves.
-
-        Returns:
-            ``t_cmd_s``, ``command``, ``t_s`` and ``position`` of each joint's motion.
-
-        Raises:
-            So101Error: The arm could not finish, or was stopped; it holds.
-        """
+        """Move as outlined and record each joint's motion. Blocks; the arm moves, then holds."""
         rig, shown = self._rig, ""
         listener, rig.servos.on_command = rig.servos.on_command, self._hear
         end_looking = rig.executor.listen(self._look)

@@ -98,13 +98,7 @@ class StepPage:
         return operation is None or operation.view.is_over or self.check().verdict == "ok"
 
     def abort(self) -> str:
-        """Abort what was started, on a worker thread; return the result in words.
-
-        Aborting on an earlier page restores the motors as well while a calibration is under way.
-
-        Raises:
-            So101Error: It cannot be ended now; the message says what to do.
-        """
+        """Abort what was started, a calibration as well; return the result in words."""
         target = self._setup.target
         if target is None or not target.is_under_way:
             return self._as_it_was()

@@ -32,24 +32,20 @@ class SetupContext(Worker):
     """What all pages share. Its fields belong to the page's thread.
 
     Attributes:
-        context: The page; presses go through it.
         preview: Serves a preview of the arm; None where the page shows the arm already.
-        target: The arm that is set up; None until the connection is made.
         seen: What was found on the port, and about the motors of the finished chain.
-        saved: Where this setup has saved a calibration; None before.
         opened: What else was opened, to be closed with the setup.
-        port: The port of the last target on this computer; None before.
     """
 
-    context: PageContext
+    context: PageContext  # the page; presses go through it
     picture: Picture
     progress: SetupProgress
     preview: ServesPreview | None = None
-    target: SetupTarget | None = None
+    target: SetupTarget | None = None  # the arm that is set up; None until the connection is made
     seen: Findings = field(default_factory=Findings)
-    saved: str | None = None
+    saved: str | None = None  # where this setup has saved a calibration; None before
     opened: ExitStack = field(default_factory=ExitStack)
-    port: str | None = None
+    port: str | None = None  # the port of the last target on this computer; None before
     torque: TorqueWatch = field(default_factory=TorqueWatch)
 
     @property

@@ -29,19 +29,15 @@ class SetupTarget:
     """The arm that is set up.
 
     Attributes:
-        calibration: Calibrates it.
-        motors: Gives its motors their ids.
-        chain: Verifies its motors.
-        set_torque: Holds the joints where they stand, or lets them sink.
         rig: Moves the arm, for the final test; None if it cannot be moved. Closed by its owner.
         is_remote: Whether it is the arm of a machine, whose cable cannot be looked at from here.
     """
 
     where: str
-    calibration: Operation
-    motors: Operation
-    chain: Operation
-    set_torque: Callable[[bool], object]
+    calibration: Operation  # calibrates it
+    motors: Operation  # gives its motors their ids
+    chain: Operation  # verifies its motors
+    set_torque: Callable[[bool], object]  # holds the joints where they stand, or lets them sink
     rig: RigLike | None = None
     is_remote: bool = False
 
@@ -82,24 +78,18 @@ class ArmSource:
     """The ports of this computer, or an arm that is known already.
 
     Attributes:
-        where: Which arm; None if a port is to be chosen.
         look: Returns the ports that are plugged in now, or how the known arm is.
         open: Makes the target, in a worker's thread, from the chosen port and the user's name for
             the arm, which its calibration file gets; raises ``So101Error``.
     """
 
-    where: str | None
+    where: str | None  # which arm; None if a port is to be chosen
     look: Callable[[], PortsSeen]
     open: Callable[[Candidate | None, str], SetupTarget]
 
 
 def ports(named: Collection[str] = (), reply_timeout: float = REPLY_TIMEOUT) -> ArmSource:
-    """The serial ports of this computer; opening one drives nothing and needs no motor.
-
-    Args:
-        named: The ports to look at; if there are none, all.
-        reply_timeout: How long a motor may take to answer beyond the time on the wire [s].
-    """
+    """The serial ports of this computer; opening one drives nothing and needs no motor."""
 
     def open_port(chosen: Candidate | None, name: str) -> SetupTarget:
         assert chosen is not None  # else one could not have gone on

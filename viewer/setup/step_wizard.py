@@ -16,14 +16,10 @@ Place = Literal["done", "passed over", "now", "left"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepRow:
-    """A line in the list of steps.
-
-    Attributes:
-        place: Whether it is done, passed over, on the page, or still to come.
-    """
+    """A line in the list of steps."""
 
     title: str
-    place: Place
+    place: Place  # whether it is done, passed over, on the page, or still to come
     minutes: int
 
 

@@ -18,14 +18,10 @@ unknown."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueText:
-    """The text and its tone.
-
-    Attributes:
-        is_on: Whether any motor drives its joint; None if that is not known.
-    """
+    """The text and its tone."""
 
     text: str
-    is_on: bool | None = None
+    is_on: bool | None = None  # whether any motor drives its joint; None if that is not known
 
 
 def torque(target: SetupTarget | None) -> TorqueText:
@@ -44,23 +40,14 @@ def torque(target: SetupTarget | None) -> TorqueText:
 
 
 class TorqueWatch:
-    """Keeps the text while readings are missing for a moment.
-
-    Args:
-        now: The time [s].
-    """
+    """Keeps the text while readings are missing for a moment."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self.shown = torque(None)
         self._now, self._known_at = now, now()
 
     def look(self, target: SetupTarget | None, *, is_blind: bool) -> bool:
-        """Read the torque again; return whether the text changed.
-
-        Args:
-            target: The arm that is set up.
-            is_blind: Whether motors are being searched for, so that readings mean nothing.
-        """
+        """Read the torque again, unless motors are searched for; return whether it changed."""
         seen, before, t = torque(target), self.shown, self._now()
         is_lost = target is not None and seen.is_on is None and before.is_on is not None
         if is_blind or not is_lost:

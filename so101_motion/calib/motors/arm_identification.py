@@ -49,12 +49,11 @@ class ServoFacts:
     """The registers of one servo, and what follows from them.
 
     Attributes:
-        held: The registers by name, decoded.
         counts_down: Whether its calibration says that it counts down with the joint angle.
     """
 
     servo_id: int
-    held: Mapping[str, int]
+    held: Mapping[str, int]  # the registers by name, decoded
     counts_down: bool = False
 
     def holds(self, register: Register) -> int:
@@ -152,19 +151,12 @@ class ServoFacts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServosOnBus:
-    """The servos that were found on a bus.
+    """The servos that were found on a bus."""
 
-    Attributes:
-        baud: The bus's rate [bit/s].
-        servos: The registers of each, by its id.
-        shared: Ids whose replies are corrupt, because several servos have them.
-        garbled: Whether the replies to a ping of all servos were corrupt.
-    """
-
-    baud: int
-    servos: Mapping[int, ServoFacts]
-    shared: tuple[int, ...] = ()
-    garbled: bool = False
+    baud: int  # the bus's rate [bit/s]
+    servos: Mapping[int, ServoFacts]  # the registers of each, by its id
+    shared: tuple[int, ...] = ()  # ids whose replies are corrupt, because several servos have them
+    garbled: bool = False  # whether the replies to a ping of all servos were corrupt
 
     @property
     def is_empty(self) -> bool:

@@ -43,13 +43,7 @@ _WRITING = 10  # how often a servo that writes its memory is asked whether it is
 
 
 def settings(joint: str, facts: ServoFacts, *, moved: bool) -> dict[Register, int]:
-    """The settings for the servo's EEPROM.
-
-    Args:
-        joint: The joint that it is for.
-        facts: Its present registers.
-        moved: Whether it had another id before.
-    """
+    """The settings for the EEPROM of a servo; ``moved`` if it had another id before."""
     is_jaw = joint == GRIPPER_JOINT
     wanted = {
         **repairs(facts),
@@ -70,11 +64,7 @@ def repairs(facts: ServoFacts) -> dict[Register, int]:
 def program(
     bus: Bus, servo_id: int, wanted: Mapping[Register, int], *, anew: bool = False
 ) -> tuple[str, ...]:
-    """Store ``wanted`` in a servo for good, and switch its torque off; ``anew`` as in ``store``.
-
-    Returns:
-        The names of the registers that were changed.
-    """
+    """Store ``wanted`` for good, and switch torque off; returns the names of changed registers."""
     bus.write(servo_id, reg.TORQUE_ENABLE, 0)
     changed = bus.store(servo_id, wanted, anew=anew)
     bus.write(servo_id, reg.LOCK, 1)  # other programs leave it open
@@ -91,7 +81,6 @@ def change_rate(tuner: Tuner, servo_id: int, baud: int) -> None:
     """Change a servo's baud rate for good, and tune the bus to it.
 
     Raises:
-        BusError: It cannot be reached.
         ServoFault: It does not take the rate; it and the tuner keep the old one.
     """
     old = tuner.baud

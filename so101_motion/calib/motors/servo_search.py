@@ -27,17 +27,11 @@ brands use. Chosen."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateAnswers:
-    """The servos that answer at one rate.
+    """The servos that answer at one rate."""
 
-    Attributes:
-        baud: The rate [bit/s].
-        ids: Ids of those that answer.
-        garbled: Whether there were corrupt replies.
-    """
-
-    baud: int
-    ids: tuple[int, ...]
-    garbled: bool
+    baud: int  # the rate [bit/s]
+    ids: tuple[int, ...]  # ids of those that answer
+    garbled: bool  # whether there were corrupt replies
 
     @property
     def is_silence(self) -> bool:
@@ -90,16 +84,7 @@ def listen(tuner: Tuner) -> RateAnswers:
 def find_first_rate(
     tuner: Tuner, *, hint: int | None = None, on_rate: Callable[[int], None] = lambda baud: None
 ) -> RateAnswers | None:
-    """Find the first rate at which any servo answers; the tuner stays there.
-
-    Args:
-        tuner: The bus.
-        hint: The rate to begin with; the port's own by default.
-        on_rate: Called with each rate before it is tried.
-
-    Returns:
-        None if no servo answers at any rate.
-    """
+    """The first rate at which a servo answers, from ``hint`` on; the tuner stays there."""
     rates = dict.fromkeys((hint or tuner.home, tuner.home, *LIKELIEST_FIRST))
     # The likeliest in between: a servo that was plugged in just now takes a moment to start, and a
     # single answer may have been lost.

@@ -44,24 +44,18 @@ class MotorView:
         state: ``"todo"``, ``"found"`` (connected alone), ``"configured"`` (id, rate and settings
             stored and read back), ``"verified"`` (seen in the finished chain), ``"failed"`` or
             ``"skipped"``.
-        baud: The rate it was found at, or talks at now [bit/s].
-        model: The published module's name of the model, such as ``"sts3215"``.
-        firmware: Such as ``"3.10"``.
-        volts: Its supply [V].
-        sentence: What was found, or what is wrong.
-        fix: What to do about it; empty when nothing is wrong.
     """
 
     joint: str
     target_id: int
     state: State = "todo"
     found_id: int | None = None
-    baud: int | None = None
-    model: str | None = None
-    firmware: str | None = None
-    volts: float | None = None
-    sentence: str = ""
-    fix: str = ""
+    baud: int | None = None  # the rate it was found at, or talks at now [bit/s]
+    model: str | None = None  # the published module's name of the model, such as ``"sts3215"``
+    firmware: str | None = None  # such as ``"3.10"``
+    volts: float | None = None  # its supply [V]
+    sentence: str = ""  # what was found, or what is wrong
+    fix: str = ""  # what to do about it; empty when nothing is wrong
 
     def with_facts(self, facts: ServoFacts, baud: int) -> MotorView:
         return replace(
@@ -85,17 +79,12 @@ def _untouched() -> dict[str, MotorView]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupView:
-    """The state of the motor setup.
-
-    Attributes:
-        fix: What to do about it; empty when nothing is wrong.
-        doing: The request under way; empty when there is none.
-    """
+    """The state of the motor setup."""
 
     motors: Mapping[str, MotorView] = field(default_factory=_untouched)
     status: str = READY
-    fix: str = ""
-    doing: str = ""
+    fix: str = ""  # what to do about it; empty when nothing is wrong
+    doing: str = ""  # the request under way; empty when there is none
 
     @property
     def step(self) -> int:
@@ -160,32 +149,25 @@ class MotorCheck:
     Attributes:
         status: ``"ok"``, ``"not_responding"``, ``"duplicate"``, ``"model_detection_failed"``,
             ``"wrong_model"``, ``"wrong_voltage"`` or ``"wrong_settings"``.
-        facts: Its registers; None if they could not be read.
-        error: What is wrong; empty when nothing is.
-        fix: What to do about it.
     """
 
     joint: str
     servo_id: int
     status: str
-    facts: ServoFacts | None = None
-    error: str = ""
-    fix: str = ""
+    facts: ServoFacts | None = None  # its registers; None if they could not be read
+    error: str = ""  # what is wrong; empty when nothing is
+    fix: str = ""  # what to do about it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """The result of checking the finished chain.
-
-    Attributes:
-        misplaced: What is wrong with the order of the ids; empty if nothing shows.
-    """
+    """The result of checking the finished chain."""
 
     motors: Mapping[str, MotorCheck]
     unexpected_ids: tuple[int, ...]
     notes: tuple[str, ...]
     sentence: str
-    misplaced: str = ""
+    misplaced: str = ""  # what is wrong with the order of the ids; empty if nothing shows
 
     @property
     def ok(self) -> bool:

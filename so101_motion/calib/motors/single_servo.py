@@ -29,18 +29,7 @@ _MORE = 3
 def find_alone(
     tuner: Tuner, joint: str, *, hint: int | None, on_rate: Callable[[int], None]
 ) -> ServoFacts:
-    """Find the one connected servo, whatever its id and rate; the tuner stays at its rate.
-
-    Args:
-        tuner: The bus.
-        joint: The joint that it is for.
-        hint: The rate to begin with [bit/s]; the port's own by default.
-        on_rate: Called with each rate before it is tried.
-
-    Raises:
-        MotorSetupError: No servo answers, or more than one, or it is another model.
-        BusError: The port is gone, or the servo cannot be read.
-    """
+    """Find the one connected servo, whatever its id and rate; the tuner stays at its rate."""
     facts = _read_only_one(tuner, joint, find_first_rate(tuner, hint=hint, on_rate=on_rate))
     if not facts.fits_arm:
         raise MotorSetupError(
@@ -56,10 +45,6 @@ def require_alone(tuner: Tuner, joint: str) -> None:
     """Check that no other servo answers at any rate; takes two seconds.
 
     The tuner comes back to its rate; there ``find_alone`` has seen that only one answers.
-
-    Raises:
-        MotorSetupError: Another servo answers.
-        PortUnavailable: The port is gone.
     """
     there = tuner.baud
     for others in sweep(tuner, (baud for baud in LIKELIEST_FIRST if baud != there)):
@@ -74,12 +59,7 @@ def require_alone(tuner: Tuner, joint: str) -> None:
 
 
 def read_back(tuner: Tuner, joint: str) -> ServoFacts:
-    """Read the newly assigned servo of ``joint`` back and check it.
-
-    Raises:
-        MotorSetupError: Another servo answers, or this one did not take its settings.
-        BusError: It does not answer.
-    """
+    """Read the newly assigned servo of ``joint`` back and check it."""
     servo_id = SERVO_IDS[joint]
     heard = listen(tuner)
     for _ in range(_MORE):

@@ -39,17 +39,11 @@ _LIMITS = Register(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldCalibration:
-    """The calibration that a servo holds: homing offset and limits.
+    """The calibration that a servo holds: homing offset and limits."""
 
-    Attributes:
-        homing_offset: What it subtracts from its encoder's count [tick].
-        range_min: Smallest goal it accepts [tick].
-        range_max: Largest.
-    """
-
-    homing_offset: int
-    range_min: int = 0
-    range_max: int = _MAX
+    homing_offset: int  # what it subtracts from its encoder's count [tick]
+    range_min: int = 0  # smallest goal it accepts [tick]
+    range_max: int = _MAX  # largest
 
     @classmethod
     def of(cls, entry: JointCalibration) -> HeldCalibration:
@@ -119,17 +113,7 @@ def _limits(lower: int, upper: int) -> int:
 
 
 def write_calibration(bus: Bus, stored: Stored) -> Path | None:
-    """Store a calibration file in the servos for good; silent servos are left out.
-
-    What they held is kept first, as a version of the file. See ``write_held`` for driven joints.
-
-    Returns:
-        That version; None if they held nothing that can be a calibration.
-
-    Raises:
-        CalibrationError: It cannot be kept; nothing was changed.
-        BusError: A servo cannot be reached or does not take a value.
-    """
+    """Store a file in the servos that answer, for good; returns where is kept what they held."""
     answering = bus.answering(entry.id for entry in stored.calibration.values())
     there = {joint: e for joint, e in stored.calibration.items() if e.id in answering}
     if not there:
@@ -178,11 +162,7 @@ def read_positions(bus: Bus, joints: Sequence[str]) -> dict[str, int]:
 
 
 def check_homed(bus: Bus, homes: Mapping[str, int]) -> None:
-    """Check that the servos report the homing pose ``homes`` [tick] with their new offsets.
-
-    Raises:
-        CalibrationError: A servo reads something else.
-    """
+    """Check that the servos report the homing pose ``homes`` [tick] with their new offsets."""
     for joint, ticks in read_positions(bus, tuple(homes)).items():
         if abs(around(ticks - homes[joint])) > _STILL:
             raise CalibrationError(

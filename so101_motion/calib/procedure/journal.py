@@ -46,15 +46,12 @@ class Journal:
     """The journal of a running calibration.
 
     Attributes:
-        before: What each servo held before the calibration, by joint.
-        meanwhile: What it gets during the calibration, by joint.
-        saving: What servos and file are to hold; None before that is known.
         is_decided: Whether ``saving`` is to be carried through; else everything is put back.
     """
 
-    before: Mapping[str, HeldCalibration]
-    meanwhile: Mapping[str, HeldCalibration]
-    saving: Saving | None = None
+    before: Mapping[str, HeldCalibration]  # what each servo held before the calibration, by joint
+    meanwhile: Mapping[str, HeldCalibration]  # what it gets during the calibration, by joint
+    saving: Saving | None = None  # what servos and file are to hold; None before that is known
     is_decided: bool = False
 
 
@@ -69,11 +66,7 @@ def is_known(calibration_file: Path) -> bool:
 
 
 def write(calibration_file: Path, journal: Journal) -> None:
-    """Write the journal in one step.
-
-    Raises:
-        CalibrationError: It cannot be written.
-    """
+    """Write the journal in one step."""
     content: dict[str, object] = {
         "about": _ABOUT,
         "before": {joint: _row(held) for joint, held in journal.before.items()},
@@ -92,11 +85,7 @@ def write(calibration_file: Path, journal: Journal) -> None:
 
 
 def remove(calibration_file: Path) -> None:
-    """Remove the journal, because the calibration has ended well.
-
-    Raises:
-        CalibrationError: The journal cannot be removed.
-    """
+    """Remove the journal, because the calibration has ended well."""
     path = path_for(calibration_file)
     try:
         path.unlink(missing_ok=True)
@@ -108,11 +97,7 @@ def remove(calibration_file: Path) -> None:
 
 
 def read(calibration_file: Path) -> Journal | None:
-    """Read the journal of an interrupted calibration; None if there is none.
-
-    Raises:
-        CalibrationError: It cannot be read or understood.
-    """
+    """Read the journal of an interrupted calibration; None if there is none."""
     path = path_for(calibration_file)
     if not path.exists():
         return None
@@ -135,16 +120,7 @@ def read(calibration_file: Path) -> Journal | None:
 
 
 def recover(bus: Bus, calibration_file: Path) -> str | None:
-    """End an interrupted calibration, if there is one.
-
-    Returns:
-        A sentence for the user that says what was done; None if there was nothing to do.
-
-    Raises:
-        CalibrationError: A servo cannot be reached, or a file cannot be read or written. The
-            journal stays for the next time.
-        PortUnavailable: There is no port; likewise.
-    """
+    """End an interrupted calibration, if there is one; returns what was done, for the user."""
     journal = read(calibration_file)
     if journal is None:
         return None

@@ -40,11 +40,10 @@ class PoseEstimate:
 
     Attributes:
         angles: Every joint's angle [rad]; a joint that was never read has its homing angle.
-        guessed: Joints whose angle is a guess.
     """
 
     angles: Mapping[str, float]
-    guessed: frozenset[str]
+    guessed: frozenset[str]  # joints whose angle is a guess
 
     @property
     def q(self) -> Array:
@@ -58,13 +57,7 @@ class PoseEstimate:
 def estimate_pose(
     state: State, joints: Mapping[str, JointView], former: Mapping[str, float]
 ) -> PoseEstimate:
-    """Estimate the joint angles.
-
-    Args:
-        state: The state of the calibration.
-        joints: What is known of the joints.
-        former: Their angles by the calibration in force before homing [rad].
-    """
+    """Estimate the joint angles; ``former`` are those before homing [rad]."""
     angles, guessed = dict(HOMING_POSE), set(JOINTS)
     for joint, view in joints.items():
         if view.ticks is None:

@@ -30,20 +30,15 @@ class Positions:
     Attributes:
         ticks: Where each joint is, 0 to 4095 [tick]; joints that were never read are missing.
         arcs: Their travels since the recording began; empty before.
-        samples: How often they were read since the recording began.
-        silent: Joints that do not answer.
-        t: When they were read [s].
-        held_since: Since when the arm is held still [s].
-        grown_at: When a travel last grew [s].
     """
 
     ticks: Mapping[str, int] = field(default_factory=dict)
     arcs: Mapping[str, TravelArc] = field(default_factory=dict)
-    samples: int = 0
-    silent: tuple[str, ...] = ()
-    t: float = 0.0
-    held_since: float = 0.0
-    grown_at: float = 0.0
+    samples: int = 0  # how often they were read since the recording began
+    silent: tuple[str, ...] = ()  # joints that do not answer
+    t: float = 0.0  # when they were read [s]
+    held_since: float = 0.0  # since when the arm is held still [s]
+    grown_at: float = 0.0  # when a travel last grew [s]
 
 
 class Sampler:
@@ -112,12 +107,7 @@ class Stillness:
         self._anchor: dict[str, int] = {}
 
     def feed(self, t: float, ticks: Mapping[str, int | None]) -> float:
-        """How long all joints have stayed within ``TREMBLE`` [s]; 0 if one does not answer.
-
-        Args:
-            t: Now [s].
-            ticks: Where they are [tick].
-        """
+        """How long all joints have stayed within ``TREMBLE`` [s]; 0 if one does not answer."""
         known = {joint: place for joint, place in ticks.items() if place is not None}
         is_still = known.keys() == ticks.keys() == self._anchor.keys() and all(
             abs(place - self._anchor[joint]) <= TREMBLE for joint, place in known.items()

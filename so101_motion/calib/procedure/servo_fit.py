@@ -81,17 +81,11 @@ _CORRECTIONS = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """The load in the hand.
+    """The load in the hand."""
 
-    Attributes:
-        mass: Its mass [kg].
-        com: Its centre of mass in the tool frame [m].
-        mass_deviation: Standard deviation of the mass [kg].
-    """
-
-    mass: float
-    com: tuple[float, float, float]
-    mass_deviation: float
+    mass: float  # its mass [kg]
+    com: tuple[float, float, float]  # its centre of mass in the tool frame [m]
+    mass_deviation: float  # standard deviation of the mass [kg]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,46 +93,29 @@ class Identified:
     """The result of an identification.
 
     Attributes:
-        servos: The servo's figures, by joint.
         deviations: Their standard deviations by steady motion alone, by joint; without the play.
-        load: The load in the hand; None if the user said it is empty.
-        volts: Supply, mean over the motions [V].
     """
 
-    servos: Mapping[str, ServoFigures]
+    servos: Mapping[str, ServoFigures]  # the servo's figures, by joint
     deviations: Mapping[str, ServoFigures]
-    load: Load | None
-    volts: float
+    load: Load | None  # the load in the hand; None if the user said it is empty
+    volts: float  # supply, mean over the motions [V]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Row:
-    """A stretch of steady motion of joint ``i``.
+    """A stretch of steady motion of joint ``i``."""
 
-    Attributes:
-        i: Index of the joint.
-        torque: The motor's torque if it is like its type, back-EMF subtracted [N m].
-        speed: The joint's speed [rad/s].
-        weight: The torque that holds the joint there, without load [N m].
-        per_load: What each of mass and moments adds to ``weight``, shape (4,).
-        per_delay: What one more second of delay subtracts from ``torque`` [N m/s].
-    """
-
-    i: int
-    torque: float
-    speed: float
-    weight: float
-    per_load: Array
-    per_delay: float
+    i: int  # index of the joint
+    torque: float  # the motor's torque if it is like its type, back-EMF subtracted [N m]
+    speed: float  # the joint's speed [rad/s]
+    weight: float  # the torque that holds the joint there, without load [N m]
+    per_load: Array  # what each of mass and moments adds to ``weight``, shape (4,)
+    per_delay: float  # what one more second of delay subtracts from ``torque`` [N m/s]
 
 
 def load_columns(gravity_of: Callable[[float, Array], Gravity], q: Array) -> Array:
-    """What mass and moments of a load add to the torques at ``q`` (k, 5); shape (4, k, 5).
-
-    Args:
-        gravity_of: The holding torques with a mass [kg] at a place in the tool frame [m].
-        q: Configurations [rad].
-    """
+    """What mass and moments of a load add to the torques at ``q`` (k, 5) [rad]; shape (4, k, 5)."""
     none = gravity_of(0.0, np.zeros(3))(q)
     mass = gravity_of(1.0, np.zeros(3))(q) - none
     along = [gravity_of(1.0, axis)(q) - none - mass for axis in np.eye(3)]
@@ -287,13 +264,7 @@ def fit(
 
 
 def play(record: JointRecord, figures: ServoFigures, weight: Array) -> float | None:
-    """The play that explains a joint's motion best [rad]; None if play explains nothing.
-
-    Args:
-        record: What the joint did.
-        figures: Its servo's figures.
-        weight: The torque that holds it at each sample, shape (k,), [N m].
-    """
+    """The play that explains a motion best [rad], or None; ``weight`` as for ``predicted``."""
     shown = _shows_play(record, weight)
     if not shown.any():
         return None

@@ -22,37 +22,21 @@ from so101_motion.drivers.servo_types import ServoFigures, ServoType
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointRecord:
-    """The record of one joint, k samples.
+    """The record of one joint, k samples."""
 
-    Attributes:
-        index: Index of the joint.
-        kind: The type of its servo.
-        p_gain: Register 21.
-        acceleration: Of the servo's own set-point [rad/s^2].
-        zero_ticks: Position at angle zero [tick].
-        direction: 1 if the servo counts up with the angle, else -1.
-        t: Times of the readings, shape (k,), [s].
-        ticks: Its position, shape (k,), [tick].
-        q: The angles of all arm joints, shape (k, 5), [rad].
-        qd_ref: Velocity of its setpoints, shape (k,), [rad/s].
-        volts: Supply, shape (k,), [V].
-        t_goals: When goals were sent, shape (m,), [s].
-        goals: The goals, shape (m,), [tick].
-    """
-
-    index: int
-    kind: ServoType
-    p_gain: int
-    acceleration: float
-    zero_ticks: float
-    direction: int
-    t: Array
-    ticks: Array
-    q: Array
-    qd_ref: Array
-    volts: Array
-    t_goals: Array
-    goals: Array
+    index: int  # index of the joint
+    kind: ServoType  # the type of its servo
+    p_gain: int  # register 21
+    acceleration: float  # of the servo's own set-point [rad/s^2]
+    zero_ticks: float  # position at angle zero [tick]
+    direction: int  # 1 if the servo counts up with the angle, else -1
+    t: Array  # times of the readings, shape (k,), [s]
+    ticks: Array  # its position, shape (k,), [tick]
+    q: Array  # the angles of all arm joints, shape (k, 5), [rad]
+    qd_ref: Array  # velocity of its setpoints, shape (k,), [rad/s]
+    volts: Array  # supply, shape (k,), [V]
+    t_goals: Array  # when goals were sent, shape (m,), [s]
+    goals: Array  # the goals, shape (m,), [tick]
 
 
 def setpoints(record: JointRecord) -> Array:
@@ -79,14 +63,7 @@ def setpoints(record: JointRecord) -> Array:
 def predicted(
     record: JointRecord, figures: ServoFigures, weight: Array, play: float | None = None
 ) -> Array:
-    """Where the joint would have been read at each sample, shape (k,), [tick].
-
-    Args:
-        record: The record with the goals.
-        figures: Figures of its servo.
-        weight: The torque that holds it at each sample, shape (k,), [N m].
-        play: Between gears and output [rad]; None for that of ``figures``, or the usual one.
-    """
+    """Where the joint would be read, shape (k,), [tick]; ``weight`` holds it, shape (k,), [N m]."""
     return np.floor(unrounded(record, figures, weight, play) + 0.5)
 
 

@@ -93,11 +93,7 @@ INSTRUCTIONS: dict[State, str] = {
 
 
 def step(state: State, command: Command) -> Transition:
-    """The transition of ``command`` from ``state``.
-
-    Raises:
-        CalibrationError: The command is not possible in this state.
-    """
+    """The transition of ``command`` from ``state``."""
     found = TABLE.get((state, command))
     if found is None:
         names = " or ".join(f'"{offered.value}"' for offered in OFFERED[state])

@@ -44,17 +44,11 @@ LONGEST_GAP = 0.3
 
 @dataclass(frozen=True, slots=True)
 class TravelArc:
-    """A joint's travel: an arc on the circle of ticks.
+    """A joint's travel: an arc on the circle of ticks."""
 
-    Attributes:
-        lower: Its lower end, -2048 to 4095 [tick]; negative if it passes the seam.
-        travel: How far it goes from there, upwards [tick]; 4095 is a full turn.
-        hole: The longest part of it that the joint was not seen to pass [tick].
-    """
-
-    lower: int
-    travel: int
-    hole: int = 0
+    lower: int  # its lower end, -2048 to 4095 [tick]; negative if it passes the seam
+    travel: int  # how far it goes from there, upwards [tick]; 4095 is a full turn
+    hole: int = 0  # the longest part of it that the joint was not seen to pass [tick]
 
     @property
     def upper(self) -> int:
@@ -88,12 +82,7 @@ class TravelRecorder:
         self._t = 0.0
 
     def feed(self, t: float, ticks: int) -> None:
-        """Add a reading.
-
-        Args:
-            t: Time of the reading [s].
-            ticks: The position; any turn.
-        """
+        """Add a reading at ``t`` [s]; of any turn [tick]."""
         if t - self._t > LONGEST_GAP:
             self._window, self._at = [], None
         self._t = t
@@ -135,14 +124,7 @@ def around(ticks: int) -> int:
 
 
 def homing_offset(encoder: int) -> int:
-    """The offset with which a servo reads ``MIDDLE``, or one more, at its present position.
-
-    Args:
-        encoder: Its encoder's count: its reported position plus its present offset [tick].
-
-    Returns:
-        An offset that every servo can hold, -2047 to 2047.
-    """
+    """The offset with which a servo whose encoder counts ``encoder`` [tick] reads ``MIDDLE``."""
     return representable(encoder - MIDDLE)
 
 
@@ -153,29 +135,16 @@ def representable(offset: int) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A homing offset, and the limits of the travel with that offset.
+    """A homing offset, and the limits of the travel with that offset."""
 
-    Attributes:
-        homing_offset: What the servo subtracts from its encoder's count [tick].
-        lower: Lower end of the travel [tick], 0 to 4095.
-        upper: Upper end [tick].
-        home: What the servo reads in the homing pose [tick].
-    """
-
-    homing_offset: int
-    lower: int
-    upper: int
-    home: int
+    homing_offset: int  # what the servo subtracts from its encoder's count [tick]
+    lower: int  # lower end of the travel [tick], 0 to 4095
+    upper: int  # upper end [tick]
+    home: int  # what the servo reads in the homing pose [tick]
 
 
 def fit(arc: TravelArc, *, offset: int, home: int) -> Fit:
-    """The homing offset with which a travel does not touch the seam.
-
-    Args:
-        arc: The travel as it reads with ``offset``; at most 4095 ticks.
-        offset: The servo's offset in force.
-        home: What the servo reads in the homing pose with it.
-    """
+    """The homing offset with which a travel, read with ``offset``, stays off the seam [tick]."""
     margin = min(SEAM_MARGIN, (TICKS_PER_TURN - 1 - arc.travel) // 2)
     chosen = offset
     if not margin <= arc.lower <= TICKS_PER_TURN - 1 - margin - arc.travel:

@@ -71,15 +71,7 @@ class Assessment:
 def assess(
     joint: str, arc: TravelArc | None, *, expected: int, home: int, counts_down: bool = False
 ) -> Assessment:
-    """Judge the travel of a joint, while it is recorded or at the end.
-
-    Args:
-        joint: Its name.
-        arc: Its travel so far; None if there is none yet.
-        expected: The travel from stop to stop [tick].
-        home: What the servo reads in the homing pose [tick].
-        counts_down: Whether the servo's encoder is set up to count the wrong way round.
-    """
+    """Judge the travel of a joint, while it is recorded or at the end; all in ticks."""
     travel = 0 if arc is None else arc.travel
     moved = f"moved {_deg(travel)} of {_deg(expected)} deg"
     if counts_down:

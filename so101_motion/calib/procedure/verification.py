@@ -54,34 +54,22 @@ class JointComparison:
     """The stops of a joint, compared with its calibration.
 
     Attributes:
-        joint: Its name.
-        moved_deg: How far it was led from end to end.
-        expected_deg: How far it goes in the calibration.
         reads_deg: How much its angle reads too much under the calibration; None until it has been
             at both stops.
-        agrees: Whether the calibration is right; None likewise.
-        sentence: All of this for people.
     """
 
-    joint: str
-    moved_deg: float
-    expected_deg: float
+    joint: str  # its name
+    moved_deg: float  # how far it was led from end to end
+    expected_deg: float  # how far it goes in the calibration
     reads_deg: float | None
-    agrees: bool | None
-    sentence: str
+    agrees: bool | None  # whether the calibration is right; None likewise
+    sentence: str  # all of this for people
 
 
 def compared(
     joint: str, entry: JointCalibration, arc: TravelArc | None, *, held_offset: int
 ) -> JointComparison:
-    """Compare the travel of a joint with its calibration.
-
-    Args:
-        joint: Its name.
-        entry: Its calibration.
-        arc: How it was led, in its servo's ticks; None before it moved.
-        held_offset: The homing offset that its servo holds [tick].
-    """
+    """Compare how a joint was led, in its servo's ticks, with its calibration."""
     span = entry.range_max - entry.range_min
     expected, moved = span * DEG_PER_TICK, arc.travel * DEG_PER_TICK if arc is not None else 0.0
     say = partial(JointComparison, joint=joint, moved_deg=moved, expected_deg=expected)

@@ -29,21 +29,16 @@ class JointProgress:
     """The progress of one joint.
 
     Attributes:
-        before: What its servo held before, as it can be restored.
-        held: What its servo holds now.
-        driven: Whether its torque was on when the calibration began.
-        counts_down: Whether its encoder is set up to count the wrong way round.
-        home: What it reads in the homing pose [tick]; None before.
         fit: Offset and travel that are about to be saved; None before the recording has ended.
         assessment: The verdict on its travel; None before the recording has ended.
     """
 
     joint: str
-    before: HeldCalibration
-    held: HeldCalibration
-    driven: bool = False
-    counts_down: bool = False
-    home: int | None = None
+    before: HeldCalibration  # what its servo held before, as it can be restored
+    held: HeldCalibration  # what its servo holds now
+    driven: bool = False  # whether its torque was on when the calibration began
+    counts_down: bool = False  # whether its encoder is set up to count the wrong way round
+    home: int | None = None  # what it reads in the homing pose [tick]; None before
     fit: Fit | None = None
     assessment: Assessment | None = None
 
@@ -66,20 +61,14 @@ class JointProgress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationProgress:
-    """The progress of a calibration.
-
-    Attributes:
-        error: Why the last command failed; None if it succeeded.
-        started_at: When the recording began [s].
-        recorded_for: How long it took [s]; None while it runs.
-    """
+    """The progress of a calibration."""
 
     state: State = State.IDLE
     joints: Mapping[str, JointProgress] = field(default_factory=dict)
-    error: str | None = None
+    error: str | None = None  # why the last command failed; None if it succeeded
     note: str | None = None
-    started_at: float = 0.0
-    recorded_for: float | None = 0.0
+    started_at: float = 0.0  # when the recording began [s]
+    recorded_for: float | None = 0.0  # how long it took [s]; None while it runs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,27 +78,20 @@ class JointView:
     Attributes:
         ticks: Where it is [tick]; None if that is not known. While a travel that passes the seam is
             recorded, readings go on below 0 or above 4095.
-        homing_offset: The servo's, in force or about to be saved [tick].
-        range_min: Lower limit in force or about to be saved [tick].
-        range_max: Upper limit.
         recorded_min: Lower end of the recorded travel [tick]; None before there is one.
-        recorded_max: Upper end.
-        expected_deg: The travel from stop to stop [deg].
-        verdict: The verdict on the travel; None before a recording.
-        sentence: What that means and what to do; empty before a recording.
     """
 
     joint: str
     servo_id: int
     ticks: int | None = None
-    homing_offset: int
-    range_min: int
-    range_max: int
+    homing_offset: int  # the servo's, in force or about to be saved [tick]
+    range_min: int  # lower limit in force or about to be saved [tick]
+    range_max: int  # upper limit
     recorded_min: int | None = None
-    recorded_max: int | None = None
-    expected_deg: float
-    verdict: Verdict | None = None
-    sentence: str
+    recorded_max: int | None = None  # upper end
+    expected_deg: float  # the travel from stop to stop [deg]
+    verdict: Verdict | None = None  # the verdict on the travel; None before a recording
+    sentence: str  # what that means and what to do; empty before a recording
     is_done: bool
 
     @property
@@ -134,25 +116,19 @@ class CalibrationView:
 
     Attributes:
         joints: The joints that are calibrated, by name, base to jaw; none before the start.
-        error: What is wrong at present and what to do about it; None if nothing is.
-        note: Another message for the user; None if there is none.
-        recording_time: How long the recording has taken so far [s].
-        held_for: How long the arm has been held still [s].
-        grown_for: How long no travel has grown [s].
-        t: The time of the clock by which all this was read [s].
     """
 
     state: State
     instruction: str
     joints: Mapping[str, JointView]
     commands: tuple[Command, ...]
-    error: str | None = None
-    note: str | None = None
-    recording_time: float = 0.0
+    error: str | None = None  # what is wrong at present and what to do about it; None if nothing is
+    note: str | None = None  # another message for the user; None if there is none
+    recording_time: float = 0.0  # how long the recording has taken so far [s]
     samples: int = 0
-    held_for: float = 0.0
-    grown_for: float = 0.0
-    t: float = 0.0
+    held_for: float = 0.0  # how long the arm has been held still [s]
+    grown_for: float = 0.0  # how long no travel has grown [s]
+    t: float = 0.0  # the time of the clock by which all this was read [s]
 
 
 def show(progress: CalibrationProgress, seen: Positions | None, now: float) -> CalibrationView:

@@ -22,20 +22,13 @@ LIMIT_TOLERANCE = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """One number of one joint, in the calibration and in the servo.
-
-    Attributes:
-        field: One of ``FIELDS``.
-        filed: The calibration's number [tick].
-        held: The servo's number [tick]; None if it is not known.
-        differs: Whether they differ by more than the tolerance; False if ``held`` is not known.
-    """
+    """One number of one joint, in the calibration and in the servo."""
 
     joint: str
-    field: str
-    filed: int
-    held: int | None
-    differs: bool
+    field: str  # one of ``FIELDS``
+    filed: int  # the calibration's number [tick]
+    held: int | None  # the servo's number [tick]; None if it is not known
+    differs: bool  # whether they differ by more than the tolerance; False if ``held`` is not known
 
     @property
     def sentence(self) -> str:
@@ -49,14 +42,7 @@ def diff(
     *,
     tolerance: int = TOLERANCE,
 ) -> tuple[Difference, ...]:
-    """Compare each number of a calibration with what the servos hold, along the cable.
-
-    Args:
-        calibration: Of some or all joints.
-        held: What the servos of joints hold, by joint and by the names of ``FIELDS``; may lack
-            joints that did not answer.
-        tolerance: Largest difference that means nothing [tick].
-    """
+    """Compare each number with what servos hold, along the cable; ``held`` may lack joints."""
     return tuple(
         Difference(
             joint=joint,

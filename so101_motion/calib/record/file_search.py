@@ -30,22 +30,18 @@ class FoundFile:
     """A file that looks like a calibration of an SO-101.
 
     Attributes:
-        path: Where it is, absolute.
         origin: ``"module data"``, ``"saved"`` (by this package, anywhere), ``"module folder"``,
             ``"LeRobot"`` or ``"kept copy"``.
-        role: ``"follower"``, ``"leader"`` or ``"unknown"``, by the folder that LeRobot has it in.
         name: Name of the arm: the file's name without its ending; for a kept copy, the path of the
             file that is gone.
-        stored: Its content; None when it cannot be used.
-        problem: Why it cannot be used; empty when it can.
     """
 
-    path: Path
+    path: Path  # where it is, absolute
     origin: str
-    role: str
+    role: str  # ``"follower"``, ``"leader"`` or ``"unknown"``, by the folder that LeRobot has it in
     name: str
-    stored: Stored | None
-    problem: str
+    stored: Stored | None  # its content; None when it cannot be used
+    problem: str  # why it cannot be used; empty when it can
 
 
 def find() -> tuple[FoundFile, ...]:

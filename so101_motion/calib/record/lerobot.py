@@ -66,11 +66,7 @@ _MARGIN = to_rad(3.0)
 
 
 def folder() -> Path:
-    """The folder of LeRobot's calibrations for this user, by LeRobot's own environment variables.
-
-    Raises:
-        RuntimeError: This user has no home.
-    """
+    """LeRobot's folder of calibrations for this user, by LeRobot's environment variables."""
     named = os.environ.get
     if named("HF_LEROBOT_CALIBRATION"):
         return Path(os.environ["HF_LEROBOT_CALIBRATION"]).expanduser()
@@ -109,11 +105,7 @@ def path_for(robot_id: str, *, kind: str = "") -> Path:
 
 
 def text(calibration: Calibration) -> bytes:
-    """The text of a calibration file for LeRobot.
-
-    Raises:
-        CalibrationError: A joint is missing; LeRobot would ask for a new calibration.
-    """
+    """The text of a file for LeRobot, which would ask for a new calibration without all joints."""
     missing = [joint for joint in JOINTS if joint not in calibration]
     if missing:
         raise CalibrationError(
@@ -129,11 +121,7 @@ def text(calibration: Calibration) -> bytes:
 
 
 def export(calibration: Calibration, path: Path) -> None:
-    """Write a calibration file for LeRobot to ``path``; an older file is kept as ``.bak``.
-
-    Raises:
-        CalibrationError: A joint is missing, or it cannot be written.
-    """
+    """Write a calibration file for LeRobot to ``path``; an older file is kept as ``.bak``."""
     data = text(calibration)
     with record.writing(path), atomic.locked(path.parent):
         if path.exists() and path.read_bytes() != data:
@@ -151,11 +139,7 @@ def is_of_lists(content: object) -> bool:
 def from_lists(
     content: object,
 ) -> tuple[dict[str, JointCalibration], dict[str, Zero], tuple[str, ...]]:
-    """Read LeRobot's old format of lists: the calibration, the zeros, and notes for a person.
-
-    Raises:
-        CalibrationError: The lists make no sense, contradict each other, or are of another arm.
-    """
+    """Read LeRobot's old format of lists: the calibration, the zeros, and notes for a person."""
     assert isinstance(content, Mapping)
     rows = _rows(content)
     calibration: dict[str, JointCalibration] = {}

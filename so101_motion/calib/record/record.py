@@ -66,18 +66,14 @@ class JointCalibration:
     """The calibration of one joint.
 
     Attributes:
-        drive_mode: Not 0 if the servo counts down with the joint angle.
-        homing_offset: What the servo subtracts from its encoder [tick].
-        range_min: Smallest position of the travel [tick], as the servo reports it.
-        range_max: Largest.
         norm_mode: How LeRobot-like programs scale it: 1 as 0..100, 2 as -100..100, 3 in degrees.
     """
 
     id: int
-    drive_mode: int = 0
-    homing_offset: int = 0
-    range_min: int = 500
-    range_max: int = 3500
+    drive_mode: int = 0  # not 0 if the servo counts down with the joint angle
+    homing_offset: int = 0  # what the servo subtracts from its encoder [tick]
+    range_min: int = 500  # smallest position of the travel [tick], as the servo reports it
+    range_max: int = 3500  # largest
     norm_mode: int = 3
 
     def to_json(self) -> dict[str, int]:
@@ -144,11 +140,7 @@ def looks_as_new(joint: str, found: JointCalibration) -> bool:
 
 
 def parse(content: object) -> dict[str, JointCalibration]:
-    """Parse the content of a calibration file.
-
-    Raises:
-        CalibrationError: The content cannot be a calibration of this arm.
-    """
+    """Parse the content of a calibration file, all of it."""
     entries = _entries(content)
     found = {joint: _joint(joint, entry) for joint, entry in entries.items()}
     for joint, entry in found.items():
@@ -159,27 +151,16 @@ def parse(content: object) -> dict[str, JointCalibration]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UsablePart:
-    """What can be used of a calibration.
+    """What can be used of a calibration."""
 
-    Attributes:
-        calibration: Its joints, without the refused ones.
-        refused: The joints whose numbers cannot be used, and why not.
-        notes: What the user should know about both.
-        has_norm_mode: Whether it has that field, which LeRobot does not write.
-    """
-
-    calibration: dict[str, JointCalibration]
-    refused: Mapping[str, str]
-    notes: tuple[str, ...]
-    has_norm_mode: bool
+    calibration: dict[str, JointCalibration]  # its joints, without the refused ones
+    refused: Mapping[str, str]  # the joints whose numbers cannot be used, and why not
+    notes: tuple[str, ...]  # what the user should know about both
+    has_norm_mode: bool  # whether it has that field, which LeRobot does not write
 
 
 def usable(content: object) -> UsablePart:
-    """Parse what can be used of a calibration file.
-
-    Raises:
-        CalibrationError: Nothing can be: it is not of this arm, or no joint makes sense.
-    """
+    """Parse what can be used of a calibration file; raises if nothing can be."""
     found: dict[str, JointCalibration] = {}
     refusals: dict[str, CalibrationError] = {}
     notes: list[str] = []
@@ -248,10 +229,6 @@ def misplaced(ids: Iterable[int], travels: Mapping[str, int]) -> str:
 
     The jaw's travel is half of the others', that of wrist_roll is the widest. Roll itself shows
     nothing: it is often recorded as a full turn.
-
-    Args:
-        ids: Of all servos that answer.
-        travels: Travels of the joints by these ids [tick], as recorded or held as limits.
     """
     first, *others = sorted(ids) or [1]
     if len(others) == len(JOINTS) - 1 == others[-1] - first and first != 1:
@@ -282,11 +259,7 @@ def _check_order(found: Calibration) -> None:
 
 
 def without_prefix(content: Mapping[str, object]) -> Mapping[str, object]:
-    """The entries by this arm's names, also of a robot that says ``arm_shoulder_pan`` and so on.
-
-    Raises:
-        CalibrationError: It has several arms.
-    """
+    """The entries by this arm's names, also of a robot that says ``arm_shoulder_pan`` and so on."""
     if any(joint in content for joint in JOINTS):
         return content
     ends = ("shoulder_pan", "shoulder_lift")
@@ -304,11 +277,7 @@ def without_prefix(content: Mapping[str, object]) -> Mapping[str, object]:
 
 
 def check(calibration: Calibration) -> None:
-    """Check that the record is possible for this arm.
-
-    Raises:
-        CalibrationError: It is not.
-    """
+    """Check that the record is possible for this arm."""
     parse({joint: entry.to_json() for joint, entry in calibration.items()})
 
 
@@ -392,11 +361,7 @@ def _problem(joint: str, found: JointCalibration) -> tuple[str, str] | None:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Make the folder of ``path``, and turn an ``OSError`` of writing into a ``CalibrationError``.
-
-    Raises:
-        CalibrationError: It cannot be written.
-    """
+    """Make the folder of ``path``, and turn an ``OSError`` into a ``CalibrationError``."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield

@@ -29,32 +29,20 @@ _MOST_PLAY_DEG = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HandLoad:
-    """The load in the hand during the identification.
+    """The load in the hand during the identification."""
 
-    Attributes:
-        mass: Its mass [kg].
-        com: Its centre of mass in the tool frame [m].
-    """
-
-    mass: float
-    com: tuple[float, float, float]
+    mass: float  # its mass [kg]
+    com: tuple[float, float, float]  # its centre of mass in the tool frame [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoRecord:
-    """The result of an identification.
+    """The result of an identification."""
 
-    Attributes:
-        at: Its time, as an ISO date and time with its zone.
-        volts: The supply at that time [V].
-        servos: Figures by joint; joints may be missing.
-        load: The load in the hand; None for an empty hand.
-    """
-
-    at: str
-    volts: float
-    servos: Mapping[str, ServoFigures]
-    load: HandLoad | None = None
+    at: str  # its time, as an ISO date and time with its zone
+    volts: float  # the supply at that time [V]
+    servos: Mapping[str, ServoFigures]  # figures by joint; joints may be missing
+    load: HandLoad | None = None  # the load in the hand; None for an empty hand
 
 
 def servos_path(path: Path) -> Path:
@@ -62,35 +50,17 @@ def servos_path(path: Path) -> Path:
 
 
 def read(path: Path) -> ServoRecord | None:
-    """Read the servo figures of the calibration at ``path``; None if there are none.
-
-    Raises:
-        CalibrationError: The file cannot be read, or its figures are impossible.
-    """
+    """Read the servo figures of the calibration at ``path``; None if there are none."""
     file = servos_path(path)
     return _parsed(json_file.read(file), file) if file.exists() else None
 
 
 def read_file(file: Path) -> ServoRecord:
-    """Read a file of servo figures, wherever it is.
-
-    Raises:
-        CalibrationError: It cannot be read, or its figures are impossible.
-    """
     return _parsed(json_file.read(file), file)
 
 
 def save(path: Path, found: ServoRecord) -> Path:
-    """Save the servo figures of the calibration at ``path``; the old file is kept as a version.
-
-    Joints that are missing in ``found`` keep their old figures.
-
-    Returns:
-        The file.
-
-    Raises:
-        OSError: It cannot be written.
-    """
+    """Save the figures beside ``path``; joints that are missing keep theirs. Returns the file."""
     file = servos_path(path)
     with atomic.locked(path.parent):
         try:
@@ -127,11 +97,7 @@ def before(path: Path) -> ServoRecord | None:
 
 
 def restore(path: Path) -> ServoRecord:
-    """Restore the last version that differs from the file.
-
-    Raises:
-        CalibrationError: There is no such version.
-    """
+    """Restore the last version that differs from the file."""
     file = servos_path(path)
     with atomic.locked(path.parent):
         now = file.read_bytes() if file.exists() else b""

@@ -46,21 +46,17 @@ class Stored:
     """The content of a calibration file, with its zeros.
 
     Attributes:
-        path: Where it is, absolute.
-        calibration: By joint; joints may be missing.
         zeros: The joints' zeros; joints that are missing here have theirs in the middle.
-        notes: What the user should know about it.
         refused: The joints that are missing here, because their numbers in the file cannot be
             used; and why not.
-        zero_note: What to tell unless ``joint_zero`` is chosen; see ``zero.about_homing``.
     """
 
-    path: Path
-    calibration: Mapping[str, JointCalibration]
+    path: Path  # where it is, absolute
+    calibration: Mapping[str, JointCalibration]  # by joint; joints may be missing
     zeros: Mapping[str, Zero]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what the user should know about it
     refused: Mapping[str, str] = field(default_factory=dict)
-    zero_note: str = ""
+    zero_note: str = ""  # what to tell unless ``joint_zero`` is chosen; see ``zero.about_homing``
 
 
 def resolve(path: str) -> Path:
@@ -68,9 +64,6 @@ def resolve(path: str) -> Path:
 
     viam-server names that directory in ``VIAM_MODULE_DATA``; without it (from the command line) a
     relative path starts at the working directory. Resolve once and keep the result.
-
-    Raises:
-        CalibrationError: ``path`` cannot be a path.
     """
     try:
         given = Path(path).expanduser()
@@ -89,9 +82,6 @@ def read(path: Path) -> Stored:
 
     A joint whose numbers are impossible is left out, with a note; the others are used. The file may
     be ours, the published module's or LeRobot's, also from before June 2025.
-
-    Raises:
-        CalibrationError: There is none, or it cannot be a calibration of this arm.
     """
     data = json_file.read_bytes(path)
     while True:
@@ -132,9 +122,6 @@ def load(path: Path) -> Stored:
     """Read the file at ``path``; restores it if viam-server has deleted it.
 
     A file in the module's data directory has a second copy elsewhere from then on.
-
-    Raises:
-        CalibrationError: There is none, or what it says cannot be true of this arm.
     """
     notes: tuple[str, ...] = ()
     if _is_module_data(path) and not path.exists():
@@ -197,16 +184,7 @@ def _keep(path: Path, zeros: bytes | None = None) -> tuple[str, ...]:
 
 
 def keep_held(path: Path, held: Calibration) -> Path | None:
-    """Keep the calibration that servos hold as a version of the file at ``path``.
-
-    The file's own content stays the last version.
-
-    Returns:
-        The version, itself a calibration file; None if nothing that they hold can be a calibration.
-
-    Raises:
-        CalibrationError: It cannot be written.
-    """
+    """Keep what servos hold as a version of the file, not the last one; None if it is nonsense."""
     data = {joint: entry.to_json() for joint, entry in held.items()}
     try:
         whole = record.usable(data).calibration
@@ -227,20 +205,7 @@ def keep_held(path: Path, held: Calibration) -> Path | None:
 
 
 def save(path: Path, calibration: Calibration, *, zeros: Mapping[str, Zero] = NO_ZEROS) -> Stored:
-    """Save ``calibration`` to the file at ``path``; the file's other joints stay.
-
-    Args:
-        path: Absolute; see ``resolve``. Folders are made.
-        calibration: Of all joints or some.
-        zeros: What is known of the zeros of these joints, from ``zero.by_stops`` and
-            ``zero.by_pose``; joints that are missing here have theirs in the middle.
-
-    Returns:
-        The content of the file now, with notes on how that went.
-
-    Raises:
-        CalibrationError: It cannot be written, or ``calibration`` is impossible for this arm.
-    """
+    """Save ``calibration`` to the file at ``path``; the file's other joints stay."""
     record.check(calibration)
     with _writing(path):
         before = _salvaged(path)
@@ -250,26 +215,14 @@ def save(path: Path, calibration: Calibration, *, zeros: Mapping[str, Zero] = NO
 
 
 def restore(path: Path, number: int | None = None) -> Stored:
-    """Restore an earlier version of the file; keeps its present content as a version.
-
-    Args:
-        path: Absolute; the file need not exist.
-        number: Number of the version; None takes the last that differs from the file.
-
-    Raises:
-        CalibrationError: There is no such version, or it cannot be true of this arm.
-    """
+    """Restore an earlier version, the last that differs by default; the present one is kept."""
     with _writing(path):
         wanted = earlier(path, number)
         return _put(_salvaged(path), wanted.calibration, wanted.zeros)
 
 
 def earlier(path: Path, number: int | None = None) -> Stored:
-    """The version that ``restore`` would take; writes nothing.
-
-    Raises:
-        CalibrationError: There is no such version, or it cannot be true of this arm.
-    """
+    """The version that ``restore`` would take; writes nothing."""
     return _version(path, number) if number is not None else _last_other(_salvaged(path))
 
 

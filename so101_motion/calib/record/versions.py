@@ -34,17 +34,11 @@ _TIME = "%Y%m%dT%H%M%SZ"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Version:
-    """An earlier content of a calibration file.
+    """An earlier content of a calibration file."""
 
-    Attributes:
-        number: Counts up; the last version has the largest.
-        kept_at: When it was kept.
-        path: Its copy.
-    """
-
-    number: int
-    kept_at: datetime
-    path: Path
+    number: int  # counts up; the last version has the largest
+    kept_at: datetime  # when it was kept
+    path: Path  # its copy
 
 
 def zero_path(path: Path) -> Path:
@@ -52,20 +46,11 @@ def zero_path(path: Path) -> Path:
 
 
 def root() -> Path:
-    """The folder with the versions of all files.
-
-    Raises:
-        OSError: This user has no home.
-    """
+    """The folder with the versions of all files; OSError if this user has no home."""
     return user_data_folder() / "so101_motion" / "calibrations"
 
 
 def folder(path: Path) -> Path:
-    """The folder with the versions of the file at ``path``.
-
-    Raises:
-        OSError: This user has no home.
-    """
     digest = hashlib.sha256(os.fsencode(path)).hexdigest()[:10]
     return root() / f"{path.stem[:40]}-{digest}"
 
@@ -97,11 +82,7 @@ def listed(kept: Path) -> tuple[Version, ...]:
 
 
 def keep(path: Path, data: bytes, zeros: bytes | None) -> Path:
-    """Keep a content of the file at ``path`` as a version, unless the last is the same; return it.
-
-    Raises:
-        OSError: It cannot be kept.
-    """
+    """Keep a content of the file at ``path``, unless the last version is the same; return it."""
     kept = folder(path)
     kept.mkdir(parents=True, exist_ok=True)
     with atomic.locked(kept):
@@ -124,10 +105,6 @@ def keep(path: Path, data: bytes, zeros: bytes | None) -> Path:
 
 
 def contents(path: Path) -> tuple[bytes, bytes | None]:
-    """Read a calibration file and the file of zeros beside it, byte for byte.
-
-    Raises:
-        OSError: The calibration file cannot be read.
-    """
+    """Read a calibration file and the file of zeros beside it, byte for byte."""
     beside = zero_path(path)
     return path.read_bytes(), beside.read_bytes() if beside.is_file() else None

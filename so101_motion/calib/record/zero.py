@@ -61,15 +61,10 @@ SWEPT = ARM_JOINTS[:4]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Zero:
-    """The angle at the middle of a joint's recorded travel, and how it is known.
+    """The angle at the middle of a joint's recorded travel, and how it is known."""
 
-    Attributes:
-        by: ``"middle"``, ``"stops"``, ``"pose"``, ``"homing"`` or ``"configured"``.
-        angle: The model's angle at the middle of the recorded travel [rad].
-    """
-
-    by: str
-    angle: float
+    by: str  # ``"middle"``, ``"stops"``, ``"pose"``, ``"homing"`` or ``"configured"``
+    angle: float  # the model's angle at the middle of the recorded travel [rad]
 
 
 MIDDLE = Zero(by="middle", angle=0.0)
@@ -148,14 +143,7 @@ def about_homing(calibration: Calibration, zeros: Mapping[str, Zero]) -> str:
 def in_force(
     stored: Zero | None, configured: float | None, entry: JointCalibration, convention: str | None
 ) -> Zero:
-    """The zero to use: the configured one, else the stored one, else that of the convention.
-
-    Args:
-        stored: The zero of the calibration; None if it has none.
-        configured: The model's angle at the middle, as configured [rad]; None if it is not.
-        entry: The joint's calibration.
-        convention: One of ``CONVENTIONS``; None for the first.
-    """
+    """The zero to use: the configured one [rad], else the stored one, else the convention's."""
     if configured is not None:
         return Zero(by="configured", angle=configured)
     return stored or by_convention(entry, convention)

@@ -28,29 +28,21 @@ class ZeroReport:
     """The explanation of one joint's zero, or of all together.
 
     Attributes:
-        joint: The joint; empty for all of them together.
-        by: As in ``Zero``; for all of them, the sources in use.
-        angle_deg: The model's angle at the middle of the recorded travel [deg]; 0 for all.
         jaws_mm: How far at most the jaws are from where LeRobot, which takes that middle as zero,
             would report them [mm].
-        sentence: All of it in one sentence.
     """
 
-    joint: str
-    by: str
-    angle_deg: float
+    joint: str  # the joint; empty for all of them together
+    by: str  # as in ``Zero``; for all of them, the sources in use
+    angle_deg: float  # the model's angle at the middle of the recorded travel [deg]; 0 for all
     jaws_mm: float
-    sentence: str
+    sentence: str  # all of it in one sentence
 
 
 def explain(
     zeros: Mapping[str, Zero], calibration: Calibration, model: RobotModel
 ) -> tuple[ZeroReport, ...]:
-    """Explain the zero of each joint, and how far it moves the jaws.
-
-    Returns:
-        One for each joint, base to wrist, and one for all of them together.
-    """
+    """Explain the zero of each joint, base to wrist; the last is about all together."""
     joints = [joint for joint in ARM_JOINTS if joint in zeros and joint in calibration]
     configurations = np.random.default_rng(0).uniform(
         model.lower, model.upper, (_CONFIGURATIONS, 5)
