@@ -35,8 +35,7 @@ from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.torque import place_in_hand
-from so101_motion.setup.identify import Identification
-from so101_motion.setup.identify_report import IdentifyReport
+from so101_motion.setup.identify import Identification, IdentifyReport
 
 LOADS_KG = (0.1, 0.15, 0.2, 0.3)
 

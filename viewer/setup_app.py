@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from so101_motion.calib.motors.progress import NAME, SetupProgress
+from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SetupProgress
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.modes import Mode
@@ -98,7 +98,7 @@ def serve_setup(
     """
     known = None if machine is None else known_arm(machine)
     source = known or ports_of(tuple(ports), reply_timeout)
-    kept = SetupProgress(progress_file or own_folder() / NAME, source.where)
+    kept = SetupProgress(progress_file or own_folder() / PROGRESS_FILE, source.where)
     server = start_guarded(
         host, port, allow_remote=allow_remote, label="SO-101 setup", key_of=key_of
     )

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.terminal import Terminal
     from so101_motion.setup.calibrator import StepResult
-    from so101_motion.setup.port_report import PortReport
+    from so101_motion.setup.discovery import PortReport
 
 _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from so101_motion.calib.record.record import Calibration
     from so101_motion.calib.record.store import Stored
     from so101_motion.calib.record.zero_report import ZeroReport
-    from so101_motion.setup.port_report import PortReport
+    from so101_motion.setup.discovery import PortReport
 
 
 _FILE = argument(shell_complete=completed_files)

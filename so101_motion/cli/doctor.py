@@ -22,9 +22,8 @@ from so101_motion.common.units import to_deg
 if TYPE_CHECKING:
     from so101_motion.calib.record.store import Stored
     from so101_motion.rig.rig import Rig
-    from so101_motion.setup.checkup import Check
-    from so101_motion.setup.findings import Findings
-    from so101_motion.setup.port_report import PortReport
+    from so101_motion.setup.checkup import Check, Findings
+    from so101_motion.setup.discovery import PortReport
 
 _FAILURES = 2
 """Most failure records in a report: the newest, and one to compare it with. Chosen."""
@@ -118,7 +117,7 @@ def _diagnose_machine(machine: MachineSource, as_json: bool) -> None:
 def _installed(*, is_whole: bool) -> Findings:
     """Check the installation; ``is_whole`` if no arm is checked after it."""
     from so101_motion.rig.simulated_rig import open_simulated
-    from so101_motion.setup.findings import Findings, software
+    from so101_motion.setup.checkup import Findings, software
 
     with open_simulated() as rig:
         seen = _planned(Findings(software=software()), rig)
@@ -159,7 +158,7 @@ def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Fi
 def _with_file(seen: Findings, file: Path | None) -> Findings:
     from so101_motion.calib.procedure import journal
     from so101_motion.calib.record import store
-    from so101_motion.setup.identify_report import changes_since
+    from so101_motion.setup.identify import changes_since
 
     if file is None:
         return seen
@@ -177,7 +176,7 @@ def _with_file(seen: Findings, file: Path | None) -> Findings:
 
 def _with_arm(seen: Findings, report: PortReport) -> Findings:
     from so101_motion.cli.port_choice import lent_bus
-    from so101_motion.setup.findings import examine
+    from so101_motion.setup.checkup import examine
 
     try:
         with lent_bus(report, "a check-up") as (rig, lease):

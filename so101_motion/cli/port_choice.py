@@ -14,7 +14,7 @@ from so101_motion.common.errors import PortUnavailable
 if TYPE_CHECKING:
     from so101_motion.rig.bus_lease import BusLease
     from so101_motion.rig.hardware_rig import HardwareRig
-    from so101_motion.setup.port_report import PortReport
+    from so101_motion.setup.discovery import PortReport
 
 
 def look_at(port: str) -> PortReport:

@@ -22,11 +22,10 @@ from so101_motion.common import interrupts
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
-    from so101_motion.calib.motors.progress import SetupProgress
-    from so101_motion.calib.motors.setup_view import SetupView, Verification
+    from so101_motion.calib.motors.setup_view import SetupProgress, SetupView, Verification
     from so101_motion.cli.terminal import Terminal
+    from so101_motion.setup.discovery import PortReport
     from so101_motion.setup.motor_operation import MotorOperation
-    from so101_motion.setup.port_report import PortReport
 
 
 @verb()
@@ -80,8 +79,7 @@ def setup(
         return
     if machine is not None:
         raise click.UsageError("the motors of a machine are set up in the browser: add --web")
-    from so101_motion.calib.motors import progress as kept
-    from so101_motion.calib.motors.progress import SetupProgress
+    from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SetupProgress
     from so101_motion.cli import port_choice
     from so101_motion.cli.shared import leaving, quietly
     from so101_motion.cli.terminal import Quit, Terminal
@@ -94,7 +92,7 @@ def setup(
         raise click.UsageError("--repair goes with --port, --yes and --json only")
     if repair and not yes:
         have_agreed("The joints go limp, and settings are stored in them. Are you holding the arm?")
-    progress = SetupProgress(own_folder() / kept.NAME, name)
+    progress = SetupProgress(own_folder() / PROGRESS_FILE, name)
     if dry_run:
         _print_dry_run(report, () if start_over else progress.done, joints, as_json)
         return

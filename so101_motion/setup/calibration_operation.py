@@ -13,9 +13,9 @@ from typing import Any
 import msgspec
 
 from so101_motion.calib.procedure import summary
-from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, PoseEstimate, estimate_pose
 from so101_motion.calib.procedure.steps import State
-from so101_motion.calib.procedure.travel_assessment import ROLL, Verdict
+from so101_motion.calib.procedure.summary import HOMING_POSE, PoseEstimate, estimate_pose
+from so101_motion.calib.procedure.travel import ROLL, Verdict
 from so101_motion.calib.procedure.view import JointView
 from so101_motion.calib.record import zero_report
 from so101_motion.calib.record.record import JOINTS, Calibration

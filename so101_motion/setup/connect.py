@@ -11,8 +11,7 @@ from collections.abc import Callable
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.operation import LocalOperation, Offer, Row, View
-from so101_motion.setup.checkup import Check, fail
-from so101_motion.setup.findings import Findings
+from so101_motion.setup.checkup import Check, Findings, fail
 from so101_motion.setup.port_selection import Candidate, PortsSeen
 from so101_motion.setup.setup_steps import CONNECT, SetupState
 

@@ -25,8 +25,7 @@ from so101_motion.planning.request import Search
 from so101_motion.rig.hardware_rig import HardwareRig
 
 if TYPE_CHECKING:
-    from so101_motion.setup.identify import Identification, IdentificationOutline
-    from so101_motion.setup.identify_report import IdentifyReport
+    from so101_motion.setup.identify import Identification, IdentificationOutline, IdentifyReport
 
 _OFF = "Measures how each servo differs from its type. The arm moves, for about three minutes."
 _PLANNED = "Planned; nothing moves yet. Read what will move, then press a button below it."

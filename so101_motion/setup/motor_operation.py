@@ -27,20 +27,25 @@ from dataclasses import replace
 from typing import Any
 
 from so101_motion.calib.access import BusAccess
-from so101_motion.calib.motors import chain_check, servo_program
+from so101_motion.calib.motors import chain_check, single_servo
 from so101_motion.calib.motors.arm_identification import read_facts
-from so101_motion.calib.motors.progress import SetupProgress
-from so101_motion.calib.motors.servo_search import Tuner, find_all_rates
 from so101_motion.calib.motors.setup_view import (
     AS_NEW,
     SETUP_ORDER,
     MotorCheck,
     MotorView,
+    SetupProgress,
     SetupView,
     Verification,
     connect_alone,
 )
-from so101_motion.calib.motors.single_servo import find_alone, read_back, require_alone
+from so101_motion.calib.motors.single_servo import (
+    Tuner,
+    find_all_rates,
+    find_alone,
+    read_back,
+    require_alone,
+)
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import (
@@ -284,11 +289,11 @@ class MotorOperation(LocalOperation):
             self._admit(motor_name, old_id, current_id)
             require_alone(tuner, motor_name)
             self.checked = None
-            wanted = servo_program.settings(motor_name, facts, moved=old_id != new_id)
+            wanted = single_servo.settings(motor_name, facts, moved=old_id != new_id)
             # Settings first: with the new id it would look finished if this ended half-way.
-            changed = tuner.call(lambda bus: servo_program.program(bus, old_id, wanted))
-            tuner.call(lambda bus: servo_program.change_id(bus, old_id, new_id))
-            servo_program.change_rate(tuner, new_id, tuner.home)
+            changed = tuner.call(lambda bus: single_servo.program(bus, old_id, wanted))
+            tuner.call(lambda bus: single_servo.change_id(bus, old_id, new_id))
+            single_servo.change_rate(tuner, new_id, tuner.home)
             status = (
                 f"{motor_name}: servo {old_id} at {old_baud} baud is now servo {new_id} at"
                 f" {tuner.baud} baud, read back and locked"
@@ -545,9 +550,9 @@ def _repaired(tuner: Tuner, joint: str, baud: int) -> str:
     servo_id = SERVO_IDS[joint]
     tuner.tune(baud)
     facts = tuner.call(lambda bus: read_facts(bus, servo_id))
-    wanted = servo_program.repairs(facts)
-    changed = tuner.call(lambda bus: servo_program.program(bus, servo_id, wanted, anew=True))
-    servo_program.change_rate(tuner, servo_id, tuner.home)
+    wanted = single_servo.repairs(facts)
+    changed = tuner.call(lambda bus: single_servo.program(bus, servo_id, wanted, anew=True))
+    single_servo.change_rate(tuner, servo_id, tuner.home)
     changes = [
         f"{name} is {wanted[reg.REGISTERS[name]]}, was {facts.held[name]}" for name in changed
     ]

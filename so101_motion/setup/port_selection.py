@@ -15,9 +15,8 @@ from so101_motion.common.errors import CalibrationError, ConfigError
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT as REPLY_TIMEOUT
 from so101_motion.drivers.port import port_list
 from so101_motion.files import user_storage
-from so101_motion.setup.discovery import discover
-from so101_motion.setup.findings import Findings
-from so101_motion.setup.port_report import PortReport, file_name
+from so101_motion.setup.checkup import Findings
+from so101_motion.setup.discovery import PortReport, discover, file_name
 
 _ARM_NAME = re.compile(r"\w[\w -]*")
 

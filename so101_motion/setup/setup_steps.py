@@ -22,8 +22,7 @@ from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.setup.calibrator import Calibrator
-from so101_motion.setup.checkup import Check, check_up, fail, ok, warn
-from so101_motion.setup.findings import Findings
+from so101_motion.setup.checkup import Check, Findings, check_up, fail, ok, warn
 
 
 def _untouched() -> CalibrationView:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from so101_motion.common.units import to_mm
-from so101_motion.setup.port_report import Frame, PortReport
+from so101_motion.setup.discovery import Frame, PortReport
 
 
 def configuration(reports: Iterable[PortReport]) -> dict[str, list[object]]:

@@ -24,7 +24,7 @@ from so101_viewer.page import shared_fields
 from so101_viewer.setup_app import SetupApp, serve_setup
 
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
-from so101_motion.calib.procedure.pose_estimate import HOMING_POSE
+from so101_motion.calib.procedure.summary import HOMING_POSE
 from so101_motion.calib.record import store
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import GRIPPER_JOINT

@@ -20,7 +20,7 @@ from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.drivers.servo_types import STS3215_7V4
 from so101_motion.setup import discovery
-from so101_motion.setup.port_report import Frame
+from so101_motion.setup.discovery import Frame
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
 APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from harness import dying
 
-from so101_motion.calib.motors.progress import SetupProgress
+from so101_motion.calib.motors.setup_view import SetupProgress
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.record import lerobot, store

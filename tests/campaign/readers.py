@@ -22,9 +22,9 @@ from viam.proto.common import GeometriesInFrame, Geometry, Pose, WorldState
 from viam.proto.common import Mesh as ViamMesh
 from viam.proto.common import PointCloud as ViamCloud
 
-from so101_motion.calib.motors import progress
+from so101_motion.calib.motors import setup_view
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.record import record, store, zero_file
+from so101_motion.calib.record import record, store, zero
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import SE3
@@ -334,11 +334,11 @@ def all_readers(folder=None):
     return (
         Reader("packets", _read_answers, (answers, answers[5:], b"\xff" * 9)),
         Reader("calibration", of_file(store.read), (_json(_calibration()), _json(_LISTS))),
-        Reader("zeros", of_file(lambda path: zero_file.read(path, calibration)), (_json(_ZEROS),)),
+        Reader("zeros", of_file(lambda path: zero.read_zeros(path, calibration)), (_json(_ZEROS),)),
         Reader("journal", of_file(lambda _: journal.read(at), journal_name), (_json(_JOURNAL),)),
         Reader(
             "progress",
-            of_file(lambda path: progress.SetupProgress(path, None)),
+            of_file(lambda path: setup_view.SetupProgress(path, None)),
             (_json(_PROGRESS),),
         ),
         Reader("scene", of_file(read_scene), (_json(_SCENE),)),

@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.lent_bus import LentBus
 from so101_motion.calib.motors import chain_check
-from so101_motion.calib.motors.servo_search import Tuner
+from so101_motion.calib.motors.single_servo import Tuner
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.errors import So101Error
 from so101_motion.drivers.bus.bus import Bus
@@ -24,8 +24,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.joint_setup import find_joints
 from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.servo_driver import ACCELERATION_CAP, SPEED_CAP
-from so101_motion.setup.checkup import check_up, is_healthy
-from so101_motion.setup.findings import Findings
+from so101_motion.setup.checkup import Findings, check_up, is_healthy
 
 WEIGHT = RobotModel.load().gravity_torque
 START = np.radians([0.0, 25.0, -25.0, 0.0, 0.0, 20.0])  # to be stretched out at the end

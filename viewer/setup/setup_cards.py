@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from html import escape
+from typing import Literal
 
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.setup_steps import Workflow
 
 from ..page.cards import AMBER, BAD, DIM, GOOD, PAD, WARM, marked
-from .step_wizard import StepRow
-from .torque import TorqueText
+from .setup_context import TorqueText
+
+Place = Literal["done", "passed over", "now", "left"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepRow:
+    """A line in the list of steps."""
+
+    title: str
+    place: Place  # whether it is done, passed over, on the page, or still to come
+    minutes: int
+
 
 _VERDICTS = {"ok": ("✓", GOOD), "warn": ("!", WARM), "fail": ("✗", BAD)}
 

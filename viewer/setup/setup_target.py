@@ -18,7 +18,7 @@ from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.setup.assembly import AssemblyOperation
 from so101_motion.setup.calibration_operation import CalibrationOperation
 from so101_motion.setup.calibrator import Calibrator, Situation
-from so101_motion.setup.findings import Findings
+from so101_motion.setup.checkup import Findings
 from so101_motion.setup.move_test import MoveTest
 from so101_motion.setup.port_selection import REPLY_TIMEOUT, Candidate, PortsSeen, look
 from so101_motion.viam.client import Machine, MachineRig

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 
 from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus, look
-from so101_motion.calib.motors.servo_search import LIKELIEST_FIRST, Tuner
 from so101_motion.calib.motors.setup_view import MotorCheck, Verification
+from so101_motion.calib.motors.single_servo import LIKELIEST_FIRST, Tuner
 from so101_motion.calib.record.record import JOINTS, NEW_IDS, SERVO_IDS, misplaced
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.feetech.servo_settings import REPAIR

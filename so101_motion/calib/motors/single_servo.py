@@ -1,26 +1,217 @@
-"""Find the one connected servo, check that no other is connected, and read its setup back.
+"""Find the one connected servo, check that no other is connected, and write its id and settings.
 
 An id must never be changed while several servos listen: all that have the old id would take the new
 one, and from then on their replies would collide.
+
+A ping to all finds every id at once, but only servos that listen at the port's rate hear it. So the
+port is tuned through the eight rates a servo can have, the likeliest first. Each rate takes as long
+as 254 answers would, 23 ms at the fastest and 0.6 s at the slowest; all eight take 1.9 s. A rate at
+which a servo answers is asked a second time, because no servo may be missed.
+
+EEPROM is read, compared and written only where it differs, and unlocked only for that. A servo
+answers at its new id or rate right after it is changed, so it is locked again *there*; a lock sent
+to the old address would reach no servo, and the memory would stay open.
+
+Voltage limits are never written, because a servo that complains about its supply is right. Settings
+with which a servo does not move well (``servo_settings.py``) are set as new, whatever they are; the
+others are left alone, gains too, because the driver reads them and corrects for their droop.
+
+A servo that is moved to another joint starts without calibration. One that keeps its id keeps its
+homing offset and limits, so running the setup on a finished arm does no harm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Self, TypeVar
 
-from so101_motion.calib.motors import servo_program
+from so101_motion.calib.access import BusAccess
 from so101_motion.calib.motors.arm_identification import ServoFacts, colliding, read_facts
-from so101_motion.calib.motors.servo_search import (
-    LIKELIEST_FIRST,
-    RateAnswers,
-    Tuner,
-    find_first_rate,
-    listen,
-    sweep,
-)
 from so101_motion.calib.record.record import SERVO_IDS
-from so101_motion.common.errors import CorruptReply, MotorSetupError
+from so101_motion.common.errors import CorruptReply, MotorSetupError, PortUnavailable, ServoFault
+from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import RETRIES, Bus
+from so101_motion.drivers.bus.registers import Register
+from so101_motion.drivers.feetech.servo_settings import mended
+
+T = TypeVar("T")
+
+LIKELIEST_FIRST = (1_000_000, 500_000, 115_200, 57_600, 38_400, 250_000, 128_000, 76_800)
+"""Every rate of ``BAUDS``. Servos come with the first; the next are what other programs and other
+brands use. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RateAnswers:
+    """The servos that answer at one rate."""
+
+    baud: int  # the rate [bit/s]
+    ids: tuple[int, ...]  # ids of those that answer
+    garbled: bool  # whether there were corrupt replies
+
+    @property
+    def is_silence(self) -> bool:
+        return not self.ids and not self.garbled
+
+
+class Tuner:
+    """Tunes a lent bus to any rate; the end of a ``with`` block restores the port's own.
+
+    Attributes:
+        home: The port's own rate [bit/s].
+    """
+
+    def __init__(self, access: BusAccess) -> None:
+        self._access = access
+        self.home = self.baud = access.call(lambda bus: bus.port.baud)
+
+    def tune(self, baud: int) -> None:
+        if baud != self.baud:
+            self._access.at_baud(baud)
+            self.baud = baud
+
+    def call(self, job: Callable[[Bus], T]) -> T:
+        return self._access.call(job)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        if error is None:
+            self.tune(self.home)
+            return
+        with contextlib.suppress(PortUnavailable):  # the first error counts
+            self.tune(self.home)
+
+
+def listen(tuner: Tuner) -> RateAnswers:
+    """Find the servos at the present rate; asks each that answers a second time."""
+    roll = tuner.call(Bus.ping_all)
+    if not roll.ids and not roll.garbled:
+        return RateAnswers(baud=tuner.baud, ids=(), garbled=False)
+    again = tuner.call(Bus.ping_all)
+    return RateAnswers(
+        baud=tuner.baud,
+        ids=tuple(sorted({*roll.ids, *again.ids})),
+        garbled=roll.garbled and again.garbled,
+    )
+
+
+def find_first_rate(
+    tuner: Tuner, *, hint: int | None = None, on_rate: Callable[[int], None] = lambda baud: None
+) -> RateAnswers | None:
+    """The first rate at which a servo answers, from ``hint`` on; the tuner stays there."""
+    rates = dict.fromkeys((hint or tuner.home, tuner.home, *LIKELIEST_FIRST))
+    # The likeliest in between: a servo that was plugged in just now takes a moment to start, and a
+    # single answer may have been lost.
+    order = [rate for baud in rates for rate in (baud, tuner.home)]
+    for heard in sweep(tuner, order, on_rate):
+        if not heard.is_silence:
+            return heard
+    return None
+
+
+def find_all_rates(
+    tuner: Tuner, *, on_rate: Callable[[int], None] = lambda baud: None
+) -> list[RateAnswers]:
+    rates = dict.fromkeys((tuner.home, *LIKELIEST_FIRST))
+    return [heard for heard in sweep(tuner, rates, on_rate) if not heard.is_silence]
+
+
+def sweep(
+    tuner: Tuner, rates: Iterable[int], on_rate: Callable[[int], None] = lambda baud: None
+) -> Iterator[RateAnswers]:
+    """Listen at each of ``rates`` [bit/s] in turn, as long as the caller goes on."""
+    for baud in rates:
+        on_rate(baud)
+        tuner.tune(baud)
+        yield listen(tuner)
+
+
+OVERLOAD_PERCENT = 80
+"""Drive that counts as an overload [%]; as delivered (FT). LeRobot lowers it on a jaw; a servo that
+moves from the jaw to the shoulder would give way under the arm's weight."""
+
+JAW_TORQUE = 500
+"""Largest drive of the jaw [0.1 %], as in LeRobot: a jaw that closes on something stiff must not
+overload itself. The servo applies it when it is switched on."""
+
+_FULL_TORQUE = 1000
+_UNCALIBRATED = {
+    reg.HOMING_OFFSET: 0,
+    reg.MIN_POSITION: 0,
+    reg.MAX_POSITION: reg.TICKS_PER_TURN - 1,
+}
+_WRITING = 10  # how often a servo that writes its memory is asked whether it is back, 40 ms each
+
+
+def settings(joint: str, facts: ServoFacts, *, moved: bool) -> dict[Register, int]:
+    """The settings for the EEPROM of a servo; ``moved`` if it had another id before."""
+    is_jaw = joint == GRIPPER_JOINT
+    wanted = {
+        **repairs(facts),
+        reg.RETURN_DELAY: 0,
+        reg.MAX_TORQUE: JAW_TORQUE if is_jaw else _FULL_TORQUE,
+    }
+    if not is_jaw:
+        wanted[reg.OVERLOAD_TORQUE] = OVERLOAD_PERCENT
+    return wanted | _UNCALIBRATED if moved else wanted
+
+
+def repairs(facts: ServoFacts) -> dict[Register, int]:
+    """The settings for the EEPROM of a servo that stays what it is: those it has, mended."""
+    wanted = mended(facts.held)
+    return wanted if facts.has_sound_limits else wanted | _UNCALIBRATED
+
+
+def program(
+    bus: Bus, servo_id: int, wanted: Mapping[Register, int], *, anew: bool = False
+) -> tuple[str, ...]:
+    """Store ``wanted`` for good, and switch torque off; returns the names of changed registers."""
+    bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+    changed = bus.store(servo_id, wanted, anew=anew)
+    bus.write(servo_id, reg.LOCK, 1)  # other programs leave it open
+    return changed
+
+
+def change_id(bus: Bus, servo_id: int, new_id: int) -> None:
+    """Change the id of the only servo on the bus for good; its torque must be off."""
+    if servo_id != new_id:
+        bus.change_id(servo_id, new_id)
+
+
+def change_rate(tuner: Tuner, servo_id: int, baud: int) -> None:
+    """Change a servo's baud rate for good, and tune the bus to it.
+
+    Raises:
+        ServoFault: It does not take the rate; it and the tuner keep the old one.
+    """
+    old = tuner.baud
+    if baud == old:
+        return
+    code = reg.BAUDS.index(baud)
+    for _ in range(1 + RETRIES):
+        tuner.call(lambda bus: bus.write(servo_id, reg.LOCK, 0))
+        tuner.call(lambda bus: bus.post(servo_id, reg.BAUD_RATE, code))
+        tuner.tune(baud)
+        if tuner.call(lambda bus: answers_again(bus, servo_id)):
+            tuner.call(lambda bus: bus.write(servo_id, reg.LOCK, 1))
+            return
+        tuner.tune(old)
+    tuner.call(lambda bus: bus.write(servo_id, reg.LOCK, 1))
+    raise ServoFault(
+        f"servo {servo_id} did not take the baud rate {baud}; switch its power off and on, then"
+        " try again",
+        servo_id=servo_id,
+    )
+
+
+def answers_again(bus: Bus, servo_id: int) -> bool:
+    return any(bus.answering((servo_id,)) for _ in range(_WRITING))
+
 
 _MORE = 3
 """How often to listen again for a servo that must be there, because replies get lost. Chosen."""
@@ -72,7 +263,7 @@ def read_back(tuner: Tuner, joint: str) -> ServoFacts:
         )
     facts = tuner.call(lambda bus: read_facts(bus, servo_id))
     wanted = {
-        **servo_program.settings(joint, facts, moved=False),
+        **settings(joint, facts, moved=False),
         reg.ID: servo_id,
         reg.BAUD_RATE: reg.BAUDS.index(tuner.baud),
         reg.LOCK: 1,

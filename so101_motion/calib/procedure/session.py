@@ -38,7 +38,7 @@ from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
 from so101_motion.calib.procedure.journal import Journal, Saving
 from so101_motion.calib.procedure.sampler import Sampler
 from so101_motion.calib.procedure.steps import Command
-from so101_motion.calib.procedure.travel_assessment import ROLL, can_be_accepted
+from so101_motion.calib.procedure.travel import ROLL, can_be_accepted
 from so101_motion.calib.procedure.view import (
     CalibrationProgress,
     CalibrationView,

@@ -10,12 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from so101_motion.calib.procedure import travel
-from so101_motion.calib.procedure import travel_assessment as verdict
 from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.sampler import Positions
 from so101_motion.calib.procedure.steps import INSTRUCTIONS, OFFERED, Command, State
-from so101_motion.calib.procedure.travel import Fit, TravelArc
-from so101_motion.calib.procedure.travel_assessment import Assessment, Verdict
+from so101_motion.calib.procedure.travel import Assessment, Fit, TravelArc, Verdict
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
@@ -48,7 +46,7 @@ class JointProgress:
 
     def assess(self, arc: TravelArc | None) -> Assessment:
         assert self.home is not None
-        return verdict.assess(
+        return travel.assess(
             self.joint, arc, expected=self.expected, home=self.home, counts_down=self.counts_down
         )
 

@@ -1,7 +1,7 @@
 """Read, save and restore calibration files.
 
 A calibration is a file that other programs know (``record``) and beside it a file with the zeros
-(``zero_file``). Saving keeps the file's entries of other joints. It takes these steps, each of
+(``zero``). Saving keeps the file's entries of other joints. It takes these steps, each of
 which is all or nothing:
 
     1. the present content is kept as a version (``versions``)
@@ -28,11 +28,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from so101_motion.calib.record import lerobot, record, zero_file
+from so101_motion.calib.record import lerobot, record
 from so101_motion.calib.record import versions as history
 from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
 from so101_motion.calib.record.versions import Version, versions, zero_path
-from so101_motion.calib.record.zero import Zero, about_homing
+from so101_motion.calib.record.zero import Zero, about_homing, read_zeros, zeros_text
 from so101_motion.common.errors import CalibrationError, quoted
 from so101_motion.files import atomic, json_file
 
@@ -100,7 +100,7 @@ def _understood(path: Path, data: bytes) -> Stored:
         else:
             found = record.usable(content)
             calibration, refused = found.calibration, found.refused
-            zeros, notes = zero_file.read(zero_path(path), calibration)
+            zeros, notes = read_zeros(zero_path(path), calibration)
             notes = tuple(f"{note} (in {path})" for note in found.notes) + notes
             if found.has_norm_mode:
                 zero_note = about_homing(calibration, zeros)
@@ -288,7 +288,7 @@ def _salvaged(path: Path) -> Stored:
             calibration |= record.usable({joint: entry}).calibration
         except CalibrationError:
             continue
-    zeros, _ = zero_file.read(zero_path(path), calibration)
+    zeros, _ = read_zeros(zero_path(path), calibration)
     note = f"what was there before could not be used ({problem}); it is kept as a version"
     return Stored(path=path, calibration=calibration, zeros=zeros, notes=(note,))
 
@@ -297,11 +297,9 @@ def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) ->
     """Replace the file's content in the steps listed at the top; the lock must be held."""
     path, beside = before.path, zero_path(before.path)
     notes = before.notes + _set_aside(path)
-    _write_or_remove(
-        beside, zero_file.text((before.calibration, before.zeros), (calibration, zeros))
-    )
+    _write_or_remove(beside, zeros_text((before.calibration, before.zeros), (calibration, zeros)))
     atomic.write(path, _text(calibration))
-    now = zero_file.text((calibration, zeros))
+    now = zeros_text((calibration, zeros))
     notes += _keep(path, now)
     try:
         _write_or_remove(beside, now)

@@ -27,8 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from so101_motion.calib.record import zero_file
 from so101_motion.calib.record.versions import zero_path
+from so101_motion.calib.record.zero import zeros_text
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
@@ -232,7 +232,7 @@ class _Run:
         if known is not None:
             entries = {joint: entry.to_json() for joint, entry in known.calibration.items()}
             self._write_text(place, json.dumps(entries, indent=4))
-            zeros = zero_file.text((known.calibration, known.zeros))
+            zeros = zeros_text((known.calibration, known.zeros))
             self._write_text(beside, zeros.decode())
         return {self._made(each) for each in (place, beside)}
 

@@ -13,8 +13,7 @@ from viam.resource.types import Model
 from viam.services.discovery import Discovery as DiscoveryService
 from viam.utils import dict_to_struct
 
-from so101_motion.setup.discovery import Discovery, discover
-from so101_motion.setup.port_report import PortReport, Suggestion
+from so101_motion.setup.discovery import Discovery, PortReport, Suggestion, discover
 from so101_motion.viam.component_config import DiscoveryConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses

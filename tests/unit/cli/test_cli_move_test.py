@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from so101_motion.cli.shared import write_report
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import ConfigError
-from so101_motion.setup.accuracy import MoveReport
+from so101_motion.setup.move_test import MoveReport
 
 
 @pytest.fixture

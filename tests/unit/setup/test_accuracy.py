@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, JointReading, JointState
 from so101_motion.common.units import to_rad
-from so101_motion.setup.accuracy import ERROR, JointAccuracy, Measurements, MoveReport
+from so101_motion.setup.move_test import ERROR, JointAccuracy, Measurements, MoveReport
 
 
 def state(t, *, q, q_ref, qd_ref, moving=True):

@@ -16,8 +16,7 @@ from so101_motion.common.errors import PortUnavailable
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.servo_types import STS3215_7V4
-from so101_motion.setup.checkup import check_up, is_healthy
-from so101_motion.setup.findings import BusQuality, Findings, examine, software
+from so101_motion.setup.checkup import BusQuality, Findings, check_up, examine, is_healthy, software
 
 
 class Arm(LentArm):

@@ -6,9 +6,9 @@ import pytest
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.port.port_list import FoundPort
+from so101_motion.setup.checkup import Findings
 from so101_motion.setup.connect import ConnectOperation
-from so101_motion.setup.findings import Findings
-from so101_motion.setup.port_report import PortReport
+from so101_motion.setup.discovery import PortReport
 from so101_motion.setup.port_selection import Candidate, PortsSeen
 
 

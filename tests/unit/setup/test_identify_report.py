@@ -7,9 +7,8 @@ import pytest
 from so101_motion.calib.record import servo_file
 from so101_motion.calib.record.servo_file import ServoRecord
 from so101_motion.drivers.servo_types import ServoFigures
-from so101_motion.setup.checkup import check_up, is_healthy
-from so101_motion.setup.findings import Findings
-from so101_motion.setup.identify_report import changes_since
+from so101_motion.setup.checkup import Findings, check_up, is_healthy
+from so101_motion.setup.identify import changes_since
 
 MARCH = ServoRecord(
     at="2026-03-05T10:00:00+00:00",

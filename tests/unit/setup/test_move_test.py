@@ -11,8 +11,14 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.setup.accuracy import JointAccuracy, MoveReport
-from so101_motion.setup.move_test import JAW_SWING, LIMITS, SWING, MoveTest
+from so101_motion.setup.move_test import (
+    JAW_SWING,
+    LIMITS,
+    SWING,
+    JointAccuracy,
+    MoveReport,
+    MoveTest,
+)
 
 pytestmark = pytest.mark.usefixtures("planning_process")
 

@@ -4,7 +4,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.setup import port_selection
-from so101_motion.setup.port_report import Frame, PortReport, file_name, name_in_data
+from so101_motion.setup.discovery import Frame, PortReport, file_name, name_in_data
 from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
 from so101_motion.viam.suggested_config import frame_json
 

@@ -11,8 +11,7 @@ from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.setup import setup_steps
-from so101_motion.setup.checkup import Check, check_up
-from so101_motion.setup.findings import Findings
+from so101_motion.setup.checkup import Check, Findings, check_up
 from so101_motion.setup.setup_steps import (
     CALIBRATION_ONLY,
     CHAIN,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from so101_motion.calib.motors.progress import SetupProgress
+from so101_motion.calib.motors.setup_view import SetupProgress
 
 
 def test_a_setup_goes_on_where_it_ended(tmp_path):

@@ -1,6 +1,6 @@
 from harness.lent_bus import LentBus
 
-from so101_motion.calib.motors.servo_search import LIKELIEST_FIRST, Tuner, find_first_rate
+from so101_motion.calib.motors.single_servo import LIKELIEST_FIRST, Tuner, find_first_rate
 
 
 def test_every_rate_is_listened_at_and_the_ports_own_again_and_again():

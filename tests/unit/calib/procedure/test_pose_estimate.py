@@ -5,9 +5,9 @@ import math
 import pytest
 from harness.calibration_rig import LentArm
 
-from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, estimate_pose
 from so101_motion.calib.procedure.session import Session
-from so101_motion.calib.procedure.travel_assessment import ROLL
+from so101_motion.calib.procedure.summary import HOMING_POSE, estimate_pose
+from so101_motion.calib.procedure.travel import ROLL
 from so101_motion.calib.record.record import JOINTS
 
 POSE_DEG = {joint: math.degrees(angle) for joint, angle in HOMING_POSE.items()}

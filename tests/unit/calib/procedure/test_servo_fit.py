@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.servo_model import Parameters, load, simulate
-from so101_motion.calib.procedure.servo_fit import identify, play
+from so101_motion.calib.procedure.servo_fit import TwinFit, identify, play
 from so101_motion.calib.procedure.servo_twin import JointRecord, replayed, setpoints, unrounded
-from so101_motion.calib.procedure.twin_fit import TwinFit
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
-from so101_motion.setup.identify_report import write_recordings
+from so101_motion.setup.identify import write_recordings
 
 TICK = 2.0 * math.pi / 4096.0
 LEVER = 0.2

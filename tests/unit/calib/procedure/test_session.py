@@ -9,7 +9,7 @@ from so101_motion.calib.procedure import journal
 from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.steps import State
-from so101_motion.calib.procedure.travel_assessment import Verdict
+from so101_motion.calib.procedure.travel import Verdict
 from so101_motion.calib.record import store, versions
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.errors import (

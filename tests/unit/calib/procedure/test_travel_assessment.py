@@ -2,8 +2,14 @@
 
 import pytest
 
-from so101_motion.calib.procedure.travel import MIDDLE, TravelArc, TravelRecorder
-from so101_motion.calib.procedure.travel_assessment import Verdict, assess, can_be_accepted
+from so101_motion.calib.procedure.travel import (
+    MIDDLE,
+    TravelArc,
+    TravelRecorder,
+    Verdict,
+    assess,
+    can_be_accepted,
+)
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JOINTS, default
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from so101_motion.calib.record import store, zero_file
+from so101_motion.calib.record import store, zero
 from so101_motion.calib.record.record import FIELDS, JOINTS, check
 from so101_motion.common.errors import CalibrationError
 from so101_motion.files.json_file import LARGEST
@@ -173,7 +173,7 @@ def test_any_json_beside_a_calibration_is_read_or_noted(tmp_path_factory, conten
     file = tmp_path_factory.getbasetemp() / "any.zero.json"
     file.write_text(json.dumps({"joints": content}))
     calibration = {"shoulder_pan": store.record.parse({"shoulder_pan": PAN})["shoulder_pan"]}
-    zeros, notes = zero_file.read(file, calibration)
+    zeros, notes = zero.read_zeros(file, calibration)
 
     assert not (zeros and notes)
     assert all(note.isprintable() for note in notes)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from so101_motion.calib.record import zero_file
+from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JointCalibration
 from so101_motion.calib.record.zero import Zero
 
@@ -20,8 +20,8 @@ def file(tmp_path):
 
 
 def test_a_written_file_reads_back_the_same(file):
-    file.write_bytes(zero_file.text((BOTH, ZEROS)))
-    zeros, notes = zero_file.read(file, BOTH)
+    file.write_bytes(zero.zeros_text((BOTH, ZEROS)))
+    zeros, notes = zero.read_zeros(file, BOTH)
 
     assert {joint: zero.by for joint, zero in zeros.items()} == {
         "elbow_flex": "stops",
@@ -32,19 +32,19 @@ def test_a_written_file_reads_back_the_same(file):
 
 
 def test_no_file_knows_no_zeros(file):
-    assert zero_file.read(file, BOTH) == ({}, ())
+    assert zero.read_zeros(file, BOTH) == ({}, ())
 
 
 def test_nothing_known_is_no_file():
-    assert zero_file.text((BOTH, {})) == b""
+    assert zero.zeros_text((BOTH, {})) == b""
 
 
 @pytest.mark.parametrize(
     "change", [{"range_min": 949}, {"range_max": 9}, {"homing_offset": 4}, {"drive_mode": 1}]
 )
 def test_the_zero_of_another_record_is_not_used_and_that_is_said(file, change):
-    file.write_bytes(zero_file.text((BOTH, ZEROS)))
-    zeros, notes = zero_file.read(file, {**BOTH, "elbow_flex": replace(ELBOW, **change)})
+    file.write_bytes(zero.zeros_text((BOTH, ZEROS)))
+    zeros, notes = zero.read_zeros(file, {**BOTH, "elbow_flex": replace(ELBOW, **change)})
 
     assert set(zeros) == {"shoulder_pan"}
     assert len(notes) == 1
@@ -56,18 +56,18 @@ def test_while_saving_the_old_record_and_the_new_each_have_their_own(file):
         {"elbow_flex": replace(ELBOW, range_min=900)},
         {"elbow_flex": Zero(by="pose", angle=0.5)},
     )
-    file.write_bytes(zero_file.text((BOTH, ZEROS), (new, new_zeros)))
+    file.write_bytes(zero.zeros_text((BOTH, ZEROS), (new, new_zeros)))
 
-    assert zero_file.read(file, BOTH)[0]["elbow_flex"].by == "stops"
-    assert zero_file.read(file, new)[0]["elbow_flex"].by == "pose"
+    assert zero.read_zeros(file, BOTH)[0]["elbow_flex"].by == "stops"
+    assert zero.read_zeros(file, new)[0]["elbow_flex"].by == "pose"
 
 
 def test_a_new_zero_for_the_same_numbers_counts(file):
     file.write_bytes(
-        zero_file.text((BOTH, ZEROS), (BOTH, {"elbow_flex": Zero(by="pose", angle=0)}))
+        zero.zeros_text((BOTH, ZEROS), (BOTH, {"elbow_flex": Zero(by="pose", angle=0)}))
     )
 
-    assert zero_file.read(file, BOTH)[0]["elbow_flex"].by == "pose"
+    assert zero.read_zeros(file, BOTH)[0]["elbow_flex"].by == "pose"
 
 
 ENTRY = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 3146}
@@ -106,7 +106,7 @@ ENTRY = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 314
 )
 def test_a_spoiled_file_is_not_used_and_that_is_said(file, content, says):
     file.write_text(content if isinstance(content, str) else json.dumps(content))
-    zeros, notes = zero_file.read(file, BOTH)
+    zeros, notes = zero.read_zeros(file, BOTH)
 
     assert zeros == {}
     assert len(notes) == 1

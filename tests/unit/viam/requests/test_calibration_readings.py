@@ -6,7 +6,7 @@ import pytest
 
 from so101_motion.calib.motors.setup_view import SetupView
 from so101_motion.calib.procedure.steps import INSTRUCTIONS, OFFERED, State
-from so101_motion.calib.procedure.travel_assessment import Verdict
+from so101_motion.calib.procedure.travel import Verdict
 from so101_motion.calib.procedure.view import CalibrationView, JointView
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.setup.calibration_operation import ranges

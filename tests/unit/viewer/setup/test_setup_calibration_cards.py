@@ -8,8 +8,8 @@ from harness.calibration_rig import LentArm
 from so101_viewer.page import cards
 
 from so101_motion.calib.procedure import summary
-from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, estimate_pose
 from so101_motion.calib.procedure.session import Session
+from so101_motion.calib.procedure.summary import HOMING_POSE, estimate_pose
 from so101_motion.calib.procedure.view import JointView
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.operation import Row

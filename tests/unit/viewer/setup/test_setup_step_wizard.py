@@ -2,9 +2,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from so101_viewer.setup.step_wizard import StepWizard
+from so101_viewer.setup.part import StepWizard
 
-from so101_motion.calib.motors.progress import SetupProgress
+from so101_motion.calib.motors.setup_view import SetupProgress
 from so101_motion.setup.checkup import Check, Verdict
 from so101_motion.setup.setup_steps import CALIBRATION_ONLY, FULL, MOTORS_ONLY, TEST, SetupState
 

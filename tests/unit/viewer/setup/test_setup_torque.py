@@ -3,8 +3,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import cast
 
+from so101_viewer.setup.setup_context import SETTLED, TorqueWatch, torque
 from so101_viewer.setup.setup_target import SetupTarget
-from so101_viewer.setup.torque import SETTLED, TorqueWatch, torque
 
 
 def bench(*, connected: bool = True, holds: bool | None = False) -> SetupTarget:
