@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -162,7 +163,7 @@ class SetupBar(Part):
     ) -> None:
         self._context, self._setup, self._drop = context, setup, drop
         self._guiding: tuple[SetupTarget, Guiding] | None = None
-        self._letting_go: Future[None] | None = None
+        self._letting_go: Future[object] | None = None
         bar = self._bar = context.bar
         self.button = add_stop(context.gui, self._stop)
         bar.stop, bar.title = self.button, "SO-101 setup"
@@ -199,7 +200,7 @@ class SetupBar(Part):
     def _hold(self) -> None:
         target = self._can(0)
         if target is not None:
-            self._setup.do("holding the joints", target.hold, self._held)
+            self._setup.do("holding the joints", partial(target.set_torque, True), self._held)
 
     def _held(self, ended: object) -> None:
         if isinstance(ended, StepResult) and ended.trouble:
@@ -208,7 +209,7 @@ class SetupBar(Part):
     def _let_go(self) -> None:
         target = self._can(2)
         if target is not None and self._letting_go is None:  # not on the setup's worker: at once
-            self._letting_go = self._context.in_background(target.let_go)
+            self._letting_go = self._context.in_background(partial(target.set_torque, False))
 
     def _guide(self) -> None:
         target = self._can(1)

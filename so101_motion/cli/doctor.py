@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from so101_motion.setup.checkup import Check, Findings
     from so101_motion.setup.discovery import PortReport
 
-_FAILURES = 2
-"""Most failure records in a report: the newest, and one to compare it with. Chosen."""
+_FAILURES = 2  # most failure records in a report: the newest, and one to compare it with. Chosen
 
 _SIGNS = {"ok": ("✓", "green"), "warn": ("!", "yellow"), "fail": ("✗", "red")}
 

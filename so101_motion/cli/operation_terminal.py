@@ -1,8 +1,7 @@
 """Lead a person through any operation in the terminal.
 
-Enter gives the first command that is offered, other commands have a letter each, and ``q`` undoes
-everything. Commands that are due are given by themselves. Without a person each step is taken as
-soon as the operation offers it.
+Enter gives the first command that is offered, other commands have a letter each, ``q`` undoes all.
+Commands that are due are given by themselves; without a person those are all there are.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The check of an assembled arm as an operation: joint by joint, by hand, with the power off.
+"""The check of an assembled arm, joint by joint, by hand, with the power off.
 
 Nothing measures whether a screw is tight, so a person says that a joint is right. The picture
 swings the joint to show which part its motor moves; the real arm does not move.

@@ -23,8 +23,7 @@ from so101_motion.common.units import to_mm
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
 
-FEWEST = 5
-"""Fewest touches: three fix a pose, two more show how well they agree. Chosen."""
+FEWEST = 5  # fewest touches: three fix a pose, two more show how well they agree. Chosen
 
 SPREAD = 0.02
 """How far touches must be from one line, root mean square [m]; chosen: with six of them, errors of

@@ -1,9 +1,4 @@
-"""The calibration as an operation: what a person sees and may do in each state.
-
-``calib/procedure/steps.py`` has the states and what leads from one to the other; the calibrator
-carries the steps out. Here are the texts, rows and offers that terminal, page and sensor show, and
-the answers of the published commands.
-"""
+"""The calibration as an operation: what a person sees and may do in each state, and the answers."""
 
 from __future__ import annotations
 
@@ -27,8 +22,7 @@ from so101_motion.common.units import to_deg
 from so101_motion.setup.calibrator import Calibrator, Situation, StepResult
 from so101_motion.setup.setup_steps import FULL, SetupState, listed
 
-STILL = 1.5
-"""The pose is taken after the arm was held still for this long [s]. Chosen."""
+STILL = 1.5  # the pose is taken after the arm was held still for this long [s]. Chosen
 
 ALONE = 3.0
 """How long the arm must be held still for its pose to be taken without a button [s]; chosen: longer

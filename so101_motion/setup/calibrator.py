@@ -1,12 +1,8 @@
 """Calibrate and set up motors on a serial port that an arm may be using at the same time.
 
-The bus is borrowed when a calibration starts, and for each request of the motor setup. It is given
-back when the calibration is saved, aborted or reset, and the result is in force at once: after a
-save the new calibration, with the joints held where they are; after an abort the former one, with
-the joints held if they were before.
-
-Commands may come from any thread, are carried out one at a time, and may take long. ``situation``
-never waits.
+The bus is borrowed when a calibration starts, and for each request of the motor setup. When the
+calibration ends it is given back with the result in force: after a save the new calibration, with
+the joints held where they are; else the former one, with the joints held if they were before.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Check whether an arm is fit to move: a list of checks, each with a verdict and what to do.
 
 ``examine`` reads the servos and writes nothing; the caller fills in the port and the file. A check
-only judges ``Findings``, so the terminal, the page and a request over the network show the
-same list. A failed check means that the arm must not or cannot be moved as it is.
-A warning means that it works, but not as well as it could.
+only judges ``Findings``, so that terminal, page and requests over the network show the same list.
 """
 
 from __future__ import annotations
@@ -41,8 +39,7 @@ from so101_motion.drivers.feetech.servo_judgement import BROKEN, LOSSY, sag
 from so101_motion.drivers.feetech.servo_settings import REPAIR
 from so101_motion.planning.native.library import native
 
-CYCLES = 200
-"""How often all servos are read to judge the bus; takes half a second. Chosen."""
+CYCLES = 200  # how often all servos are read to judge the bus; takes half a second. Chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,8 +1,4 @@
-"""The choice of the port as an operation, with what is wrong with each port.
-
-All ports are looked at again and again, so a cable that is plugged in, a supply that is switched on
-or a program that has ended shows by itself. Nothing is written to a servo.
-"""
+"""The choice of the port as an operation; all ports are looked at again and again."""
 
 from __future__ import annotations
 
@@ -42,7 +38,8 @@ class ConnectOperation(LocalOperation):
         """The picked port, else the only one that can be used, or the only one there."""
         if self.seen is None:
             return None
-        candidates, usable = self.seen.candidates, self.seen.usable
+        candidates = self.seen.candidates
+        usable = [each for each in candidates if not each.findings.port_trouble]
         for few in ([each for each in candidates if each.name == self.picked], usable, candidates):
             if len(few) == 1:
                 return few[0]

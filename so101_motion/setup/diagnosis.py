@@ -1,8 +1,4 @@
-"""Examine the servos of an arm in use and report what is wrong with them, worst first.
-
-``examine`` reads on the port's thread and writes nothing; ``explain`` judges what was read. Each
-finding names the servo, the figure and the next thing to try.
-"""
+"""Read the servos of an arm in use, and report what is wrong with them, worst first."""
 
 from __future__ import annotations
 

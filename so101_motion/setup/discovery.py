@@ -1,20 +1,13 @@
 """Find the arms that are plugged in, and suggest a configuration for each.
 
 Every port is checked in a thread of its own, so that one that hangs or fails hides no other. A port
-that a component of this process uses is not opened; its rig knows what is on it. A port that
-another program has open is left alone as well. Servos are only read, never written to.
+that is in use, here or by another program, is not opened. Servos are only read.
 
-An arm is suggested if all five of its servos answer, a gripper if its servo does as well. Otherwise
-only the calibration sensor is suggested, with which motors are set up. Names are made from the
-adapter's serial number, and ports have their lasting names, so that a configuration made from a
-suggestion still fits when the adapters are plugged in differently.
-
-Suggestions have the published module's names and form, with these differences. A gripper gets a
-port of its own, as in that module's documentation, so that it works whatever the arm's name. The
-calibration sensor always gets a file of its own, so that two arms on one machine do not write to
-the same one; the file need not exist before the first calibration. An arm and a gripper get a
-frame, because a motion service needs their positions. Parts that are configured already are not
-suggested again.
+An arm is suggested if all five of its servos answer, a gripper if its servo does as well, in the
+published module's names and form. Names are made from the adapter's serial number and ports have
+their lasting names, so that a configuration still fits when adapters are plugged in differently. A
+gripper gets a port of its own, so that it works whatever the arm's name; the calibration sensor
+gets a file of its own, so that two arms do not write to the same one.
 """
 
 from __future__ import annotations
@@ -51,21 +44,6 @@ from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.rig import hardware_rig
 from so101_motion.rig.port_settings import ServoSettings
 
-PART_BY_MODEL = {
-    "devrel:so101:arm": "arm",
-    "devrel:so101:gripper": "gripper",
-    "devrel:so101:calibration": "calibration",
-}
-"""The part of an arm that each model is for."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Frame:
-    """The frame of a suggested component."""
-
-    parent: str  # name of the frame that it is in
-    y: float = 0.0  # how far to the left of that frame [m]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suggestion:
@@ -75,7 +53,7 @@ class Suggestion:
     api: str  # its API, such as ``"rdk:component:arm"``
     model: str  # its model, such as ``"devrel:so101:arm"``
     attributes: Mapping[str, object]
-    frame: Frame | None = None  # its frame; None if it has none
+    frame: Mapping[str, object] | None = None  # as in a configuration [mm]; None if it has none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,7 +115,7 @@ class PortReport:
     @property
     def suggestions(self) -> tuple[Suggestion, ...]:
         found = _suggest(self)
-        return tuple(one for one in found if PART_BY_MODEL[one.model] not in self.configured)
+        return tuple(one for one in found if one.model.split(":")[-1] not in self.configured)
 
 
 def _suggest(report: PortReport) -> Iterator[Suggestion]:
@@ -153,12 +131,15 @@ def _suggest(report: PortReport) -> Iterator[Suggestion]:
     shared = base if name is None else {**base, "calibration_file": name}
     arm_name = report.arm_name or f"so101-arm-{key}"
     if report.has_arm:
+        frame: dict[str, object] = {"parent": "world"}
+        if report.stands_at:
+            frame["translation"] = {"x": 0.0, "y": to_mm(report.stands_at), "z": 0.0}
         yield Suggestion(
             name=arm_name,
             api="rdk:component:arm",
             model="devrel:so101:arm",
             attributes=shared,
-            frame=Frame(parent="world", y=report.stands_at),
+            frame=frame,
         )
     if report.has_arm and GRIPPER_JOINT in report.joints:
         kind = {"gripper_type": "leader"} if report.role == "leader" else {}
@@ -167,7 +148,7 @@ def _suggest(report: PortReport) -> Iterator[Suggestion]:
             api="rdk:component:gripper",
             model="devrel:so101:gripper",
             attributes={**shared, **kind},
-            frame=Frame(parent=arm_name),
+            frame={"parent": arm_name},
         )
     yield Suggestion(
         name=f"so101-calibration-{key}",
@@ -236,9 +217,12 @@ def discover(
         is_meant = port.is_servo_adapter or port.name in extra
         return _look_at(port, files, open_bus, at_all_rates=is_meant)
 
-    reports = _side_by_side(in_parallel(ports, look))
+    reports = in_parallel(ports, look)
+    arms = [report for report in reports if report.has_arm]
+    for place, report in enumerate(arms):
+        reports[reports.index(report)] = replace(report, stands_at=APART * place)
     notes = list(adapters_without_port())
-    if sum(report.has_arm for report in reports) > 1:
+    if len(arms) > 1:
         notes.append(
             f"where the arms stand is not known: their frames are {to_mm(APART):.0f} mm apart; set"
             " the frame of each arm to where it stands"
@@ -249,14 +233,6 @@ def discover(
             " port that is no USB adapter, name it"
         )
     return Discovery(reports=tuple(reports), notes=tuple(notes))
-
-
-def _side_by_side(reports: Sequence[PortReport]) -> list[PortReport]:
-    arms = [report.port for report in reports if report.has_arm]
-    return [
-        replace(report, stands_at=APART * arms.index(report.port)) if report.has_arm else report
-        for report in reports
-    ]
 
 
 def in_parallel(
@@ -364,12 +340,15 @@ def _judge(port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile]) -> Po
     if not seen.has_arm:  # perhaps only a loose plug
         return replace(report, calibration=file, sentence=_about_no_arm(seen))
     role, because = arm_identification.role(seen, fitting)
+    # of other programs; LeRobot's own folders first
+    ranked = sorted(fitting, key=lambda found: found.origin != "LeRobot")
+    agreeing = ranked[0].path if ranked else None
     return replace(
         report,
         role=role,
         because=because,
         calibration=file,
-        agreeing=_others_file(fitting) if file is None else None,
+        agreeing=agreeing if file is None else None,
         sentence=f"{_about_arm(seen, role, report.joints)}; {about_file}",
     )
 
@@ -400,12 +379,6 @@ def _calibration(
     if any(seen.servos[i].is_calibrated for i in SERVO_IDS.values() if i in seen.servos):
         return None, "its servos are calibrated, but no calibration file was found"
     return None, "it is not calibrated"
-
-
-def _others_file(fitting: Sequence[FoundFile]) -> Path | None:
-    """The file of another program that agrees with the servos; LeRobot's own folders first."""
-    ranked = sorted(fitting, key=lambda found: found.origin != "LeRobot")
-    return ranked[0].path if ranked else None
 
 
 def _is_own(found: FoundFile) -> bool:

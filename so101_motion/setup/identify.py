@@ -1,12 +1,8 @@
 """Move an arm's joints to identify how its servos differ from their type, and the load in its hand.
 
 From a pose with the hand up and forward, one joint after the other moves to and fro through a wide
-part of its range, once slowly and once faster, clear of all known obstacles; the shoulder once more
-with the wrist folded either way. Goals, positions and supply are recorded, and
-``identify_figures.py`` computes the figures from them.
-
-``Identification.outline`` plans all of it and moves nothing; the user is told what will move how
-far and has to agree. ``move_and_record`` moves; Stop and ``cancel`` end it at any moment.
+part of its range, slowly and faster, clear of all known obstacles; the shoulder once more with the
+wrist folded either way. From the record ``identify_figures.py`` computes the figures.
 """
 
 from __future__ import annotations
@@ -210,8 +206,7 @@ SPEEDS = (to_rad(15.0), to_rad(45.0))
 """Speeds of a sweep [rad/s]. Chosen: above the slowest speed of a servo's own set-point, 9 deg/s,
 and fast enough for dead time and friction to be told apart."""
 
-ACCELERATION = to_rad(150.0)
-"""Acceleration at the ends of a sweep [rad/s^2]; chosen."""
+ACCELERATION = to_rad(150.0)  # acceleration at the ends of a sweep [rad/s^2]; chosen
 
 _WRIST = ARM_JOINTS.index("wrist_flex")
 _RAISED = JointGoal(q=BASE)

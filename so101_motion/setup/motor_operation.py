@@ -1,19 +1,13 @@
 """The motor setup as two operations: motors get their ids one by one, then the chain is verified.
 
-New servos all have id 1, so they are set up one at a time: connect one alone, discover it, assign
-its id, unplug it, and so on from the gripper to the shoulder. Then, in the finished chain, verify
-checks that everything is set up correctly. ``MotorOperation.state`` says what is next.
-
 Assigning looks again which servo is connected, because plugs change between two requests. It
 changes an id only if exactly one servo answers, and none at any other baud rate. It succeeds once
-the servo answers at its new id and rate and its settings read back correctly. It may be repeated
+the servo answers at its new id and rate and its settings read back correctly, and may be repeated
 after any failure: it finds the servo at whatever id and rate it has now.
 
 Looking at the cable is due again and again, because it writes nothing. A motor is written to when a
-person says so; with ``writes`` also by itself, once it is certain which one it is.
-
-The bus is borrowed for each request and given back after it. Commands may come from any thread and
-wait for each other; ``view`` and ``state`` never wait.
+person says so; with ``writes`` also by itself, once it is certain which one it is. The bus is
+borrowed for each request. Commands of any thread wait for each other; ``view`` never waits.
 """
 
 from __future__ import annotations

@@ -1,20 +1,11 @@
 """Test an arm by small slow motions of each joint, and measure how well each follows its goals.
 
-One joint after the other moves by ``SWING`` to one side, comes back, does the same to the other
-side, and comes back again. So it stops three times in its middle position, from either side, and at
-both ends of its swing. At each stop its angle is averaged for a moment. The jaw opens a little and
-closes again.
-
-Nothing moves before ``outline`` has found, for every joint, a swing within its range and free of
-contact. The user is told what will move how far and has to agree; then ``move_and_measure`` runs it
-as one motion, so that a stop ends all of it at any time. Each leg is planned again from where the
-arm then is. The first trouble ends the test, and so does ``cancel``; the arm holds where it is.
-
-For each joint are computed its error at rest, how much that depends on the side it came from
-(friction, dead band and play of the gears together; one encoder cannot tell them apart), its lag
-while it moves, and how long it takes to settle.
-
-At the end a person is asked whether the arm moved as its picture did, which no encoder can tell.
+One joint after the other moves by ``SWING`` to either side, so it stops three times in its middle
+position, coming from both sides, and at both ends; the jaw opens a little and closes again. At each
+stop the angle is averaged. Nothing moves before ``outline`` has found a swing within the range and
+free of contact for each joint, and the user has agreed. ``move_and_measure`` then runs all of it as
+one motion, so that a stop ends it at any time; each leg is planned again from where the arm then
+is. The first trouble ends the test, and so does ``cancel``; the arm holds where it is.
 """
 
 from __future__ import annotations
@@ -323,14 +314,12 @@ def _rounded(value: float, digits: int = 1) -> float:
 SWING = to_rad(6.0)
 """How far a joint moves to either side [rad]; chosen: 40 mm at the jaws of a stretched arm."""
 
-JAW_SWING = 0.12
-"""How far the jaw opens, share of its travel; chosen: 13 deg."""
+JAW_SWING = 0.12  # how far the jaw opens, share of its travel; chosen: 13 deg
 
 LIMITS = MotionLimits.uniform(velocity=to_rad(15.0), acceleration=to_rad(60.0), jerk=to_rad(600.0))
 """Caps of the motions; chosen: a hand can get out of the way."""
 
-AVERAGED = 0.3
-"""How long a standing joint is averaged [s]; chosen: 30 readings."""
+AVERAGED = 0.3  # how long a standing joint is averaged [s]; chosen: 30 readings
 
 _MARGIN = to_rad(1.0)  # [rad] that a joint keeps from the ends of its range
 _SLOW = 0.4  # [s] that a stop takes beyond the measurement: to slow down and to settle

@@ -1,7 +1,4 @@
-"""List the ports that an arm may be on, with their problems, and choose its calibration file.
-
-The terminal, the doctor and the setup page use this. Nothing is written to a servo.
-"""
+"""List the ports that an arm may be on, with their problems, and choose its calibration file."""
 
 from __future__ import annotations
 
@@ -32,13 +29,6 @@ class Candidate:
     def name(self) -> str:
         return self.report.port.name
 
-    def calibration_file(self, name: str = "") -> Path:
-        return calibration_file(self.report, name)
-
-    @property
-    def is_usable(self) -> bool:
-        return not self.findings.port_trouble
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortsSeen:
@@ -50,10 +40,6 @@ class PortsSeen:
 
     candidates: tuple[Candidate, ...] = ()
     nothing: Findings = field(default_factory=Findings)  # findings to show if there is no candidate
-
-    @property
-    def usable(self) -> tuple[Candidate, ...]:
-        return tuple(candidate for candidate in self.candidates if candidate.is_usable)
 
 
 def look(named: Collection[str] = (), *, reply_timeout: float = REPLY_TIMEOUT) -> PortsSeen:

@@ -1,10 +1,6 @@
-"""The steps from a box of parts to a moving arm, and whether each is done.
+"""The steps from a box of parts to a moving arm, and whether each is done in a ``SetupState``.
 
-The page, the terminal, the calibration sensor and ``so101 doctor`` all use this list. Each step
-only judges a ``SetupState``.
-
-A failed check means that the user cannot go on yet: its sentence says what is missing, its fix what
-to do.
+A failed check means that the user cannot go on yet: its sentence says what is missing.
 """
 
 from __future__ import annotations

@@ -31,8 +31,7 @@ SPEEDS = tuple(to_rad(each) for each in (15.0, 45.0, 90.0))
 ACCELERATION = to_rad(300.0)
 """Acceleration of the fastest; the others have less, in proportion [rad/s^2]; chosen."""
 
-REST = 2.0
-"""How long a joint stands at each end [s]: what it stands off is taken after 1.5. Chosen."""
+REST = 2.0  # how long a joint stands at each end [s]: what it stands off is taken after 1.5. Chosen
 
 _LOOK = 0.01
 _POSITIONS = 2  # every second period: 50 positions a second

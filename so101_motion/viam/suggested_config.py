@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from so101_motion.common.units import to_mm
-from so101_motion.setup.discovery import Frame, PortReport
+from so101_motion.setup.discovery import PortReport
 
 
 def configuration(reports: Iterable[PortReport]) -> dict[str, list[object]]:
@@ -20,15 +19,9 @@ def configuration(reports: Iterable[PortReport]) -> dict[str, list[object]]:
                 "attributes": dict(one.attributes),
             }
             if one.frame is not None:
-                component["frame"] = frame_json(one.frame)
+                component["frame"] = dict(one.frame)
             components.append(component)
     return {"components": components, "modules": [*own_module()]}
-
-
-def frame_json(frame: Frame) -> dict[str, object]:
-    if not frame.y:
-        return {"parent": frame.parent}
-    return {"parent": frame.parent, "translation": {"x": 0.0, "y": to_mm(frame.y), "z": 0.0}}
 
 
 def own_module() -> list[dict[str, str]]:

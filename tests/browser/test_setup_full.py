@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from conftest import Visit
 from harness.browser_user import Guest
-from harness.emulated_kit import NEW, Kit  # it lives with the tests of the module
+from harness.emulated_kit import Kit, new_kit  # it lives with the tests of the module
 from playwright.sync_api import Locator, TimeoutError, ViewportSize
 from so101_viewer.page import shared_fields
 from so101_viewer.setup_app import SetupApp, serve_setup
@@ -53,23 +53,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def kit(folder: Path) -> Iterator[Kit]:
-    kit = Kit(folder, ids=NEW)
-    for place, joint in enumerate(SETUP_ORDER, start=1):  # no two look alike, as in a box
-        kit.put(place / 7, (joint,))
-    plug_in(kit)
-    yield kit
-    kit.close()
-
-
-def plug_in(kit: Kit, *joints: str) -> None:
-    """Have these motors on the cable, started up, and no others."""
-    for joint in SETUP_ORDER:
-        (kit.world.connect if joint in joints else kit.world.disconnect)(joint)
-    for _ in range(1200):
-        if kit.are_up(joints):
-            return
-        threading.Event().wait(0.05)
-    raise AssertionError(f"{joints} did not start up")
+    with new_kit(folder) as kit:
+        yield kit
 
 
 @pytest.fixture(scope="module")
@@ -207,14 +192,14 @@ def test_from_the_choice_to_the_first_motor(person: Newcomer, kit: Kit) -> None:
     assert not person.can("Write id 6 to this motor")
     assert not person.can("Next")
 
-    plug_in(kit, "gripper", "wrist_roll")
+    kit.plug_in("gripper", "wrist_roll")
     person.sees("Several servos answer")
     person.sees("unplug the others")
     assert not person.can("Write id 6 to this motor")
 
 
 def test_each_motor_gets_its_id_when_its_button_is_pressed(person: Newcomer, kit: Kit) -> None:
-    plug_in(kit, "gripper")
+    kit.plug_in("gripper")
     write = "Write id 6 to this motor"
     person.guest.until(lambda: person.can(write))
     person.sees_lit("moving_jaw_so101_v1_link", GREEN)
@@ -233,14 +218,14 @@ def test_each_motor_gets_its_id_when_its_button_is_pressed(person: Newcomer, kit
 
 def test_a_motor_that_is_silent_in_the_chain_is_named(person: Newcomer, kit: Kit) -> None:
     person.sees("All six together")
-    plug_in(kit, *SETUP_ORDER[1:])
+    kit.plug_in(*SETUP_ORDER[1:])
     cable = "Check the cable between servos 5 and 6"
     person.insists("Verify all six", "Verify again", until=lambda: person.guest.says(cable))
     person.sees("Servo 6 (gripper) does not answer")
     person.hits_on_a_phone("Verify again", *WAYS, text=cable)
     person.sees_lit("moving_jaw_so101_v1_link", ORANGE)
     assert not person.can("Next")
-    plug_in(kit, *SETUP_ORDER)
+    kit.plug_in(*SETUP_ORDER)
     person.reloads("Servo 6 (gripper) does not answer")
     person.insists("Verify again", until=lambda: person.can("Next"))
     person.double_clicks("Next")

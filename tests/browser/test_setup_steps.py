@@ -13,10 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness.emulated_kit import Kit  # the module's own helpers
+from harness.emulated_kit import Kit, new_kit  # the module's own helpers
 from harness.fake_parent import CALIBRATION, SENSOR
 from harness.page_client import Hand
-from harness.setup_kit import PATIENCE, FreshKit, fresh_kit
 from harness.viam_machine import running_machine
 from so101_viewer import SetupApp, serve_setup
 from so101_viewer import serve as serve_preview
@@ -25,32 +24,40 @@ from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.record import store
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus.defaults import SERVO_IDS
+from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 
 pytestmark = pytest.mark.emulator_only
 
+PATIENCE = 0.03
+"""Above what a busy machine takes to run the emulator's thread [s]."""
+
 UNDO = "Undo: restore the previous calibration"
 TARGETS = {joint: 6 - place for place, joint in enumerate(SETUP_ORDER)}
 
 
 @pytest.fixture
-def kit(tmp_path: Path) -> Iterator[FreshKit]:
-    with fresh_kit(tmp_path) as kit:
+def kit(tmp_path: Path) -> Iterator[Kit]:
+    with new_kit(tmp_path) as kit:
         yield kit
 
 
-def serve(kit: FreshKit, tmp_path: Path) -> SetupApp:
+def serve(kit: Kit, tmp_path: Path) -> SetupApp:
     progress = tmp_path / "setup.json"
     return serve_setup(port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=progress)
+
+
+def id_of(kit: Kit, joint: str) -> int:
+    return int(kit.world.servo(joint).servo_id)
 
 
 def hand_on(app: SetupApp) -> Hand:
     return Hand(app.host.page_context().server)
 
 
-def set_up(hand: Hand, kit: FreshKit, joint: str) -> None:
+def set_up(hand: Hand, kit: Kit, joint: str) -> None:
     """Plug one motor in, and press the button once it is found."""
     button = f"Write id {TARGETS[joint]} to this motor"
     pressed = []  # a motor that was set up before has its id already
@@ -59,9 +66,9 @@ def set_up(hand: Hand, kit: FreshKit, joint: str) -> None:
         if hand.can(button):  # again, if a busy computer has lost an answer
             hand.press(button)
             pressed.append(button)
-        return bool(pressed) and kit.ids[joint] == TARGETS[joint] and not hand.has(button)
+        return bool(pressed) and id_of(kit, joint) == TARGETS[joint] and not hand.has(button)
 
-    kit.connect_only(joint)
+    kit.plug_in(joint)
     hand.until(is_done, f"setting {joint} up", seconds=60.0)
 
 
@@ -91,7 +98,7 @@ def finish(hand: Hand) -> None:
 
 
 def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
-    kit: FreshKit, tmp_path: Path
+    kit: Kit, tmp_path: Path
 ) -> None:
     with serve(kit, tmp_path) as app:
         hand = hand_on(app)
@@ -99,7 +106,7 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.press("Next")
 
         kit.world.power(15.5)
-        kit.connect_only("gripper")
+        kit.plug_in("gripper")
         hand.expect("it gets 15.5 V but is made for at most")
         hand.expect("Switch the power off now")
         assert not hand.can("Write id 6 to this motor")
@@ -137,10 +144,8 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.expect("What do you need?")
 
 
-def test_a_motor_that_was_swapped_too_early_gives_its_id_back(
-    kit: FreshKit, tmp_path: Path
-) -> None:
-    kit.connect_only("gripper")
+def test_a_motor_that_was_swapped_too_early_gives_its_id_back(kit: Kit, tmp_path: Path) -> None:
+    kit.plug_in("gripper")
     with serve(kit, tmp_path) as app:
         hand = hand_on(app)
         hand.press("Motor Setup Only")
@@ -148,9 +153,11 @@ def test_a_motor_that_was_swapped_too_early_gives_its_id_back(
         hand.press("Next")
         set_up(hand, kit, "gripper")
         time.sleep(1.0)  # what was written is read back
-        kit.set_id("gripper", 1)  # the other one was on the cable when the id was written
-        kit.set_id("wrist_roll", TARGETS["gripper"])
-        kit.connect_only("wrist_roll")
+        kit.world.servo("gripper").memory.keep(
+            reg.ID, 1
+        )  # the other one was on the cable when the id was written
+        kit.world.servo("wrist_roll").memory.keep(reg.ID, TARGETS["gripper"])
+        kit.plug_in("wrist_roll")
         hand.expect("Unplug the motor of gripper and write 6 on it")
         swapped, sure = "No, this is already the next motor", "Press again: both get new ids"
         hand.until(lambda: hand.can(swapped), swapped)
@@ -159,7 +166,7 @@ def test_a_motor_that_was_swapped_too_early_gives_its_id_back(
         set_up(hand, kit, "wrist_roll")
         hand.expect("connect only the motor of gripper")
         set_up(hand, kit, "gripper")
-        assert (kit.ids["gripper"], kit.ids["wrist_roll"]) == (6, 5)
+        assert (id_of(kit, "gripper"), id_of(kit, "wrist_roll")) == (6, 5)
 
 
 def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
@@ -170,7 +177,7 @@ def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
         hand.press("Full Setup")
         hand.expect("there is no such port")
         assert not hand.can("Next")
-        with fresh_kit(tmp_path):
+        with new_kit(tmp_path):
             hand.until(lambda: hand.can("Next"), "going on")
         hand.expect("there is no such port")
         hand.until(lambda: not hand.can("Next"), "waiting")
@@ -197,7 +204,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -
 
 
 def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
-    kit: FreshKit, tmp_path: Path
+    kit: Kit, tmp_path: Path
 ) -> None:
     from so101_motion.viam.client import Machine
 
@@ -210,14 +217,14 @@ def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
         hand = hand_on(app)
         hand.press("Motor Setup Only")
         hand.press("Next")
-        kit.connect_only("gripper", "wrist_roll")
+        kit.plug_in("gripper", "wrist_roll")
         hand.expect("Several servos answer")
         set_up(hand, kit, "gripper")
         for joint in SETUP_ORDER[1:]:
             skip(hand, joint)
-            kit.set_id(joint, TARGETS[joint])
+            kit.world.servo(joint).memory.keep(reg.ID, TARGETS[joint])
         hand.press("Next")
-        kit.connect_only(*SETUP_ORDER)
+        kit.plug_in(*SETUP_ORDER)
         finish(hand)
         assert not (tmp_path / "setup.json").exists()
 

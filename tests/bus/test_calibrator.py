@@ -99,6 +99,29 @@ def test_going_back_brings_file_and_servos_to_what_they_held_and_the_arm_holds(a
     assert again.stored.calibration == second.calibration
 
 
+def test_a_recording_outlives_the_usb_plug(arm):
+    calibrator = arm.calibrator
+    calibrator.start()
+    calibrator.set_homing()
+    calibrator.start_recording()
+    for share in (0.5, 0.1):
+        arm.put(share)
+        arm.pass_time(0.05)
+    arm.emulator.unplug()
+    arm.clock.advance(1.5)
+    assert "USB cable" in calibrator.view.error
+    arm.emulator.plug()
+    arm.clock.advance(1.0)
+    assert calibrator.view.error is None
+    for share in (0.0, 0.4, 0.8, 1.0):
+        arm.put(share)
+        arm.pass_time(0.05)
+    calibrator.stop_recording()
+    shaft = arm.emulator.world.servo("elbow_flex").drive.shaft
+    elbow = calibrator.save().calibration["elbow_flex"]
+    assert elbow.range_min + elbow.homing_offset == pytest.approx(shaft.lower, abs=1.0)
+
+
 def test_there_is_nothing_to_go_back_to_at_first_and_the_arm_stays_as_it_was(arm):
     arm.calibrate()
     with pytest.raises(CalibrationError, match="no earlier version"):

@@ -20,7 +20,6 @@ from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.drivers.servo_types import STS3215_7V4
 from so101_motion.setup import discovery
-from so101_motion.setup.discovery import Frame
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
 APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
@@ -301,8 +300,12 @@ def test_arms_are_not_said_to_stand_in_one_place(table):
     found = table.look()
     frames = [[one.frame for one in report.suggestions] for report in found.reports]
     assert frames == [
-        [Frame(parent="world"), Frame(parent="so101-arm-A"), None],
-        [Frame(parent="world", y=0.5), Frame(parent="so101-arm-B"), None],
+        [{"parent": "world"}, {"parent": "so101-arm-A"}, None],
+        [
+            {"parent": "world", "translation": {"x": 0.0, "y": 500.0, "z": 0.0}},
+            {"parent": "so101-arm-B"},
+            None,
+        ],
     ]
     assert any("set the frame of each arm to where it stands" in note for note in found.notes)
 

@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from so101_motion.calib.procedure.eeprom import read_held
+from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.common.errors import PortUnavailable
@@ -217,11 +218,19 @@ class LentArm:
             servo.memory.bytes[:] = now
 
 
-def calibrate(session, arm, **how):
+def recording(file, arm, joints=JOINTS):
+    """A calibration whose recording has begun, with the joints where they are."""
+    session = Session(file, joints)
     session.start(arm)
     session.set_homing()
     session.start_recording()
-    arm.sweep_all(**how)
+    return session
+
+
+def calibrate(file, arm, joints=JOINTS, led=None):
+    """Calibrate these joints, leading them, or those of ``led``, to their stops."""
+    session = recording(file, arm, joints)
+    arm.sweep_all(led or joints)
     session.stop_recording()
     return session.save()
 

@@ -5,6 +5,7 @@ a kit: they plug servos in and out, place joints, and lead them to their stops.
 """
 
 import math
+import threading
 import time
 from contextlib import contextmanager
 
@@ -50,9 +51,21 @@ class Kit:
 
     async def connect_only(self, *joints):
         """Have these servos on the cable, started up, and no others."""
+        self._connect(joints)
+        await until(lambda: self.are_up(joints))
+
+    def plug_in(self, *joints):
+        """The same, waiting for it."""
+        self._connect(joints)
+        for _ in range(1200):
+            if self.are_up(joints):
+                return
+            threading.Event().wait(0.05)
+        raise AssertionError(f"{joints} did not start up")
+
+    def _connect(self, joints):
         for joint in JOINTS:
             (self.world.connect if joint in joints else self.world.disconnect)(joint)
-        await until(lambda: self.are_up(joints))
 
     def are_up(self, joints):
         self._emulator.advance()
@@ -122,6 +135,16 @@ class Kit:
             servo.joint.name: reg.decode_offset(servo.memory.raw(reg.OFFSET))
             for servo in self.world.servos
         }
+
+
+@contextmanager
+def new_kit(folder):
+    """A kit in its box: all ids are 1, nothing is plugged in, and no two servos look alike."""
+    with emulated_kit(folder, ids=NEW) as kit:
+        for place, joint in enumerate(reversed(JOINTS), start=1):
+            kit.put(place / 7, (joint,))
+        kit.plug_in()
+        yield kit
 
 
 @contextmanager

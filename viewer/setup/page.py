@@ -1,9 +1,7 @@
-"""The pages of the setup's steps.
+"""The pages of the setup's steps, most the panel of the step's operation.
 
-A page shows one step of ``so101_motion.setup.setup_steps``, most by the panel of the step's
-operation. It never waits: calls to motors run on a worker thread, and ``refresh`` takes in the
-result. All pages work for every browser at once and keep nothing in the browser, so a reload loses
-nothing. All methods but ``abort`` run on the page's thread.
+A page never waits: calls to motors run on a worker thread, and ``refresh`` takes in the result. It
+keeps nothing in the browser, so a reload loses nothing. All but ``abort`` run on the page's thread.
 """
 
 from __future__ import annotations

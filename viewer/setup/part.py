@@ -1,7 +1,7 @@
 """The tab of the setup: choose a workflow, go through its steps, leave it safely.
 
-It shows the page of one step at a time. Next is enabled when the state of the arm allows it. Abort
-is there at every step; it ends what the step has begun and says how it has left the arm.
+The step is saved, so that a setup can be resumed after a crash. Abort is there at every step; it
+ends what the step has begun and says how it has left the arm.
 """
 
 from __future__ import annotations

@@ -1,16 +1,13 @@
-"""Draw the arm of the setup: which motor is meant, where the joints are and should be.
-
-It is a model of its own under ``/setup`` and replaces the preview's arm during a setup.
-"""
+"""Draw the arm of the setup, a model of its own that replaces the preview's arm meanwhile."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 
 import numpy as np
 import viser
 
-from so101_motion.common.geometry import Array
+from so101_motion.common.geometry import SE3
 from so101_motion.common.operation import Picture as ViewPicture
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -21,8 +18,7 @@ GREEN: Color = (60, 160, 80)
 _PALE: Color = (196, 202, 208)
 _GHOST: Color = (60, 130, 246)
 
-_Q_SHOWN = np.zeros(5)
-_Q_JAW_SHOWN = 0.6  # [rad], open, so that the jaw is seen as a part of its own
+_AT_REST = ViewPicture(q=(0.0, 0.0, 0.0, 0.0, 0.0, 0.6))  # the jaw is open, to be seen
 
 
 class Picture:
@@ -37,7 +33,7 @@ class Picture:
         self._ghost = RobotView(scene, "/setup/ghost", color=_GHOST, opacity=0.35)
         self._ghost.show(())
         self.is_shown = False
-        self._lit: tuple[Collection[str], Color] | None = None
+        self._lit: tuple[tuple[str, ...], Color] | None = None
         self.rest()
 
     def take_stage(self, shown: bool) -> None:
@@ -50,37 +46,25 @@ class Picture:
 
     def rest(self) -> None:
         """Show a pale arm in a plain pose without highlights and ghost, as each step starts."""
-        self.move(_Q_SHOWN, _Q_JAW_SHOWN)
-        self.ghost(None)
-        self.light(())
-
-    def light(self, joints: Collection[str], color: Color = ORANGE) -> None:
-        if (joints, color) != self._lit:
-            self._lit = (joints, color)
-            self._arm.paint(_PALE)
-            self._arm.paint(color, {MOVED_LINK[joint] for joint in joints})
+        self.draw(_AT_REST)
 
     def draw(self, picture: ViewPicture) -> None:
-        *q, q_jaw = picture.q
-        self.move(np.array(q), q_jaw)
-        *q_ghost, q_jaw_ghost = picture.ghost or (0.0,)
-        self.ghost(np.array(q_ghost) if q_ghost else None, q_jaw_ghost)
-        self.light(picture.lit, GREEN if picture.lit_tone == "good" else ORANGE)
+        """Draw arm, ghost and highlights of an operation's picture.
 
-    def move(self, q: Array, q_jaw: float) -> None:
-        """Put the joints to ``q``, shape (5,), and the jaw to ``q_jaw`` [rad]."""
-        self._T_arm = self._model.link_placements(q, q_jaw)
-        self._arm.move(self._T_arm)
-
-    def ghost(self, q: Array | None, q_jaw: float = _Q_JAW_SHOWN) -> None:
-        """Show a transparent arm at ``q``, shape (5,), [rad], to be matched; None to hide it.
-
-        Links that are where the arm's are stay hidden: two surfaces in one place would flicker.
+        Links of the ghost that are where the arm's are stay hidden: two surfaces in one place would
+        flicker.
         """
-        if q is None:
-            self._ghost.show(())
-            return
-        T_base = self._model.link_placements(q, q_jaw)
-        self._ghost.move(T_base)
-        T_arm = self._T_arm
-        self._ghost.show({link for link in T_base if looks_different(T_base[link], T_arm[link])})
+        T_arm = self._placed(picture.q)
+        self._arm.move(T_arm)
+        T_ghost = self._placed(picture.ghost) if picture.ghost else {}
+        if T_ghost:
+            self._ghost.move(T_ghost)
+        self._ghost.show({link for link, T in T_ghost.items() if looks_different(T, T_arm[link])})
+        lit = (picture.lit, GREEN if picture.lit_tone == "good" else ORANGE)
+        if lit != self._lit:
+            self._lit = lit
+            self._arm.paint(_PALE)
+            self._arm.paint(lit[1], {MOVED_LINK[joint] for joint in lit[0]})
+
+    def _placed(self, q: tuple[float, ...]) -> dict[str, SE3]:
+        return self._model.link_placements(np.array(q[:-1]), q[-1])

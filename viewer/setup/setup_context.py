@@ -1,8 +1,4 @@
-"""What all pages of the setup share: the arm, what is known of it, and one worker thread.
-
-A page never waits: calls to motors run on the worker (``Worker.do``), one at a time, and the
-page's own thread collects the result.
-"""
+"""What all pages of the setup share: the arm, what is known of it, and one worker thread."""
 
 from __future__ import annotations
 
@@ -70,8 +66,7 @@ class TorqueWatch:
         return self.shown != before
 
 
-ServesPreview = Callable[..., ServedPage]
-"""Serves a preview of an arm: ``so101_viewer.serve``."""
+ServesPreview = Callable[..., ServedPage]  # serves a preview of an arm: ``so101_viewer.serve``
 
 
 @dataclass(slots=True, kw_only=True)

@@ -20,7 +20,13 @@ from so101_motion.setup.calibration_operation import CalibrationOperation
 from so101_motion.setup.calibrator import Calibrator, Situation
 from so101_motion.setup.checkup import Findings
 from so101_motion.setup.move_test import MoveTest
-from so101_motion.setup.port_selection import REPLY_TIMEOUT, Candidate, PortsSeen, look
+from so101_motion.setup.port_selection import (
+    REPLY_TIMEOUT,
+    Candidate,
+    PortsSeen,
+    calibration_file,
+    look,
+)
 from so101_motion.viam.client import Machine, MachineRig
 
 
@@ -54,17 +60,15 @@ class SetupTarget:
     @cached_property
     def test(self) -> MoveTest | None:
         name = f"arm on {self.where}"
-        return None if self.rig is None else MoveTest(self.rig, name=name, hold=self.hold)
+        return (
+            None
+            if self.rig is None
+            else MoveTest(self.rig, name=name, hold=partial(self.set_torque, True))
+        )
 
     @property
     def is_under_way(self) -> bool:
         return self.calibration.view.state != State.IDLE.value
-
-    def hold(self) -> object:
-        return self.set_torque(True)
-
-    def let_go(self) -> None:
-        self.set_torque(False)
 
     def close(self) -> None:
         """Give up the port or the machine; a machine's calibration goes on."""
@@ -93,7 +97,9 @@ def ports(named: Collection[str] = (), reply_timeout: float = REPLY_TIMEOUT) -> 
 
     def open_port(chosen: Candidate | None, name: str) -> SetupTarget:
         assert chosen is not None  # else one could not have gone on
-        file = chosen.calibration_file("" if chosen.report.calibration is not None else name)
+        file = calibration_file(
+            chosen.report, "" if chosen.report.calibration is not None else name
+        )
         asked = ServoSettings(port=chosen.name, timeout=None, fallback_file=file)
         return _opened(open_hardware(asked, reply_timeout=reply_timeout))
 
@@ -139,7 +145,7 @@ def _open_share(rig: HardwareRig) -> SetupTarget:
     file = settings.fallback_file or settings.calibration_file
     if file is None:
         (candidate,) = look((settings.port,)).candidates
-        file = candidate.calibration_file()
+        file = calibration_file(candidate.report)
     asked = ServoSettings(
         port=settings.port, baudrate=settings.baudrate, timeout=None, fallback_file=file
     )

@@ -1,8 +1,4 @@
-"""Describe the state of a motor setup and the next step, as plain values; no bus here.
-
-A view is one immutable value that is replaced whole, so a page or a sensor's readings may read it
-at any time without waiting for the bus.
-"""
+"""The state of a motor setup and the next step, as values that are replaced whole; no bus here."""
 
 from __future__ import annotations
 
@@ -30,8 +26,7 @@ MOVES: Mapping[str, str] = {
 }
 """What each motor does, for people who do not know the joints' names."""
 
-AS_NEW = 1
-"""The id of every new servo, so it does not show which joint a servo is for."""
+AS_NEW = 1  # the id of every new servo, so it does not show which joint a servo is for
 
 State = Literal["todo", "found", "configured", "verified", "failed", "skipped"]
 

@@ -19,8 +19,7 @@ from so101_motion.drivers.feetech.presence import Presence
 
 _ROW = PRESENT_POSITION
 
-TREMBLE = 23
-"""How far a joint may move meanwhile [tick], 2 deg; a hand trembles. Chosen."""
+TREMBLE = 23  # how far a joint may move meanwhile [tick], 2 deg; a hand trembles. Chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -174,15 +174,13 @@ Gravity = Callable[[Array], Array]
 
 N = 5
 
-STEADY = 0.2
-"""For how long the setpoints must have had one speed [s]; chosen: the lag has built up."""
+STEADY = 0.2  # for how long the setpoints must have had one speed [s]; chosen: the lag has built up
 
 STRETCH = 0.4
 """How long a stretch of steady motion is taken together [s]; chosen: 40 readings, whose rounding
 to ticks averages out, and 6 deg at 15 deg/s, over which the weight hardly changes."""
 
-NOISE = 0.015
-"""Of one stretch [N m]: a quarter of a tick of goal minus position. Chosen."""
+NOISE = 0.015  # of one stretch [N m]: a quarter of a tick of goal minus position. Chosen
 
 PRIOR_DEVIATIONS = {"torque": 0.15, "friction": 0.3, "delay": 0.008, "mass": 0.3, "moment": 0.02}
 """Standard deviations of the prior: shares, [s], [kg], and of the load's moment about the place
@@ -192,18 +190,15 @@ KNOWN = 0.08
 """Share of ``PRIOR_DEVIATIONS`` for figures of an earlier identification. Chosen: torque is known
 to 1.2 %."""
 
-PLAY_STEP = to_rad(0.2)
-"""Plays that are multiples of it are tried [rad]."""
+PLAY_STEP = to_rad(0.2)  # plays that are multiples of it are tried [rad]
 
 MOST_PLAY = 8
 """Largest play that is tried at first, in steps: every second multiple of ``PLAY_STEP`` up to it,
 1.6 deg. Then the multiples next to the best one are tried."""
 
-AROUND = (0.2, 0.5)
-"""For how long before and after such a moment play is looked for [s]; chosen."""
+AROUND = (0.2, 0.5)  # for how long before and after such a moment play is looked for [s]; chosen
 
-WEIGHTLESS = 0.01
-"""A smaller load is on neither side [N m]; chosen."""
+WEIGHTLESS = 0.01  # a smaller load is on neither side [N m]; chosen
 
 PLAY_SEEN = 0.02
 """The error of the best play must be smaller than that without play by this share of it. Chosen."""

@@ -1,17 +1,10 @@
 """The calibration workflow as a state machine: a table of states, commands and transitions.
 
-How it works. A calibration is always in one of six states. A command that the table does not list
-for the state is refused and changes nothing. A command that is listed is carried out by
-``session.py``; it leads to ``then`` if it succeeds and to ``otherwise`` if it fails. States hold no
-data, and the table has neither a bus nor a clock.
-
-Two decisions. A command whose failure changes nothing, such as stopping a recording that misses a
-joint or saving while a cable is loose, stays in its state, so it can be given again. A calibration
-that failed half-way is in ``error``, where the servos may have to be put back: ``reset`` does that,
-and so does ``start`` before it begins.
-
-States, commands and their names are the published module's, because scripts and its setup page use
-them. The diagram in the documentation is drawn from this table, see ``mermaid``.
+A command that the table does not list for the state is refused and changes nothing. A listed one is
+carried out by ``session.py``, and leads to ``then`` or, if it fails, to ``otherwise``. One whose
+failure changes nothing stays in its state, so it can be given again; a calibration that failed
+half-way is in ``error``, where the servos may have to be put back: ``reset`` and ``start`` do that.
+States and commands have the published module's names.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Describe a calibration to the user, as plain values: hints, travel bars, summary.
-
-The terminal and the page both show these: how near each joint is to the homing pose, how much of
-its travel is recorded, which joints are left or may be accepted as they are, and what will be
-saved.
-"""
+"""Describe a calibration to the user: where the arm is, hints, travel bars, what will be saved."""
 
 from __future__ import annotations
 
@@ -100,11 +95,9 @@ NEAR_DEG = 25.0
 """How far from the middle of its travel a joint may be homed [deg]. Chosen: the travel is found
 anyway, but beyond this the user has probably misread the picture."""
 
-UPRIGHT_DEG = 12.0
-"""The same for wrist_roll, whose zero is where it is held. Chosen."""
+UPRIGHT_DEG = 12.0  # the same for wrist_roll, whose zero is where it is held. Chosen
 
-FEW = 2
-"""At most so many joints may be accepted with an unusual travel. Chosen."""
+FEW = 2  # at most so many joints may be accepted with an unusual travel. Chosen
 
 
 # The homing pose
@@ -238,8 +231,7 @@ def acceptable(joints: Mapping[str, JointView]) -> tuple[str, ...]:
 # What is about to be saved
 
 
-COLUMNS = ("quality", "travel", "change")
-"""The cells of a line."""
+COLUMNS = ("quality", "travel", "change")  # the cells of a line
 
 _QUALITIES: Mapping[Verdict | None, tuple[str, Tone]] = {
     Verdict.COMPLETE: ("good", "good"),

@@ -33,8 +33,7 @@ from so101_motion.calib.record.record import LARGEST_OFFSET, NARROWEST, WIDEST
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 
-MIDDLE = 2047
-"""What a servo reads in the homing pose [tick]; LeRobot's convention."""
+MIDDLE = 2047  # what a servo reads in the homing pose [tick]; LeRobot's convention
 
 SEAM_MARGIN = 64
 """A travel with an end nearer than this to the seam is moved to the middle [tick]; 5.6 deg, chosen:

@@ -1,7 +1,6 @@
 """Verify a calibration: lead the limp joints to their stops by hand, and compare the stops.
 
-Nothing is stored: torque goes off, and the servos are read. The homing offset that a servo holds is
-taken into account, so servos that hold another calibration can be compared as well.
+The offset that a servo holds is taken into account, so any servo can be compared.
 """
 
 from __future__ import annotations
@@ -28,19 +27,16 @@ SHORT_DEG = 3.0
 """A joint has been at both stops if it moved at most so much less than in the calibration. Chosen,
 like the other two: a stop yields a little to a hand."""
 
-SAME_DEG = 2.0
-"""Largest shift of both stops that means nothing."""
+SAME_DEG = 2.0  # largest shift of both stops that means nothing
 
-LONG_DEG = 5.0
-"""A joint that moves so much farther was not at its stops when it was calibrated."""
+LONG_DEG = 5.0  # a joint that moves so much farther was not at its stops when it was calibrated
 
 
 NOTHING_NEW = 3.0
 """It ends by itself when all joints were at both stops and none has gone farther for this long [s].
 Chosen."""
 
-AT_MOST = 120.0
-"""Without a person it ends after this time [s]. Chosen."""
+AT_MOST = 120.0  # without a person it ends after this time [s]. Chosen
 
 _MARKS: dict[bool | None, tuple[str, Tone]] = {
     None: ("○", "dim"),

@@ -1,8 +1,4 @@
-"""Describe a running calibration as plain values; no bus here.
-
-A view is one immutable value, made from the progress of the joints and the last positions. A
-sensor's readings, the terminal and the page all show it, at any time and without waiting.
-"""
+"""A running calibration as one immutable value, made of joints' progress and last positions."""
 
 from __future__ import annotations
 

@@ -21,8 +21,7 @@ from so101_motion.calib.record.store import Stored
 from so101_motion.common.errors import CalibrationError
 from so101_motion.files import json_file
 
-_MOST = 200
-"""How many files are looked at in one place. Chosen; a home may hold anything."""
+_MOST = 200  # how many files are looked at in one place. Chosen; a home may hold anything
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,8 +32,7 @@ from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
 from so101_motion.files import atomic
 
-FIELDS = record.FIELDS[:5]
-"""LeRobot's fields of a joint; it refuses a file with more."""
+FIELDS = record.FIELDS[:5]  # LeRobot's fields of a joint; it refuses a file with more
 
 FOLLOWERS = ("so_follower", "so101_follower", "so100_follower")
 """LeRobot's folders for the arms we drive, the newest first."""

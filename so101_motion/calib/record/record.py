@@ -28,8 +28,7 @@ from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.files.json_file import Object
 
-JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
-"""The joints along the cable, base to jaw."""
+JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)  # the joints along the cable, base to jaw
 
 SERVO_IDS: Mapping[str, int] = {joint: place for place, joint in enumerate(JOINTS, start=1)}
 """The servo id of each joint of a finished arm."""
@@ -54,8 +53,7 @@ WIDEST = 4000
 more, the recording went across the encoder's seam. Only wrist_roll may be recorded as a whole
 turn."""
 
-GRIPPER_TRAVEL = 1251
-"""The jaw's travel [tick]: 110 deg, the joint limits of the robot description."""
+GRIPPER_TRAVEL = 1251  # the jaw's travel [tick]: 110 deg, the joint limits of the robot description
 
 _WIDEST_GRIPPER = 1.25 * GRIPPER_TRAVEL  # the published module's guard; real arms: up to 1.17
 _AGAIN = "calibrate the arm again"
@@ -248,8 +246,7 @@ def misplaced(ids: Iterable[int], travels: Mapping[str, int]) -> str:
     return ""
 
 
-NEW_IDS = "so101 setup --start-over, then so101 calibrate"
-"""What to do about misplaced ids."""
+NEW_IDS = "so101 setup --start-over, then so101 calibrate"  # what to do about misplaced ids
 
 
 def _check_order(found: Calibration) -> None:

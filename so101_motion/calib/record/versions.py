@@ -25,8 +25,7 @@ from pathlib import Path
 from so101_motion.files import atomic
 from so101_motion.files.user_storage import user_data_folder
 
-KEPT = 20
-"""How many versions of a file are kept; a version has about 1.5 kB. Chosen."""
+KEPT = 20  # how many versions of a file are kept; a version has about 1.5 kB. Chosen
 
 _NAME = re.compile(r"(\d+)_(\d{8}T\d{6}Z)\.json")
 _TIME = "%Y%m%dT%H%M%SZ"

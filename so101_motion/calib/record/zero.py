@@ -60,8 +60,7 @@ _SHORT, _LONG = to_rad(4.0), to_rad(5.0)
 """How much less or more than the model's a travel from stop to stop may be [rad]: public
 calibrations have 2.4 deg less to 3.8 deg more. Chosen."""
 
-SWEPT = ARM_JOINTS[:4]
-"""The joints whose zero comes from their stops."""
+SWEPT = ARM_JOINTS[:4]  # the joints whose zero comes from their stops
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,8 +80,7 @@ CONVENTIONS = ("middle", "homing")
 HOMING_TICK = 2047
 """The position that a servo reports in the pose of the published module's ``set_homing`` [tick]."""
 
-_TOLD = to_rad(1.0)
-"""A difference between the conventions from which it is told [rad]. Chosen."""
+_TOLD = to_rad(1.0)  # a difference between the conventions from which it is told [rad]. Chosen
 
 
 def expected_travel(joint: str) -> float:

@@ -21,7 +21,6 @@ from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.models.hardware_arm import HardwareArm
 from so101_motion.viam.requests.commands import Command, answer
-from so101_motion.viam.suggested_config import frame_json
 
 
 class So101Discovery(Configured, DiscoveryService):
@@ -97,7 +96,7 @@ def _config(one: Suggestion) -> ComponentConfig:
         attributes=dict_to_struct(convert.to_result(one.attributes)),
     )
     if one.frame is not None:
-        json_format.ParseDict(frame_json(one.frame), config.frame)
+        json_format.ParseDict(dict(one.frame), config.frame)
     return config
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, JointReading, JointState
 from so101_motion.common.units import to_rad
-from so101_motion.setup.move_test import ERROR, JointAccuracy, Measurements, MoveReport
+from so101_motion.setup.move_test import JointAccuracy, Measurements, MoveReport
 
 
 def state(t, *, q, q_ref, qd_ref, moving=True):
@@ -91,12 +91,6 @@ def test_stops_in_one_place_are_compared_by_the_side_they_were_reached_from():
 def test_a_joint_is_judged_by_its_worst_figure(found, verdict, words):
     assert found.verdict == verdict
     assert words in found.sentence
-
-
-@given(st.floats(0.0, 0.2))
-def test_a_larger_error_is_never_judged_better(error):
-    rank = ("ok", "warn", "fail")
-    assert rank.index(ERROR.judge(error)) <= rank.index(ERROR.judge(error + 0.001))
 
 
 WELL = MoveReport(

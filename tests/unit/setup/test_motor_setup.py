@@ -1,5 +1,4 @@
 import logging
-from dataclasses import replace
 
 import pytest
 from harness.lent_bus import APART, LentBus, loose, refused
@@ -340,14 +339,6 @@ def test_the_view_says_what_is_going_on_and_does_not_wait():
     setup.discover("gripper")
     assert ("listening at 115200 baud", True) in seen
     assert setup.state.doing == ""
-
-
-def test_a_value_once_given_out_does_not_change():
-    _, setup = loose()
-    before = setup.state
-    setup.assign("gripper")
-    assert before.motors["gripper"].state == "todo"
-    assert replace(before) == before
 
 
 def test_what_was_done_is_logged(caplog):

@@ -13,13 +13,11 @@ from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.setup import setup_steps
 from so101_motion.setup.checkup import Check, Findings, check_up
 from so101_motion.setup.setup_steps import (
-    CALIBRATION_ONLY,
     CHAIN,
     CONNECT,
     FULL,
     MOTORS,
     MOTORS_ONLY,
-    WORKFLOWS,
     SetupState,
 )
 
@@ -60,23 +58,6 @@ def chain(**wrong):
 def calibration(state, **changes):
     progress = calibration_view.CalibrationProgress(state=state, **changes)
     return calibration_view.show(progress, None, 0.0)
-
-
-def test_every_workflow_begins_with_the_connection_and_counts_its_steps_and_minutes():
-    for each in WORKFLOWS:
-        assert each.steps[0] is CONNECT
-        assert each.minutes == sum(step.minutes for step in each.steps)
-        assert each.extent == f"{len(each.steps)} steps, about {each.minutes} minutes"
-        names = [step.name for step in each.steps]
-        assert len(set(names)) == len(names)
-        assert [each.place(name) for name in names] == list(range(len(names)))
-        assert each.place("nothing") is None
-
-
-def test_the_two_halves_are_the_whole():
-    steps = [step.name for step in FULL.steps]
-    halves = [s.name for s in (*MOTORS_ONLY.steps, *CALIBRATION_ONLY.steps)]
-    assert sorted({*halves, "assembly"}) == sorted(steps)  # that is for a kit
 
 
 @pytest.mark.parametrize("step", FULL.steps, ids=lambda step: step.name)
@@ -180,16 +161,6 @@ def test_the_final_test_may_be_left_out_and_tells_what_it_found():
     assert setup_steps.TEST.check(SetupState()).verdict == "warn"
     found = Check(name="test", verdict="fail", sentence="elbow_flex is 4 deg off", fix="calibrate")
     assert setup_steps.TEST.check(SetupState(tested=found)) == found
-
-
-def test_the_worst_of_several_checks_is_the_first_of_the_worst_kind():
-    checks = [
-        Check(name="a", verdict="ok", sentence="fine"),
-        Check(name="b", verdict="warn", sentence="so so", fix="look"),
-        Check(name="c", verdict="warn", sentence="hm"),
-    ]
-    assert setup_steps.worst("all", checks) == replace(checks[1], name="all")
-    assert setup_steps.worst("all", []) is None
 
 
 def test_the_doctor_names_the_step_where_a_setup_has_to_go_on():

@@ -3,14 +3,14 @@
 import math
 
 import pytest
-from harness.calibration_rig import UPRIGHT_DEG, LentArm, all_held, calibrate
+from harness.calibration_rig import UPRIGHT_DEG, LentArm, all_held, calibrate, recording
 
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.procedure.travel import Verdict
-from so101_motion.calib.record import store, versions
+from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.errors import (
     CalibrationError,
@@ -23,7 +23,7 @@ from so101_motion.drivers.emulator import registers as emulated
 
 
 def test_the_limits_are_the_stops(arm, file):
-    stored = calibrate(Session(file), arm)
+    stored = calibrate(file, arm)
     for joint in JOINTS:
         entry = stored.calibration[joint]
         limits = [entry.range_min + entry.homing_offset, entry.range_max + entry.homing_offset]
@@ -31,7 +31,7 @@ def test_the_limits_are_the_stops(arm, file):
 
 
 def test_file_and_servos_agree_afterwards(arm, file):
-    stored = calibrate(Session(file), arm)
+    stored = calibrate(file, arm)
     for joint in JOINTS:
         assert (
             arm.held(joint) == arm.flashed(joint) == HeldCalibration.of(stored.calibration[joint])
@@ -43,17 +43,12 @@ def test_file_and_servos_agree_afterwards(arm, file):
 
 def test_zeros_are_those_of_the_model_within_half_a_degree(arm, file):
     arm.put_deg(shoulder_pan=20, elbow_flex=-30, wrist_flex=5, wrist_roll=UPRIGHT_DEG)
-    stored = calibrate(Session(file), arm)
+    stored = calibrate(file, arm)
     for joint in JOINTS[:5]:
         entry, found = stored.calibration[joint], stored.zeros[joint]
         middle = (entry.range_min + entry.range_max) / 2 + entry.homing_offset
         truth = (middle - 2048) * 2 * math.pi / 4096
         assert abs(found.angle - truth) < math.radians(0.5)
-
-
-def test_no_journal_is_left(arm, file):
-    calibrate(Session(file), arm)
-    assert not journal.path_for(file).exists()
 
 
 def test_the_states_are_passed_one_by_one(arm, file):
@@ -113,21 +108,14 @@ def test_homing_writes_the_offset_and_the_servo_reads_the_middle(file):
 
 
 def test_what_the_file_says_of_other_joints_stays(arm, file):
-    calibrate(Session(file), arm)
+    calibrate(file, arm)
     before = store.read(file)
     arm.put_deg(gripper=30)
-    stored = calibrate(Session(file, ["gripper"]), arm, joints=["gripper"])
+    stored = calibrate(file, arm, ["gripper"])
     assert stored.calibration["gripper"] != before.calibration["gripper"]
     for joint in JOINTS[:5]:
         assert stored.calibration[joint] == before.calibration[joint]
         assert stored.zeros[joint] == before.zeros[joint]
-
-
-def test_calibrating_again_keeps_the_former_as_a_version(arm, file):
-    calibrate(Session(file), arm)
-    arm.put_deg(elbow_flex=15)
-    calibrate(Session(file), arm)
-    assert len(versions.versions(file)) == 2
 
 
 # Seams
@@ -169,7 +157,7 @@ def test_a_travel_across_the_seam_is_shown_going_on(file):
 
 def test_a_roll_that_is_not_swept_becomes_a_full_turn_about_its_zero(arm, file):
     arm.put_deg(wrist_roll=40)
-    stored = calibrate(Session(file), arm, joints=JOINTS[:4] + JOINTS[5:])
+    stored = calibrate(file, arm, led=JOINTS[:4] + JOINTS[5:])
     roll = stored.calibration["wrist_roll"]
     assert (roll.range_min, roll.range_max) == (0, 4095)
     zero_at = roll.homing_offset + 2047.5 - stored.zeros["wrist_roll"].angle * 4096 / math.tau
@@ -178,7 +166,7 @@ def test_a_roll_that_is_not_swept_becomes_a_full_turn_about_its_zero(arm, file):
 
 def test_a_roll_that_is_swept_keeps_its_stops_and_its_zero(arm, file):
     arm.put_deg(wrist_roll=40)
-    stored = calibrate(Session(file), arm)
+    stored = calibrate(file, arm)
     roll = stored.calibration["wrist_roll"]
     assert (roll.range_min + roll.homing_offset, roll.range_max + roll.homing_offset) == arm.stops(
         "wrist_roll"
@@ -193,20 +181,12 @@ def test_a_multi_turn_servo_is_read_within_one_turn(arm, file):
         memory = arm.world.servo(joint).memory
         memory.keep(emulated.PHASE, memory.raw(emulated.PHASE) | emulated.PHASE_MULTI_TURN)
     arm.put(shoulder_pan=arm.stops("shoulder_pan")[0])
-    stored = calibrate(Session(file), arm)
+    stored = calibrate(file, arm)
     pan = stored.calibration["shoulder_pan"]
     assert pan.range_min + pan.homing_offset == arm.stops("shoulder_pan")[0]
 
 
 # While it records
-
-
-def recording(file, arm, joints=JOINTS):
-    session = Session(file, joints)
-    session.start(arm)
-    session.set_homing()
-    session.start_recording()
-    return session
 
 
 def test_joints_are_named_while_they_are_recorded(arm, file):

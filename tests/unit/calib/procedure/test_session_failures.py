@@ -4,7 +4,7 @@ import json
 import threading
 
 import pytest
-from harness.calibration_rig import LentArm, all_held, calibrate
+from harness.calibration_rig import LentArm, all_held, calibrate, recording
 
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.procedure.eeprom import HeldCalibration
@@ -20,15 +20,6 @@ from so101_motion.common.errors import (
 )
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emulated
-
-
-def recording(file, arm, joints=JOINTS):
-    session = Session(file, joints)
-    session.start(arm)
-    session.set_homing()
-    session.start_recording()
-    return session
-
 
 # Refusals and failures
 
@@ -153,7 +144,7 @@ def test_homing_is_refused_when_no_journal_can_be_written(arm, tmp_path):
 @pytest.mark.parametrize("steps", [1, 2, 3, 4])
 @pytest.mark.parametrize("command", ["abort", "reset"])
 def test_aborting_puts_the_servos_back(arm, file, steps, command):
-    calibrate(Session(file), arm)
+    calibrate(file, arm)
     before, said = all_held(arm), file.read_bytes()
     arm.put_deg(shoulder_pan=80, elbow_flex=-50, gripper=100)
     session = Session(file)

@@ -3,7 +3,6 @@ from dataclasses import replace
 import pytest
 from harness.calibration_rig import LentArm, calibrate
 
-from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.verification import AT_MOST, NOTHING_NEW, Verification
 from so101_motion.common.errors import NotPossibleNow
 
@@ -15,7 +14,7 @@ def arm():
 
 @pytest.fixture
 def calibration(arm, tmp_path):
-    return calibrate(Session(tmp_path / "arm.json"), arm).calibration
+    return calibrate(tmp_path / "arm.json", arm).calibration
 
 
 def flash(arm):

@@ -78,13 +78,6 @@ def test_the_module_s_own_data_comes_first(tmp_path, monkeypatch):
     assert len(found) == 3  # each once, though the module's own is in two of the places
 
 
-def test_lerobot_s_variables_are_followed(tmp_path, monkeypatch):
-    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "lr"))
-    put(tmp_path / "lr/robots/so_follower/left.json")
-
-    assert [found.name for found in found_in(tmp_path)] == ["left"]
-
-
 def test_zeros_are_found_with_their_calibration_and_are_none_themselves(tmp_path):
     file = tmp_path / "work/arm.json"
     store.save(file, ELBOW, zeros={"elbow_flex": Zero(by="stops", angle=-0.1)})

@@ -148,14 +148,6 @@ def test_any_json_is_read_or_refused_with_words(tmp_path_factory, content):
     read_or_refused(file)
 
 
-@given(st.binary(max_size=200))
-def test_any_bytes_are_read_or_refused_with_words(tmp_path_factory, data):
-    file = tmp_path_factory.getbasetemp() / "bytes.json"
-    file.write_bytes(data)
-
-    read_or_refused(file)
-
-
 @given(st.data())
 def test_a_calibration_with_some_bytes_changed_or_lost_is_read_or_refused(tmp_path_factory, data):
     file = tmp_path_factory.getbasetemp() / "spoiled.json"

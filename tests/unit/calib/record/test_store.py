@@ -67,16 +67,6 @@ def test_saving_writes_what_the_published_module_writes_and_nothing_else(file):
     assert os.listdir(file.parent) == ["arm.json"]
 
 
-def test_saving_keeps_what_the_file_says_of_other_joints(file):
-    store.save(file, {"shoulder_pan": PAN, "elbow_flex": ELBOW}, zeros={"elbow_flex": BY_STOPS})
-    found = store.save(file, {"shoulder_pan": JointCalibration(id=1), "gripper": JAW})
-
-    assert found.calibration["elbow_flex"] == ELBOW
-    assert found.calibration["shoulder_pan"] == JointCalibration(id=1)
-    assert found.zeros["elbow_flex"].by == "stops"
-    assert found == store.read(file)
-
-
 def test_nulls_of_the_published_module_do_not_come_back(file):
     put(file, json.dumps({"elbow_flex": ELBOW.to_json(), "shoulder_pan": None}))
     store.save(file, {"gripper": JAW})

@@ -132,10 +132,6 @@ def test_the_model_stays_inside_its_stops():
         assert model.upper[i] <= STOPS[joint][1] + 1e-4
 
 
-def test_travels_are_reported_in_ticks():
-    assert zero.expected_travel("elbow_flex") == pytest.approx(193.2 * TICKS_PER_DEG)
-
-
 # In words
 
 

@@ -8,11 +8,13 @@ from types import SimpleNamespace
 from typing import cast
 
 import pytest
+from so101_viewer.page import cards
 from so101_viewer.setup.setup_target import SetupTarget
 from so101_viewer.setup_app import reasons
 
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.modes import Mode
+from so101_motion.common.operation import Row
 
 CAN = None
 
@@ -38,9 +40,7 @@ class Arm:
             joints={"elbow_flex": SimpleNamespace(ticks=2048 if self.answers else None)},
         )
         rig = SimpleNamespace(arm=SimpleNamespace(state=SimpleNamespace(mode=self.mode)))
-        found = SimpleNamespace(
-            situation=situation, rig=rig if self.has_rig else None, hold=None, let_go=None
-        )
+        found = SimpleNamespace(situation=situation, rig=rig if self.has_rig else None)
         return cast(SetupTarget, found)
 
 
@@ -87,3 +87,10 @@ def test_letting_go_waits_for_nothing() -> None:
     hold, guide, let_go = reasons(Arm().target(), "planning the test")
     assert hold == guide == "Wait for the end of this: planning the test."
     assert let_go is None
+
+
+def test_markup_escapes_what_comes_from_outside() -> None:
+    evil = "<script>alert(1)</script>"
+    row = Row(label=evil, cells=(evil,), text=evil, tone="warm", mark=evil, bar=(0.2, 0.4), at=0.3)
+    pieces = (cards.rows((evil,), (row,)), cards.instruction(evil, evil), cards.failed(evil))
+    assert all("<script>" not in piece for piece in pieces)
