@@ -66,24 +66,20 @@ def about_torque(holds: bool | None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """The state of calibration, motor setup and arm at one instant.
-
-    Attributes:
-        joints: The calibrated joints, base to jaw: of the calibration under way, else of the one in
-            force.
-        angles: Their angles [rad], as far as known. From ``set_homing`` on they are counted from
-            the middle of the joint's limits, because no calibration is in force then.
-        checked: The last result of verifying the finished chain; None without one.
-    """
+    """The state of calibration, motor setup and arm at one instant."""
 
     view: CalibrationView
     setup: SetupView
+    # the calibrated joints, base to jaw: of the calibration under way, else of the one in force
     joints: Mapping[str, JointView]
+    # their angles [rad], as far as known. From ``set_homing`` on they are counted from the middle
+    # of the joint's limits, because no calibration is in force then
     angles: Mapping[str, float]
     calibration_file: str  # where a calibration is saved, absolute
     is_connected: bool
     holds: bool | None = None  # whether any joint is driven; None if no servo answers
     notes: tuple[str, ...] = ()
+    # the last result of verifying the finished chain; None without one
     checked: Verification | None = None
 
     @property

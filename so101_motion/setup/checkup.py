@@ -58,17 +58,9 @@ class BusQuality:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Findings:
-    """The findings about an arm; unknown ones are None or empty.
+    """The findings about an arm; unknown ones are None or empty."""
 
-    Attributes:
-        software: Versions of this package and others, by name; empty text for missing ones.
-        supply_trouble: What is wrong with the supply of the first servo and what to do about it, as
-            long as not all servos were looked at.
-        agreeing_file: Another program's file that agrees with the servos, if there is no ``file``.
-        servo_changes: How servos have changed between the last two identifications.
-        acceleration: Joint acceleration cap of plans [rad/s^2]; None when nothing can be moved.
-    """
-
+    # versions of this package and others, by name; empty text for missing ones
     software: Mapping[str, str] = field(default_factory=dict)
     port: str | None = None  # the serial port; None for the simulated arm
     baudrate: int = BAUDRATE  # the rate at which its servos answer [bit/s]
@@ -76,18 +68,23 @@ class Findings:
     port_trouble: str = ""
     interfering_programs: Mapping[str, str] = field(default_factory=dict)
     lost_adapters: tuple[str, ...] = ()
+    # what is wrong with the supply of the first servo and what to do about it, as long as not all
+    # servos were looked at
     supply_trouble: tuple[str, str] | None = None
     latency_timer: float | None = None  # how long the adapter holds bytes back [s]
     servos: Verification | None = None
     bus_quality: BusQuality | None = None
     file: Path | None = None  # the calibration file; None when there is none
+    # another program's file that agrees with the servos, if there is no ``file``
     agreeing_file: Path | None = None
     stored: Stored | None = None  # its content; None when it cannot be used
     file_trouble: str = ""
     is_unfinished: bool = False
     zero_reports: tuple[ZeroReport, ...] = ()
+    # how servos have changed between the last two identifications
     servo_changes: tuple[str, ...] = ()
     speed: float | None = None  # joint speed cap of plans [rad/s]; None when nothing can be moved
+    # joint acceleration cap of plans [rad/s^2]; None when nothing can be moved
     acceleration: float | None = None
     planning_time: float | None = None  # how long a motion took to plan [s]
     planning_trouble: str = ""

@@ -58,30 +58,26 @@ class Suggestion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortReport:
-    """What was found on a port.
-
-    Attributes:
-        configured: The parts that components of this process have on the port: ``"arm"``,
-            ``"gripper"``, ``"calibration"``.
-        supply_trouble: What is wrong with the supply and what to do; None if nothing is.
-        agreeing: Another program's file that agrees with its servos in every number, if there is no
-            such file.
-    """
+    """What was found on a port."""
 
     port: FoundPort
     sentence: str
     joints: tuple[str, ...] = ()
     servo_ids: tuple[int, ...] = ()
     baudrate: int = BAUDRATE  # the bus's rate [bit/s]
+    # the parts that components of this process have on the port: ``"arm"``, ``"gripper"``,
+    # ``"calibration"``
     configured: frozenset[str] = frozenset()
     arm_name: str = ""  # name of the arm on the port; empty to suggest one
     stands_at: float = 0.0  # suggested position of the arm, to the left of the first one [m]
     volts: float | None = None  # supply of the first servo [V]; None if none answers
     nominal_volts: float | None = None  # its rated supply [V]: 7.4 or 12; None if none answers
+    # what is wrong with the supply and what to do; None if nothing is
     supply_trouble: tuple[str, str] | None = None
     role: Role = "unknown"
     because: str = ""
     calibration: Path | None = None  # the calibration file to configure; None if there is none
+    # another program's file that agrees with its servos in every number, if there is no such file
     agreeing: Path | None = None
 
     @property

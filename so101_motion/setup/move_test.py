@@ -78,19 +78,16 @@ SETTLE = Bounds(warn=1.0, fail=2.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointAccuracy:
-    """How well one joint followed its goals.
-
-    Attributes:
-        hysteresis: How much that differs with the side it came from [rad]; None if not known.
-        settle: How long it took at most to come to rest [s]; None if setpoints are not known.
-        tool: Largest error of the tool through all joints together [m]; None for the jaw.
-    """
+    """How well one joint followed its goals."""
 
     joint: str
     error: float | None = None  # largest error at rest [rad]; None if it never came to rest
+    # how much that differs with the side it came from [rad]; None if not known
     hysteresis: float | None = None
     lag: float | None = None  # how far behind its setpoints it ran [s]; None if those are not known
+    # how long it took at most to come to rest [s]; None if setpoints are not known
     settle: float | None = None
+    # largest error of the tool through all joints together [m]; None for the jaw
     tool: float | None = None
     trouble: str = ""  # why it could not be tested to the end; empty if it was
 
@@ -138,18 +135,15 @@ def reasons(joints: Iterable[JointAccuracy]) -> dict[str, list[str]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveReport:
-    """The result of a move test.
-
-    Attributes:
-        as_shown: Whether the user saw the arm move as its picture did, which no encoder can tell;
-            None without an answer.
-    """
+    """The result of a move test."""
 
     arm: str
     joints: tuple[JointAccuracy, ...]
     began_at: str  # its begin, as an ISO date and time with its zone
     seconds: float  # how long it took [s]
     ended_by: str = ""  # why it ended early; empty if it did not
+    # whether the user saw the arm move as its picture did, which no encoder can tell; None without
+    # an answer
     as_shown: bool | None = None
 
     @property
@@ -353,14 +347,11 @@ _MARKS: dict[str, tuple[str, Tone]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Swing:
-    """The test motion of one joint.
-
-    Attributes:
-        stops: Where it will stop, one after the other: angles [rad], for the jaw apertures. It
-            begins and ends where it is now.
-    """
+    """The test motion of one joint."""
 
     joint: str
+    # where it will stop, one after the other: angles [rad], for the jaw apertures. It begins and
+    # ends where it is now
     stops: tuple[float, ...]
     duration: float  # how long that takes, roughly [s]
 
@@ -635,13 +626,10 @@ class MoveTest(LocalOperation):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Stop:
-    """A stop that is being measured.
-
-    Attributes:
-        q_goal: Where the arm should stand, shape (5,), [rad]; None while the jaw is measured.
-    """
+    """A stop that is being measured."""
 
     over: Future[None]
+    # where the arm should stand, shape (5,), [rad]; None while the jaw is measured
     q_goal: Array | None
     is_from_below: bool = False
 

@@ -32,12 +32,9 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortsSeen:
-    """The ports that are plugged in now.
+    """The ports that are plugged in now."""
 
-    Attributes:
-        candidates: The ports with servo adapters and those that were named, the likeliest first.
-    """
-
+    # the ports with servo adapters and those that were named, the likeliest first
     candidates: tuple[Candidate, ...] = ()
     nothing: Findings = field(default_factory=Findings)  # findings to show if there is no candidate
 

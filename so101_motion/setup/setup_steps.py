@@ -27,12 +27,9 @@ def _untouched() -> CalibrationView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupState:
-    """The state of a setup, which the steps judge.
+    """The state of a setup, which the steps judge."""
 
-    Attributes:
-        seen: The findings about the port and the servos of the finished chain.
-    """
-
+    # the findings about the port and the servos of the finished chain
     seen: Findings = field(default_factory=Findings)
     setup: SetupView = field(default_factory=SetupView)  # the state of the motor setup
     view: CalibrationView = field(default_factory=_untouched)  # the state of the calibration

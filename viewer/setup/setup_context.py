@@ -71,21 +71,18 @@ ServesPreview = Callable[..., ServedPage]  # serves a preview of an arm: ``so101
 
 @dataclass(slots=True, kw_only=True)
 class SetupContext(Worker):
-    """What all pages share. Its fields belong to the page's thread.
-
-    Attributes:
-        preview: Serves a preview of the arm; None where the page shows the arm already.
-        seen: What was found on the port, and about the motors of the finished chain.
-        opened: What else was opened, to be closed with the setup.
-    """
+    """What all pages share. Its fields belong to the page's thread."""
 
     context: PageContext  # the page; presses go through it
     picture: Picture
     progress: SetupProgress
+    # serves a preview of the arm; None where the page shows the arm already
     preview: ServesPreview | None = None
     target: SetupTarget | None = None  # the arm that is set up; None until the connection is made
+    # what was found on the port, and about the motors of the finished chain
     seen: Findings = field(default_factory=Findings)
     saved: str | None = None  # where this setup has saved a calibration; None before
+    # what else was opened, to be closed with the setup
     opened: ExitStack = field(default_factory=ExitStack)
     port: str | None = None  # the port of the last target on this computer; None before
     torque: TorqueWatch = field(default_factory=TorqueWatch)

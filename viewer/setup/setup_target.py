@@ -32,19 +32,16 @@ from so101_motion.viam.client import Machine, MachineRig
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SetupTarget:
-    """The arm that is set up.
-
-    Attributes:
-        rig: Moves the arm, for the final test; None if it cannot be moved. Closed by its owner.
-        is_remote: Whether it is the arm of a machine, whose cable cannot be looked at from here.
-    """
+    """The arm that is set up."""
 
     where: str
     calibration: Operation  # calibrates it
     motors: Operation  # gives its motors their ids
     chain: Operation  # verifies its motors
     set_torque: Callable[[bool], object]  # holds the joints where they stand, or lets them sink
+    # moves the arm, for the final test; None if it cannot be moved. Closed by its owner
     rig: RigLike | None = None
+    # whether it is the arm of a machine, whose cable cannot be looked at from here
     is_remote: bool = False
 
     @property
@@ -79,16 +76,13 @@ class SetupTarget:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmSource:
-    """The ports of this computer, or an arm that is known already.
-
-    Attributes:
-        look: Returns the ports that are plugged in now, or how the known arm is.
-        open: Makes the target, in a worker's thread, from the chosen port and the user's name for
-            the arm, which its calibration file gets; raises ``So101Error``.
-    """
+    """The ports of this computer, or an arm that is known already."""
 
     where: str | None  # which arm; None if a port is to be chosen
+    # returns the ports that are plugged in now, or how the known arm is
     look: Callable[[], PortsSeen]
+    # makes the target, in a worker's thread, from the chosen port and the user's name for the arm,
+    # which its calibration file gets; raises ``So101Error``
     open: Callable[[Candidate | None, str], SetupTarget]
 
 

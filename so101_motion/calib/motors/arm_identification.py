@@ -46,14 +46,11 @@ _MODELS = {reg.STS3215_MODEL: "sts3215", 2825: "sts3250", 1540: "sts3250"}  # LR
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoFacts:
-    """The registers of one servo, and what follows from them.
-
-    Attributes:
-        counts_down: Whether its calibration says that it counts down with the joint angle.
-    """
+    """The registers of one servo, and what follows from them."""
 
     servo_id: int
     held: Mapping[str, int]  # the registers by name, decoded
+    # whether its calibration says that it counts down with the joint angle
     counts_down: bool = False
 
     def holds(self, register: Register) -> int:

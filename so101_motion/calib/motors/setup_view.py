@@ -37,16 +37,12 @@ _SETTLED = ("configured", "verified", "skipped")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorView:
-    """The state of one joint's servo in the setup.
-
-    Attributes:
-        state: ``"todo"``, ``"found"`` (connected alone), ``"configured"`` (id, rate and settings
-            stored and read back), ``"verified"`` (seen in the finished chain), ``"failed"`` or
-            ``"skipped"``.
-    """
+    """The state of one joint's servo in the setup."""
 
     joint: str
     target_id: int
+    # ``"todo"``, ``"found"`` (connected alone), ``"configured"`` (id, rate and settings stored and
+    # read back), ``"verified"`` (seen in the finished chain), ``"failed"`` or ``"skipped"``
     state: State = "todo"
     found_id: int | None = None
     baud: int | None = None  # the rate it was found at, or talks at now [bit/s]
@@ -143,15 +139,12 @@ class SetupView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorCheck:
-    """The result of checking one joint's servo in the finished chain.
-
-    Attributes:
-        status: ``"ok"``, ``"not_responding"``, ``"duplicate"``, ``"model_detection_failed"``,
-            ``"wrong_model"``, ``"wrong_voltage"`` or ``"wrong_settings"``.
-    """
+    """The result of checking one joint's servo in the finished chain."""
 
     joint: str
     servo_id: int
+    # ``"ok"``, ``"not_responding"``, ``"duplicate"``, ``"model_detection_failed"``,
+    # ``"wrong_model"``, ``"wrong_voltage"`` or ``"wrong_settings"``
     status: str
     facts: ServoFacts | None = None  # its registers; None if they could not be read
     error: str = ""  # what is wrong; empty when nothing is

@@ -43,15 +43,12 @@ class Saving:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Journal:
-    """The journal of a running calibration.
-
-    Attributes:
-        is_decided: Whether ``saving`` is to be carried through; else everything is put back.
-    """
+    """The journal of a running calibration."""
 
     before: Mapping[str, HeldCalibration]  # what each servo held before the calibration, by joint
     meanwhile: Mapping[str, HeldCalibration]  # what it gets during the calibration, by joint
     saving: Saving | None = None  # what servos and file are to hold; None before that is known
+    # whether ``saving`` is to be carried through; else everything is put back
     is_decided: bool = False
 
 

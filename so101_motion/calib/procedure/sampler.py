@@ -24,14 +24,11 @@ TREMBLE = 23  # how far a joint may move meanwhile [tick], 2 deg; a hand tremble
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Positions:
-    """The positions that the sampler read last.
+    """The positions that the sampler read last."""
 
-    Attributes:
-        ticks: Where each joint is, 0 to 4095 [tick]; joints that were never read are missing.
-        arcs: Their travels since the recording began; empty before.
-    """
-
+    # where each joint is, 0 to 4095 [tick]; joints that were never read are missing
     ticks: Mapping[str, int] = field(default_factory=dict)
+    # their travels since the recording began; empty before
     arcs: Mapping[str, TravelArc] = field(default_factory=dict)
     samples: int = 0  # how often they were read since the recording began
     silent: tuple[str, ...] = ()  # joints that do not answer

@@ -218,13 +218,10 @@ class Load:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identified:
-    """The result of an identification.
-
-    Attributes:
-        deviations: Their standard deviations by steady motion alone, by joint; without the play.
-    """
+    """The result of an identification."""
 
     servos: Mapping[str, ServoFigures]  # the servo's figures, by joint
+    # their standard deviations by steady motion alone, by joint; without the play
     deviations: Mapping[str, ServoFigures]
     load: Load | None  # the load in the hand; None if the user said it is empty
     volts: float  # supply, mean over the motions [V]

@@ -38,11 +38,9 @@ class PoseEstimate:
     Before homing, the former calibration is used, if there was one. After homing, the joints are
     taken to have been in the requested pose at that moment. A joint that has reached both stops is
     known exactly.
-
-    Attributes:
-        angles: Every joint's angle [rad]; a joint that was never read has its homing angle.
     """
 
+    # every joint's angle [rad]; a joint that was never read has its homing angle
     angles: Mapping[str, float]
     guessed: frozenset[str]  # joints whose angle is a guess
 

@@ -47,16 +47,12 @@ _MARKS: dict[bool | None, tuple[str, Tone]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointComparison:
-    """The stops of a joint, compared with its calibration.
-
-    Attributes:
-        reads_deg: How much its angle reads too much under the calibration; None until it has been
-            at both stops.
-    """
+    """The stops of a joint, compared with its calibration."""
 
     joint: str  # its name
     moved_deg: float  # how far it was led from end to end
     expected_deg: float  # how far it goes in the calibration
+    # how much its angle reads too much under the calibration; None until it has been at both stops
     reads_deg: float | None
     agrees: bool | None  # whether the calibration is right; None likewise
     sentence: str  # all of this for people

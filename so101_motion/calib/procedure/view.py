@@ -20,12 +20,7 @@ _STALE = 1.0  # [s], chosen: storing into the servos keeps the bus busy for up t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointProgress:
-    """The progress of one joint.
-
-    Attributes:
-        fit: Offset and travel that are about to be saved; None before the recording has ended.
-        assessment: The verdict on its travel; None before the recording has ended.
-    """
+    """The progress of one joint."""
 
     joint: str
     before: HeldCalibration  # what its servo held before, as it can be restored
@@ -33,7 +28,9 @@ class JointProgress:
     driven: bool = False  # whether its torque was on when the calibration began
     counts_down: bool = False  # whether its encoder is set up to count the wrong way round
     home: int | None = None  # what it reads in the homing pose [tick]; None before
+    # offset and travel that are about to be saved; None before the recording has ended
     fit: Fit | None = None
+    # the verdict on its travel; None before the recording has ended
     assessment: Assessment | None = None
 
     @property
@@ -67,20 +64,17 @@ class CalibrationProgress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointView:
-    """The calibration of one joint at one instant.
-
-    Attributes:
-        ticks: Where it is [tick]; None if that is not known. While a travel that passes the seam is
-            recorded, readings go on below 0 or above 4095.
-        recorded_min: Lower end of the recorded travel [tick]; None before there is one.
-    """
+    """The calibration of one joint at one instant."""
 
     joint: str
     servo_id: int
+    # where it is [tick]; None if that is not known. While a travel that passes the seam is
+    # recorded, readings go on below 0 or above 4095
     ticks: int | None = None
     homing_offset: int  # the servo's, in force or about to be saved [tick]
     range_min: int  # lower limit in force or about to be saved [tick]
     range_max: int  # upper limit
+    # lower end of the recorded travel [tick]; None before there is one
     recorded_min: int | None = None
     recorded_max: int | None = None  # upper end
     expected_deg: float  # the travel from stop to stop [deg]
@@ -106,14 +100,11 @@ class JointView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationView:
-    """A calibration at one instant.
-
-    Attributes:
-        joints: The joints that are calibrated, by name, base to jaw; none before the start.
-    """
+    """A calibration at one instant."""
 
     state: State
     instruction: str
+    # the joints that are calibrated, by name, base to jaw; none before the start
     joints: Mapping[str, JointView]
     commands: tuple[Command, ...]
     error: str | None = None  # what is wrong at present and what to do about it; None if nothing is

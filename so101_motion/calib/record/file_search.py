@@ -26,18 +26,15 @@ _MOST = 200  # how many files are looked at in one place. Chosen; a home may hol
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundFile:
-    """A file that looks like a calibration of an SO-101.
-
-    Attributes:
-        origin: ``"module data"``, ``"saved"`` (by this package, anywhere), ``"module folder"``,
-            ``"LeRobot"`` or ``"kept copy"``.
-        name: Name of the arm: the file's name without its ending; for a kept copy, the path of the
-            file that is gone.
-    """
+    """A file that looks like a calibration of an SO-101."""
 
     path: Path  # where it is, absolute
+    # ``"module data"``, ``"saved"`` (by this package, anywhere), ``"module folder"``, ``"LeRobot"``
+    # or ``"kept copy"``
     origin: str
     role: str  # ``"follower"``, ``"leader"`` or ``"unknown"``, by the folder that LeRobot has it in
+    # name of the arm: the file's name without its ending; for a kept copy, the path of the file
+    # that is gone
     name: str
     stored: Stored | None  # its content; None when it cannot be used
     problem: str  # why it cannot be used; empty when it can

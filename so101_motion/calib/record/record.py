@@ -61,17 +61,14 @@ _AGAIN = "calibrate the arm again"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCalibration:
-    """The calibration of one joint.
-
-    Attributes:
-        norm_mode: How LeRobot-like programs scale it: 1 as 0..100, 2 as -100..100, 3 in degrees.
-    """
+    """The calibration of one joint."""
 
     id: int
     drive_mode: int = 0  # not 0 if the servo counts down with the joint angle
     homing_offset: int = 0  # what the servo subtracts from its encoder [tick]
     range_min: int = 500  # smallest position of the travel [tick], as the servo reports it
     range_max: int = 3500  # largest
+    # how LeRobot-like programs scale it: 1 as 0..100, 2 as -100..100, 3 in degrees
     norm_mode: int = 3
 
     def to_json(self) -> dict[str, int]:

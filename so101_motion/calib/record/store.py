@@ -43,18 +43,15 @@ NO_ZEROS: Mapping[str, Zero] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stored:
-    """The content of a calibration file, with its zeros.
-
-    Attributes:
-        zeros: The joints' zeros; joints that are missing here have theirs in the middle.
-        refused: The joints that are missing here, because their numbers in the file cannot be
-            used; and why not.
-    """
+    """The content of a calibration file, with its zeros."""
 
     path: Path  # where it is, absolute
     calibration: Mapping[str, JointCalibration]  # by joint; joints may be missing
+    # the joints' zeros; joints that are missing here have theirs in the middle
     zeros: Mapping[str, Zero]
     notes: tuple[str, ...]  # what the user should know about it
+    # the joints that are missing here, because their numbers in the file cannot be used; and why
+    # not
     refused: Mapping[str, str] = field(default_factory=dict)
     zero_note: str = ""  # what to tell unless ``joint_zero`` is chosen; see ``zero.about_homing``
 

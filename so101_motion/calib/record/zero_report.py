@@ -25,16 +25,13 @@ _STOPS_MIDDLE = {joint: sum(STOPS[joint]) / 2.0 for joint in SWEPT}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZeroReport:
-    """The explanation of one joint's zero, or of all together.
-
-    Attributes:
-        jaws_mm: How far at most the jaws are from where LeRobot, which takes that middle as zero,
-            would report them [mm].
-    """
+    """The explanation of one joint's zero, or of all together."""
 
     joint: str  # the joint; empty for all of them together
     by: str  # as in ``Zero``; for all of them, the sources in use
     angle_deg: float  # the model's angle at the middle of the recorded travel [deg]; 0 for all
+    # how far at most the jaws are from where LeRobot, which takes that middle as zero, would report
+    # them [mm]
     jaws_mm: float
     sentence: str  # all of it in one sentence
 
