@@ -9,12 +9,17 @@ from typing import cast
 
 import pytest
 from so101_viewer.page import cards
+from so101_viewer.setup.part import StepWizard
+from so101_viewer.setup.setup_context import SETTLED, TorqueWatch, torque
 from so101_viewer.setup.setup_target import SetupTarget
 from so101_viewer.setup_app import reasons
 
+from so101_motion.calib.motors.setup_view import SetupProgress
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.modes import Mode
 from so101_motion.common.operation import Row
+from so101_motion.setup.checkup import Check, Verdict
+from so101_motion.setup.setup_steps import CALIBRATION_ONLY, FULL, MOTORS_ONLY, TEST, SetupState
 
 CAN = None
 
@@ -94,3 +99,146 @@ def test_markup_escapes_what_comes_from_outside() -> None:
     row = Row(label=evil, cells=(evil,), text=evil, tone="warm", mark=evil, bar=(0.2, 0.4), at=0.3)
     pieces = (cards.rows((evil,), (row,)), cards.instruction(evil, evil), cards.failed(evil))
     assert all("<script>" not in piece for piece in pieces)
+
+
+def bench(*, connected: bool = True, holds: bool | None = False) -> SetupTarget:
+    situation = SimpleNamespace(is_connected=connected, holds=holds)
+    return cast(SetupTarget, SimpleNamespace(situation=situation, rig=None))
+
+
+def test_limp_held_and_unknown_are_three_different_sentences() -> None:
+    told = [
+        torque(None),
+        torque(bench(connected=False)),
+        torque(bench(holds=None)),
+        torque(bench(holds=True)),
+        torque(bench(holds=False)),
+    ]
+    assert len({each.text for each in told}) == len(told)
+    assert [each.is_on for each in told] == [None, None, None, True, False]
+
+
+def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
+    now = [0.0]
+    watch = TorqueWatch(lambda: now[0])
+    limp, lost = bench(), bench(connected=False)
+    assert watch.look(limp, is_blind=False)
+    assert not watch.look(lost, is_blind=True)
+    assert not watch.look(lost, is_blind=False)
+    now[0] += 0.9 * SETTLED
+    assert not watch.look(lost, is_blind=False)
+    assert not watch.look(limp, is_blind=False)
+    now[0] += 0.9 * SETTLED
+    assert not watch.look(lost, is_blind=False)
+    assert watch.shown == torque(limp)
+    now[0] += SETTLED
+    assert watch.look(lost, is_blind=False)
+    assert watch.shown == torque(lost)
+
+
+def test_a_new_bench_is_shown_at_once_even_while_its_motors_are_looked_for() -> None:
+    watch = TorqueWatch(lambda: 0.0)
+    assert watch.look(bench(holds=None), is_blind=True)
+    assert watch.shown == torque(bench(holds=None))
+
+
+def test_a_removed_bench_is_shown_at_once() -> None:
+    watch = TorqueWatch(lambda: 0.0)
+    watch.look(bench(), is_blind=False)
+    assert watch.look(None, is_blind=False)
+    assert watch.shown == torque(None)
+
+
+def test_motors_that_answer_are_shown_although_answers_are_lost_again_and_again() -> None:
+    now = [0.0]
+    watch = TorqueWatch(lambda: now[0])
+    silent, held, limp = bench(holds=None), bench(holds=True), bench(holds=False)
+    assert watch.look(silent, is_blind=False)
+    assert watch.look(held, is_blind=True)
+    assert watch.shown == torque(held)
+    told = set()
+    for k in range(40):  # the joints are let go of, and every other answer is lost
+        now[0] += 0.3 * SETTLED
+        watch.look(silent if k % 2 else limp, is_blind=False)
+        told.add(watch.shown.text)
+    assert watch.shown == torque(limp)
+    assert torque(silent).text not in told
+
+
+def begun(folder: Path) -> StepWizard:
+    return StepWizard(SetupProgress(folder / "setup.json", None))
+
+
+def test_nothing_is_under_way_until_somebody_chooses(tmp_path: Path) -> None:
+    wizard = begun(tmp_path)
+    assert (wizard.workflow, wizard.step, wizard.rows(SetupState()), wizard.where) == (
+        None,
+        None,
+        (),
+        "",
+    )
+    wizard.choose(MOTORS_ONLY)
+    assert wizard.step is MOTORS_ONLY.steps[0]
+    assert wizard.where == f"Step 1 of 3, about {MOTORS_ONLY.minutes} min left"
+
+
+def test_the_list_shows_what_is_done_what_is_now_and_what_is_left(tmp_path: Path) -> None:
+    wizard = begun(tmp_path)
+    wizard.choose(MOTORS_ONLY)
+    wizard.go_on()
+    rows = wizard.rows(SetupState())
+    assert [row.place for row in rows] == ["done", "now", "left"]
+    assert [row.title for row in rows] == [step.title for step in MOTORS_ONLY.steps]
+    wizard.go_back()
+    assert [row.place for row in wizard.rows(SetupState())] == ["now", "left", "left"]
+
+
+def test_a_test_that_was_passed_over_or_not_passed_gets_no_tick(tmp_path: Path) -> None:
+    wizard = begun(tmp_path)
+    wizard.choose(CALIBRATION_ONLY)
+    for _ in CALIBRATION_ONLY.steps[1:]:
+        wizard.go_on()
+
+    def test_found(verdict: Verdict | None) -> str:
+        tested = verdict and Check(name="test", verdict=verdict, sentence="told")
+        return wizard.rows(SetupState(tested=tested))[-2].place
+
+    assert wizard.rows(SetupState())[-2].title == TEST.title
+    assert test_found("ok") == "done"
+    assert {test_found(None), test_found("warn"), test_found("fail")} == {"passed over"}
+
+
+def test_back_from_the_first_step_is_the_choice_and_on_from_the_last_is_the_end(
+    tmp_path: Path,
+) -> None:
+    wizard = begun(tmp_path)
+    wizard.choose(CALIBRATION_ONLY)
+    wizard.go_back()
+    assert wizard.workflow is None
+    wizard.choose(CALIBRATION_ONLY)
+    for _ in CALIBRATION_ONLY.steps:
+        assert wizard.workflow is CALIBRATION_ONLY
+        wizard.go_on()
+    assert wizard.workflow is None
+    assert begun(tmp_path).interrupted is None
+
+
+def test_after_a_crash_a_setup_resumes_in_its_step(tmp_path: Path) -> None:
+    wizard = begun(tmp_path)
+    wizard.choose(FULL)
+    for step in FULL.steps:
+        again = begun(tmp_path)
+        assert again.step is None
+        assert again.interrupted is step
+        again.resume()
+        assert (again.workflow, again.step) == (FULL, step)
+        wizard.go_on()
+
+
+def test_progress_of_another_version_is_ignored(tmp_path: Path) -> None:
+    progress = SetupProgress(tmp_path / "setup.json", None)
+    progress.reach("full", "a step of another version")
+    wizard = begun(tmp_path)
+    assert wizard.interrupted is None
+    wizard.resume()
+    assert wizard.workflow is None
