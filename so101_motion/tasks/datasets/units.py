@@ -60,27 +60,16 @@ _FULL_TURN = (0, TICKS_PER_TURN - 1)  # LeRobot's travel of wrist_roll
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Units:
-    """Converts a data set's numbers to angles of the model, and back.
+    """Converts a data set's numbers to angles of the model, and back."""
 
-    Attributes:
-        kind: One of ``KINDS``.
-        factor: The model's angle for each unit, shape (6,), [rad].
-        offset: The model's angle at 0, shape (6,), [rad].
-        lower: The lower end of the travel, shape (6,), [rad].
-        upper: The upper end, shape (6,), [rad].
-        zeros: Source of each arm joint's zero, as in ``Zero.by``, or ``"assumed"``.
-        is_jaw_known: Whether a calibration gives the jaw's travel.
-        calibration: Of the arm that was recorded; None if it is not known.
-    """
-
-    kind: str
-    factor: Array
-    offset: Array
-    lower: Array
-    upper: Array
-    zeros: tuple[str, ...]
-    is_jaw_known: bool
-    calibration: Stored | None = None
+    kind: str  # one of ``KINDS``
+    factor: Array  # the model's angle for each unit, shape (6,), [rad]
+    offset: Array  # the model's angle at 0, shape (6,), [rad]
+    lower: Array  # the lower end of the travel, shape (6,), [rad]
+    upper: Array  # the upper end, shape (6,), [rad]
+    zeros: tuple[str, ...]  # source of each arm joint's zero, as in ``Zero.by``, or ``"assumed"``
+    is_jaw_known: bool  # whether a calibration gives the jaw's travel
+    calibration: Stored | None = None  # of the arm that was recorded; None if it is not known
 
     def __post_init__(self) -> None:
         for name in ("factor", "offset", "lower", "upper"):

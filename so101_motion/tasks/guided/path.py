@@ -34,16 +34,11 @@ _CORNER = 24  # places that points may leave out at once, where they cut a corne
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GuidedPath:
-    """The path along which a hand has guided the arm.
+    """The path along which a hand has guided the arm."""
 
-    Attributes:
-        t: Times, from 0 on, increasing, shape (n,), n >= 1, [s].
-        q: Joint angles, shape (n, 5), [rad].
-        aperture: How far the jaw was open, 0 to 1, shape (n,); None for an arm without a jaw.
-    """
-
-    t: Array
-    q: Array
+    t: Array  # times, from 0 on, increasing, shape (n,), n >= 1, [s]
+    q: Array  # joint angles, shape (n, 5), [rad]
+    # how far the jaw was open, 0 to 1, shape (n,); None for an arm without a jaw
     aperture: Array | None = None
 
     def __post_init__(self) -> None:

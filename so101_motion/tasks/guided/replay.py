@@ -66,19 +66,12 @@ class ReplayLeg:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Replay:
-    """A planned replay of a guided path.
+    """A planned replay of a guided path."""
 
-    Attributes:
-        path: The recorded path.
-        tolerance: How far any joint may be from it [rad].
-        approach: The plan from where the arm is to the beginning of the path.
-        legs: The motions along the path.
-    """
-
-    path: GuidedPath
-    tolerance: float
-    approach: Plan
-    legs: tuple[ReplayLeg, ...]
+    path: GuidedPath  # the recorded path
+    tolerance: float  # how far any joint may be from it [rad]
+    approach: Plan  # the plan from where the arm is to the beginning of the path
+    legs: tuple[ReplayLeg, ...]  # the motions along the path
 
     @property
     def plans(self) -> tuple[Plan, ...]:

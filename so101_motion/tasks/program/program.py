@@ -49,24 +49,18 @@ def check_rounds(rounds: int | None) -> None:
 class Waypoint:
     """A place of the arm, the jaw's aperture there, and a pause; or a place it only passes.
 
-    Attributes:
-        name: Its name; need not be unique.
-        q: Joint angles, shape (5,), [rad].
-        aperture: The jaw's aperture after arrival, 0 to 1; None to leave it.
-        pause: How long to stay after that [s].
-        passes: Whether the arm goes on without stopping; then there is no aperture and no pause.
-        speed: Share of the arm's speed and acceleration caps on the step to it. If waypoints are
-            passed, the slowest step up to the next stop counts.
-
     Raises:
         ConfigError: A value is not valid, or a passed waypoint has a pause or an aperture.
     """
 
-    name: str
-    q: Array
-    aperture: float | None = None
-    pause: float = 0.0
+    name: str  # its name; need not be unique
+    q: Array  # joint angles, shape (5,), [rad]
+    aperture: float | None = None  # the jaw's aperture after arrival, 0 to 1; None to leave it
+    pause: float = 0.0  # how long to stay after that [s]
+    # whether the arm goes on without stopping; then there is no aperture and no pause
     passes: bool = False
+    # share of the arm's speed and acceleration caps on the step to it. If waypoints are passed, the
+    # slowest step up to the next stop counts.
     speed: float = 1.0
 
     def __post_init__(self) -> None:
@@ -91,21 +85,16 @@ Step = Mapping[str, Waypoint]
 class Program:
     """Steps in order, and how often they are repeated. Arms named in one step move together.
 
-    Attributes:
-        steps: At most ``MOST``.
-        rounds: How often all of it is repeated; None until it is stopped.
-        loops: Steps that are repeated within each round, in order, outer loops first.
-        before: How many steps of the whole program come before these, in a part of one.
-
     Raises:
         ConfigError: There are too many steps, one is empty, a waypoint of arms that move together
             is to be passed, or a loop is not valid.
     """
 
-    steps: tuple[Step, ...] = ()
-    rounds: int | None = 1
+    steps: tuple[Step, ...] = ()  # at most ``MOST``
+    rounds: int | None = 1  # how often all of it is repeated; None until it is stopped
+    # steps that are repeated within each round, in order, outer loops first
     loops: tuple[Loop, ...] = ()
-    before: int = 0
+    before: int = 0  # how many steps of the whole program come before these, in a part of one
 
     def __post_init__(self) -> None:
         if len(self.steps) > MOST:

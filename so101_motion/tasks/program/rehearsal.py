@@ -64,15 +64,11 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rehearsal:
-    """A planned program.
+    """A planned program."""
 
-    Attributes:
-        program: The program.
-        arrivals: All arrivals in order, but only the first two of each loop and round; later ones
-            are like the second.
-    """
-
-    program: Program
+    program: Program  # the program
+    # all arrivals in order, but only the first two of each loop and round; later ones are like the
+    # second
     arrivals: tuple[Arrival, ...]
 
     @cached_property

@@ -42,19 +42,13 @@ threads. Chosen: a control cycle."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Where:
-    """The progress of a run.
+    """The progress of a run."""
 
-    Attributes:
-        round: The round, counted from 0.
-        laps: The repetition of each loop around the next stop, from 0, the outer loop first.
-        index: The step that is gone to, or done, from 0.
-        doing: ``"moving"``, ``"jaw"`` or ``"pausing"``.
-    """
-
-    round: int = 0
+    round: int = 0  # the round, counted from 0
+    # the repetition of each loop around the next stop, from 0, the outer loop first
     laps: tuple[int, ...] = ()
-    index: int = 0
-    doing: str = "moving"
+    index: int = 0  # the step that is gone to, or done, from 0
+    doing: str = "moving"  # ``"moving"``, ``"jaw"`` or ``"pausing"``
 
 
 class ProgramRun:

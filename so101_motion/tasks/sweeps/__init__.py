@@ -1,10 +1,4 @@
-"""Sweeps: computations too large for one process, cut into shards that any executor computes.
-
-``sweep.py`` is the interface of a sweep, ``engine.py`` runs one, ``folder.py`` stores it. The
-sweeps: ``reach.py`` (where the arm can be, and how well; ``atlas.py`` looks it up), ``plans.py``
-(random motions as a data set), and ``place.py`` (bases for a task; ``placement.py`` finds the
-best).
-"""
+"""Sweeps: computations too large for one process, cut into shards that any executor computes."""
 
 from so101_motion.tasks.sweeps.atlas import Atlas, Reach
 from so101_motion.tasks.sweeps.engine import (

@@ -1,8 +1,4 @@
-"""Look up whether the arm reaches a point, and how well, in an atlas that a sweep has computed.
-
-The whole atlas is loaded at once, so looking up a point takes microseconds. The result is that of
-the nearest point of the grid, at most 0.87 spacings away.
-"""
+"""Look up whether the arm reaches a point, and how well, in an atlas that a sweep has computed."""
 
 from __future__ import annotations
 
@@ -51,7 +47,6 @@ class Reach(NamedTuple):
 
     @property
     def branch_names(self) -> tuple[str, ...]:
-        """The names of ``branches``."""
         return tuple(
             f"{side}, elbow {'up' if up else 'down'}"
             for (side, up), bit in BRANCH_BITS.items()

@@ -137,8 +137,6 @@ def run_sweep(
 
 
 class _Run:
-    """One run of a sweep."""
-
     def __init__(
         self,
         sweep: Sweep,
@@ -160,7 +158,6 @@ class _Run:
         self._began = now()
 
     def go(self) -> SweepResult:
-        """Compute the missing shards."""
         try:
             while self._todo or self._under_way:
                 self._hand_out()
@@ -255,10 +252,10 @@ class _Run:
 
 
 class _Call:
-    """Computes a shard where it is unpickled.
+    """A shard to compute where it is unpickled, so that a scheduler passes it on as bytes.
 
-    A scheduler that only passes it on sees bytes and need not load this package. Dask's scheduler
-    unpickles everything but bytes: it loaded the robot model, two seconds of its one core.
+    Dask's scheduler unpickles everything else: it loaded the robot model, two seconds of its one
+    core.
     """
 
     def __init__(self, sweep: Sweep, shard: int) -> None:
@@ -334,14 +331,8 @@ def _end_with_parent() -> None:
 def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
     """An executor on a Dask cluster, and how many shards to have under way in it.
 
-    Its workers need this package, in the same version.
-
-    Args:
-        address: The scheduler's, such as ``"tcp://scheduler:8786"``.
-
-    Raises:
-        ConfigError: Dask is not installed.
-        MachineUnavailable: No scheduler answers there, or it has no workers.
+    Its workers need this package, in the same version. Raises ``ConfigError`` without Dask, and
+    ``MachineUnavailable`` if no scheduler answers there, or it has no workers.
     """
     try:
         import distributed

@@ -49,12 +49,7 @@ class SweepFolder:
 
     @contextmanager
     def opened_for(self, sweep: Sweep) -> Iterator[None]:
-        """Claim the folder for this sweep, and lock it for the block.
-
-        Raises:
-            ConfigError: It belongs to another sweep or to something else, another program uses it,
-                or it cannot be written.
-        """
+        """Claim the folder for this sweep and lock it; ``ConfigError`` if it cannot be used."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             lock = atomic.locked(self.path)
@@ -85,11 +80,7 @@ class SweepFolder:
             left.unlink(missing_ok=True)
 
     def manifest(self) -> dict[str, object]:
-        """Read the manifest.
-
-        Raises:
-            ConfigError: There is none, or it is not a manifest.
-        """
+        """Read the manifest; ``ConfigError`` if there is none."""
         try:
             content = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
         except FileNotFoundError as error:
@@ -103,14 +94,7 @@ class SweepFolder:
     def describe(
         self, sweep: Sweep, *, done: int, failed: Mapping[int, str], sha256: str | None
     ) -> None:
-        """Write the manifest.
-
-        Args:
-            sweep: The sweep.
-            done: How many shards are finished.
-            failed: Why others failed, by number.
-            sha256: The SHA-256 of the result, once no shard is left.
-        """
+        """Write the manifest; ``failed`` has the reasons, ``sha256`` comes last."""
         state = {
             "done": done,
             "failed": {str(shard): why for shard, why in sorted(failed.items())},
@@ -121,7 +105,6 @@ class SweepFolder:
         atomic.write(self.path / MANIFEST, data.encode())
 
     def write(self, shard: int, packed: Packed) -> None:
-        """Write a shard in one step."""
         atomic.write(self._file(shard), packed.data)
 
     def read(self, shard: int) -> dict[str, np.ndarray] | None:
@@ -149,7 +132,6 @@ def combined(digests: Mapping[int, str], shards: int) -> str:
 
 
 def _identity(sweep: Sweep) -> dict[str, object]:
-    """The entries of the manifest that identify a sweep."""
     facts = json.loads(json.dumps(sweep.facts()))  # tuples become lists, as they are read back
     made_by = {"so101_motion": __version__}
     return {"kind": sweep.kind, "facts": facts, "shards": sweep.shards, "made_by": made_by}
@@ -158,7 +140,7 @@ def _identity(sweep: Sweep) -> dict[str, object]:
 def _difference(
     manifest: Mapping[str, object], wanted: Mapping[str, object], keys: list[str]
 ) -> str:
-    """Text that says how a folder's sweep differs from the wanted one."""
+    """Why a folder's sweep is not the wanted one."""
     was, now = manifest.get(keys[0]), wanted[keys[0]]
     name = keys[0]
     if isinstance(was, dict) and isinstance(now, dict):

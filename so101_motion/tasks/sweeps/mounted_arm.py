@@ -67,24 +67,14 @@ _EXACT = 1e-5
 
 
 class PoseConfigurations:
-    """Finds configurations for one arm.
-
-    Args:
-        model: The arm.
-        frame: The frame that is brought to the points: ``"tool"`` or ``"jaw_tip"``.
-    """
+    """Finds configurations that bring ``"tool"`` or ``"jaw_tip"`` to poses."""
 
     def __init__(self, model: RobotModel, frame: str = "tool") -> None:
         self._structure, self._frame = IkSolver(model).structure, frame
         self._tool, self._point = ArmChain(model), ArmChain(model, frame)
 
     def at(self, pose: TaskPose, T_base_cell: SE3) -> Array:
-        """Configurations that bring the frame to a pose, shape (n, 5), [rad], within the limits.
-
-        Args:
-            pose: The pose in the cell.
-            T_base_cell: Pose of the cell in the base frame.
-        """
+        """Configurations at a pose of the cell, within the limits, shape (n, 5), [rad]."""
         p = T_base_cell @ pose.p
         if not self._is_near(p):
             return np.empty((0, 5))
@@ -139,7 +129,6 @@ class PoseConfigurations:
 
 
 def _spread(q: Array) -> Array:
-    """At most ``MOST`` of them."""
     if len(q) <= MOST:
         return q
     return np.asarray(q[np.linspace(0, len(q) - 1, MOST).round().astype(int)])
@@ -150,15 +139,7 @@ _LOOKS = 100
 
 
 class _Legs:
-    """Plans legs from one base and keeps them, by a planner for ``plan_leg``. For one thread.
-
-    Args:
-        model: The arm.
-        scene: What is around it.
-        limits: The caps of its motions.
-        payload: The load in its hand.
-        strength: The strength of its servos.
-    """
+    """Plans legs from one base and keeps them, by a planner for ``plan_leg``. For one thread."""
 
     def __init__(
         self,
@@ -182,7 +163,6 @@ class _Legs:
         limits: Mapping[str, MotionLimits],
         stands: Mapping[str, Stand],
     ) -> dict[str, Plan]:
-        """Plan for the only arm."""
         ((name, goal),) = goals.items()
         self._patience.reset()
         request = PlanRequest(
@@ -199,16 +179,9 @@ class _Legs:
         return {name: self._planner.plan(request)}
 
     def plan(self, task: PlacementTask, q: Array, indices: range, q_jaw: float) -> Plan | None:
-        """The motion through some poses, from the one before them; None if there is nothing to do.
+        """The motion from the pose before ``indices`` through them; None if there is nothing to do.
 
-        Args:
-            task: The task with the poses.
-            q: The joint angles at each, shape (n, 5), [rad].
-            indices: The poses of the leg.
-            q_jaw: The jaw's angle meanwhile [rad].
-
-        Raises:
-            PlanningError: There is no such motion.
+        ``q`` has the joint angles at each pose, shape (n, 5), ``q_jaw`` the jaw's meanwhile, [rad].
         """
         q_start = q[(indices[0] - 1) % len(q)]
         key = np.array([indices[0], q_jaw, *q_start, *q[indices].ravel()]).tobytes()
@@ -226,11 +199,9 @@ class _Legs:
 
 
 def jaw_angles(apertures: Sequence[float | None], *, goes_around: bool) -> list[float]:
-    """The jaw's angle after each stop [rad]; closed before the first aperture.
+    """The jaw's angle after each stop [rad]; closed before the first aperture, 0 to 1.
 
-    Args:
-        apertures: Its aperture at each stop, 0 to 1; None to leave it.
-        goes_around: Whether the first stop comes again after the last.
+    With ``goes_around`` the first stop comes again after the last.
     """
     given = [each for each in apertures if each is not None]
     aperture = given[-1] if given and goes_around else 0.0
@@ -243,8 +214,6 @@ def jaw_angles(apertures: Sequence[float | None], *, goes_around: bool) -> list[
 
 def least_time(distance: Array, velocity: float, acceleration: float, jerk: float) -> Array:
     """The shortest time from rest to rest over distances, any shape, [rad] to [s].
-
-    No motion of an arm takes less than the joint that turns farthest.
 
     Source: L. Biagiotti and C. Melchiorri, Trajectory Planning for Automatic Machines and Robots,
     2008, section 3.4, the double S with both ends at rest.
@@ -264,15 +233,10 @@ def least_time(distance: Array, velocity: float, acceleration: float, jerk: floa
 
 
 def cheapest(costs: list[Array], *, closed: bool) -> tuple[float, list[int]]:
-    """Choose one option at each stop so that the sum of costs is least.
+    """The least sum of costs, infinite if there is none, and the option at each stop for it.
 
-    Args:
-        costs: Costs from each option of a stop to each of the next, arrays (n_k, n_k+1); for a
-            cycle the last leads back to the first stop.
-        closed: Whether it is a cycle, which ends where it began with the same option.
-
-    Returns:
-        The cost, infinite if there is no choice, and the option at each stop.
+    Costs lead from each option of a stop to each of the next, arrays (n_k, n_k+1). A ``closed``
+    cycle ends where it began, with the same option.
     """
     n = len(costs[0])
     reached = np.where(np.eye(n, dtype=bool), 0.0, np.inf) if closed else np.zeros((1, n))
@@ -354,17 +318,8 @@ class Cycle(NamedTuple):
 class MountedArm:
     """An arm with a task. Belongs to one thread.
 
-    Args:
-        task: The task with its poses.
-        limits: The caps of its motions, the same for all joints.
-        payload: Mass in the hand, at the jaw's tip [kg].
-        voltage: The servos' rated voltage [V].
-        R_world_base: Orientation of its base, for torques, shape (3, 3).
-        attached: What it holds.
-        by: The criterion, one of ``CRITERIA``.
-
-    Attributes:
-        model: The arm as it is mounted, without a load.
+    ``payload`` is in the hand, at the jaw's tip [kg], ``voltage`` the servos' rated one [V],
+    ``R_world_base`` the orientation of the base, by which torques are, ``by`` one of ``CRITERIA``.
     """
 
     def __init__(
@@ -393,11 +348,9 @@ class MountedArm:
         self._jaws = jaw_angles(apertures, goes_around=self._closed)
 
     def choice(self, T_cell_base: SE3, scene: Scene) -> tuple[Choice | None, int]:
-        """The configurations at a base; else the pose that has none (``Screened.missed``).
+        """The configurations at a base with the scene as seen from it; else the pose that has none.
 
-        Args:
-            T_cell_base: The base.
-            scene: What is around it, seen from there.
+        That is counted as in ``Screened.missed``.
         """
         found, missed = self._free(T_cell_base, scene)
         if missed != -1:

@@ -53,7 +53,6 @@ class FixedArm:
 
     @property
     def T_cell_base(self) -> SE3:
-        """Pose of its base."""
         return SE3.from_rpy(np.array(self.rpy), np.array(self.position))
 
     def standing(self) -> StandingArm:
@@ -64,27 +63,17 @@ class FixedArm:
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """Where a base may be mounted, as plain data.
+    """Where a base may be mounted, as plain data."""
 
-    Attributes:
-        x: Smallest and largest x in the cell [m].
-        y: The same for y.
-        z: The same for z; 0 is on the table.
-        turn: The same for the turn about the base's own z axis [rad]; 0 faces along the cell's x.
-        mount: One of ``MOUNTS``.
-        facing: Direction of a wall's normal, counted from x towards y [rad].
-        spacing: Distance between the bases of the first round [m].
-        turn_step: Turn between the bases of the first round [rad].
-    """
-
-    x: tuple[float, float]
-    y: tuple[float, float]
-    z: tuple[float, float] = (0.0, 0.0)
+    x: tuple[float, float]  # smallest and largest x in the cell [m]
+    y: tuple[float, float]  # the same for y
+    z: tuple[float, float] = (0.0, 0.0)  # the same for z; 0 is on the table
+    # the same for the turn about the base's own z axis [rad]; 0 faces along the cell's x
     turn: tuple[float, float] = (-math.pi, math.pi)
-    mount: str = "table"
-    facing: float = 0.0
-    spacing: float = 0.04
-    turn_step: float = math.radians(30.0)
+    mount: str = "table"  # one of ``MOUNTS``
+    facing: float = 0.0  # direction of a wall's normal, counted from x towards y [rad]
+    spacing: float = 0.04  # distance between the bases of the first round [m]
+    turn_step: float = math.radians(30.0)  # turn between the bases of the first round [rad]
 
     def __post_init__(self) -> None:
         for key in ("x", "y", "z", "turn"):
@@ -103,7 +92,6 @@ class Region:
             )  # fmt: skip
 
     def first_round(self) -> Iterator[LatticeIndex]:
-        """The bases of the first round."""
         for x, y, z, turn in itertools.product(*(range(count) for count in self._counts())):
             yield COARSE * x, COARSE * y, COARSE * z, COARSE * turn
 

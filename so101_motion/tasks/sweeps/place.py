@@ -31,37 +31,22 @@ SCREENED, PLANNED = 64, 4
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceSweep:
-    """The bases to judge and the parameters, as plain data.
+    """The bases to judge and the parameters, as plain data."""
 
-    Attributes:
-        task: The task as JSON text; see ``placement_task.task_text``.
-        region: The lattice.
-        indices: The bases; None for those of the region's first round.
-        planned: Whether they are planned, or only screened.
-        jittered: Whether bases near them are judged as well, if they are planned.
-        by: The criterion, one of ``CRITERIA``.
-        scene: The cell, as the JSON text of a scene.
-        others: Other arms in the cell, as obstacles.
-        velocity: Velocity cap of the joints [rad/s].
-        acceleration: Acceleration cap [rad/s^2].
-        jerk: Jerk cap [rad/s^3].
-        payload: Mass in the hand, at the jaw's tip [kg].
-        voltage: The servos' rated voltage [V].
-    """
-
-    task: str
-    region: Region
+    task: str  # the task as JSON text; see ``placement_task.task_text``
+    region: Region  # the lattice
+    # the bases; None for those of the region's first round
     indices: tuple[LatticeIndex, ...] | None = None
-    planned: bool = False
-    jittered: bool = False
-    by: str = "time"
-    scene: str = '{"obstacles": []}'
-    others: tuple[FixedArm, ...] = ()
-    velocity: float = 3.0
-    acceleration: float = 7.5
-    jerk: float = 500.0
-    payload: float = 0.0
-    voltage: float = SERVO_VOLTAGES[0]
+    planned: bool = False  # whether they are planned, or only screened
+    jittered: bool = False  # whether bases near them are judged as well, if they are planned
+    by: str = "time"  # the criterion, one of ``CRITERIA``
+    scene: str = '{"obstacles": []}'  # the cell, as the JSON text of a scene
+    others: tuple[FixedArm, ...] = ()  # other arms in the cell, as obstacles
+    velocity: float = 3.0  # velocity cap of the joints [rad/s]
+    acceleration: float = 7.5  # acceleration cap [rad/s^2]
+    jerk: float = 500.0  # jerk cap [rad/s^3]
+    payload: float = 0.0  # mass in the hand, at the jaw's tip [kg]
+    voltage: float = SERVO_VOLTAGES[0]  # the servos' rated voltage [V]
 
     def __post_init__(self) -> None:
         if self.by not in CRITERIA:
@@ -71,22 +56,18 @@ class PlaceSweep:
 
     @property
     def kind(self) -> str:
-        """Whether bases are screened, planned, or planned with bases near them."""
         return ("jitter" if self.jittered else "place") if self.planned else "screen"
 
     @property
     def items(self) -> int:
-        """How many bases there are."""
         return len(self.bases)
 
     @property
     def shards(self) -> int:
-        """How many shards there are."""
         return max(1, -(-self.items // self._of_a_shard))
 
     @property
     def bases(self) -> tuple[LatticeIndex, ...]:
-        """All bases."""
         return tuple(self.region.first_round()) if self.indices is None else self.indices
 
     @property
@@ -94,12 +75,10 @@ class PlaceSweep:
         return PLANNED if self.planned else SCREENED
 
     def facts(self) -> Mapping[str, object]:
-        """Its parameters."""
         parsed = {"task": json.loads(self.task), "scene": json.loads(self.scene)}
         return {**asdict(self), **parsed, "of_a_shard": self._of_a_shard}
 
     def open(self) -> Callable[[int], Columns]:
-        """Load the arm and the task."""
         return _Judge(self).shard
 
 
@@ -129,7 +108,6 @@ class Placed(NamedTuple):
 
     @classmethod
     def nowhere(cls, index: LatticeIndex, why: str, poses: int) -> Placed:
-        """A base without a plan."""
         return cls(index, math.inf, -math.inf, -math.inf, 0.0, why, np.full((poses, 5), np.nan))
 
 

@@ -127,7 +127,6 @@ class _Search:
         self._digest = hashlib.sha256()
 
     def go(self) -> Placement:
-        """Run all rounds."""
         first = self._first_round()
         self._plan_best([each.lattice_index for each in first])
         middles = self._places()
@@ -193,11 +192,7 @@ class _Search:
     # Steps
 
     def _first_round(self) -> tuple[Screened, ...]:
-        """Screen the bases of the region's first round.
-
-        Raises:
-            PlanningError: From no base all poses can be reached; names the pose that is missed.
-        """
+        """Screen the first round; ``PlanningError`` if from no base all poses can be reached."""
         self._note_screened(self._sweep)
         first = tuple(self._screened.values())
         if not any(math.isfinite(each.time) for each in first):
@@ -215,7 +210,6 @@ class _Search:
         return first
 
     def _screen(self, indices: Iterable[LatticeIndex]) -> None:
-        """Screen the bases that have not been screened."""
         new = tuple(dict.fromkeys(index for index in indices if index not in self._screened))
         if new:
             self._note_screened(replace(self._sweep, indices=new))
@@ -237,7 +231,6 @@ class _Search:
         return sorted(left, key=self._bound)
 
     def _plan(self, indices: Iterable[LatticeIndex], *, jittered: bool = False) -> None:
-        """Plan bases, again if they have been planned."""
         wanted = tuple(dict.fromkeys(indices))
         if not wanted:
             return
@@ -262,7 +255,6 @@ class _Search:
         return sorted(good, key=self._key)
 
     def _key(self, index: LatticeIndex) -> _Key:
-        """The sort key of a planned base."""
         it = self._placed[index]
         return (
             *_first_of(self._sweep.by, it.time, it.clearance, it.torque_left, it.robust),
@@ -270,7 +262,6 @@ class _Search:
         )
 
     def _base(self, index: LatticeIndex) -> Base:
-        """A planned base with its place."""
         it, (x, y, z, turn) = self._placed[index], self._sweep.region.place(index)
         return Base(
             index, x, y, z, turn, it.time, it.clearance, it.torque_left, it.robust, np.array(it.q)

@@ -36,9 +36,6 @@ def write_placement(
     ``best/01.json`` is the program for an arm at the best base, ``best/01-scene.json`` its scene,
     both in the frame of that base. With other arms, ``best/01-cell.json`` is the cell with all of
     them, in which this one has the name ``arm``.
-
-    Raises:
-        ConfigError: A file cannot be written.
     """
     for number, base in enumerate(placement.best, 1):
         _write_base(sweep, base, folder, f"{number:02d}")
@@ -74,7 +71,6 @@ def _scene(sweep: PlaceSweep) -> Scene:
 
 
 def in_figures(base: Base) -> dict[str, Any]:
-    """A base as people read it: millimetres, degrees, seconds, per cent."""
     return {
         "x_mm": round(to_mm(base.x), 1),
         "y_mm": round(to_mm(base.y), 1),
@@ -88,12 +84,11 @@ def in_figures(base: Base) -> dict[str, Any]:
 
 
 def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
-    """Draw the first round and the best bases as SVG.
+    """Draw the first round and the best bases as SVG, seen from above; on a wall, from the side.
 
-    Seen from above, x to the right; bases on a wall from the side. The colour of a field is the
-    best bound of its bases, over all turns: greener is faster. Circles with a number are the best
-    bases, with a stroke in the direction that they face; dots are the poses, black squares other
-    arms.
+    The colour of a field is the best bound of its bases, over all turns: greener is faster. Circles
+    with a number are the best bases, with a stroke in the direction that they face; dots are the
+    poses, black squares other arms.
     """
     task = task_from(json.loads(sweep.task))
     places = {
@@ -162,7 +157,6 @@ def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
 
 
 def _axes(sweep: PlaceSweep) -> tuple[int, int]:
-    """The axes to draw, across and up, as indices of x, y, z."""
     region = sweep.region
     if region.mount != "wall":
         return 0, 1

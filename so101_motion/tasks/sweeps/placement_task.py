@@ -116,15 +116,7 @@ class PlacementTask:
 
 
 def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:
-    """Read the task in a file, or the program in a file as a task.
-
-    Args:
-        path: A file as above, or that of a program.
-        approach_tolerance: For the waypoints of a program [rad].
-
-    Raises:
-        ConfigError: It cannot be read, or something in it is not valid; the message names it.
-    """
+    """Read a task, or a program as a task with this tolerance [rad]; raises ``ConfigError``."""
     try:
         written = json.loads(path.read_bytes()).get("schema")
     except (OSError, ValueError, AttributeError, RecursionError):
@@ -161,11 +153,7 @@ def task_of(program: Program, *, approach_tolerance: float = APPROACH_TOLERANCE)
 
 
 def task_from(content: Mapping[str, object]) -> PlacementTask:
-    """Make a task from the parsed JSON of a file.
-
-    Raises:
-        ConfigError: Something in it is not valid.
-    """
+    """Make a task from the parsed JSON of a file; ``ConfigError`` names what is not valid."""
     given = Attributes(content, ("schema", "rounds", "frame", "poses"), kind="entry of a task")
     poses, rounds = content.get("poses"), content.get("rounds", _ENDLESS)
     if not isinstance(poses, list):
@@ -180,7 +168,6 @@ def task_from(content: Mapping[str, object]) -> PlacementTask:
 
 
 def task_text(task: PlacementTask) -> str:
-    """A task as plain text, for a sweep; ``task_from`` reads it, parsed."""
     poses = []
     for each in task.poses:
         entry: dict[str, object] = {"name": each.name, "position_mm": to_mm(each.p).tolist()}

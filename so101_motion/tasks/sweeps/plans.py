@@ -59,30 +59,19 @@ SOLVED = ""
 
 @dataclass(frozen=True, kw_only=True)
 class PlansSweep:
-    """The motions to plan and the parameters, as plain data.
+    """The motions to plan and the parameters, as plain data."""
 
-    Attributes:
-        count: Number of problems.
-        seed: Seed of the random numbers.
-        scenes: What is around the arm, each the JSON text of a scene; shards take them in turn.
-        scatter: How far each obstacle is moved at most, differently in each shard [m].
-        velocity: Velocity cap of the joints [rad/s].
-        acceleration: Acceleration cap [rad/s^2].
-        jerk: Jerk cap [rad/s^3].
-        fps: Setpoints a second in the data set.
-        payload: Mass in the hand, at the jaw's tip [kg].
-        voltage: The servos' rated voltage [V]; None to ignore torques.
-    """
-
-    count: int
-    seed: int = 0
+    count: int  # number of problems
+    seed: int = 0  # seed of the random numbers
+    # what is around the arm, each the JSON text of a scene; shards take them in turn
     scenes: tuple[str, ...] = ('{"obstacles": []}',)
-    scatter: float = 0.0
-    velocity: float = 3.0
-    acceleration: float = 10.0
-    jerk: float = 500.0
-    fps: int = 30
-    payload: float = 0.0
+    scatter: float = 0.0  # how far each obstacle is moved at most, differently in each shard [m]
+    velocity: float = 3.0  # velocity cap of the joints [rad/s]
+    acceleration: float = 10.0  # acceleration cap [rad/s^2]
+    jerk: float = 500.0  # jerk cap [rad/s^3]
+    fps: int = 30  # setpoints a second in the data set
+    payload: float = 0.0  # mass in the hand, at the jaw's tip [kg]
+    # the servos' rated voltage [V]; None to ignore torques
     voltage: float | None = SERVO_VOLTAGES[0]
 
     def __post_init__(self) -> None:
@@ -99,37 +88,25 @@ class PlansSweep:
 
     @property
     def items(self) -> int:
-        """How many problems there are."""
         return self.count
 
     @property
     def shards(self) -> int:
-        """How many shards there are."""
         return -(-self.count // PROBLEMS)
 
     def facts(self) -> Mapping[str, object]:
-        """Its parameters, and the names of the joints."""
         scenes = [json.loads(scene) for scene in self.scenes]
         names = {"action_names": NAMES, "action_units": "degrees, gripper per cent"}
         return {**asdict(self), "scenes": scenes, **names, "problems_of_a_shard": PROBLEMS}
 
     def open(self) -> Callable[[int], Columns]:
-        """Load the arm."""
         return _Source(self).shard
 
 
 def scene_of_shard(
     scenes: Sequence[Mapping[str, Any]], scatter: float, seed: int, shard: int
 ) -> Mapping[str, Any]:
-    """The scene of a shard, as JSON values.
-
-    Args:
-        scenes: Shards take them in turn.
-        scatter: How far each obstacle is moved at most along x and y, differently in each shard
-            [m].
-        seed: The sweep's seed.
-        shard: The shard's number.
-    """
+    """The scene of a shard, as JSON values; obstacles are moved by up to ``scatter`` [m]."""
     scene = scenes[shard % len(scenes)]
     if scatter == 0.0:
         return scene
@@ -261,7 +238,6 @@ class _Motion(NamedTuple):
 
     @classmethod
     def none(cls, start: Array, goal: Array, why: str) -> _Motion:
-        """A problem without a motion."""
         action, velocity, timestamp = (np.zeros(shape, np.float32) for shape in ((0, 6), (0, 5), 0))
         return cls(start, goal, why, np.nan, np.nan, 0, action, velocity, timestamp)
 
@@ -282,11 +258,7 @@ class Episode(NamedTuple):
 
 
 def episodes(folder: Path | str) -> Iterator[Episode]:
-    """Read the motions in the folder of a sweep of plans, one by one, complete or not.
-
-    Raises:
-        ConfigError: The folder has no such sweep.
-    """
+    """Read the motions in the folder of a sweep of plans, one by one, complete or not."""
     for shard in _shards(folder):
         ends = np.cumsum(shard["frames"])
         for k in np.flatnonzero(shard["frames"]):
@@ -301,11 +273,7 @@ def episodes(folder: Path | str) -> Iterator[Episode]:
 
 
 def plans_summary(folder: Path | str) -> dict[str, float]:
-    """Statistics of a sweep of plans: problems, solved, failures; durations [s]; room [m]; frames.
-
-    Raises:
-        ConfigError: The folder has no such sweep.
-    """
+    """Problems, solved, failures; durations [s]; room [m]; frames of a sweep of plans."""
     whys: Counter[str] = Counter()
     durations, rooms, frames = [], [], 0
     for shard in _shards(folder):

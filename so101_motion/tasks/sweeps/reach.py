@@ -72,7 +72,6 @@ class Grid:
 
     @property
     def size(self) -> int:
-        """How many points there are."""
         return math.prod(self.counts)
 
     def points(self, numbers: NDArray[np.int64]) -> Array:
@@ -84,29 +83,19 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class ReachSweep:
-    """The parameters of an atlas, as plain data.
+    """The parameters of an atlas, as plain data."""
 
-    Attributes:
-        spacing: Distance between the points of the grid [m].
-        scene: What is around the arm, as the JSON text of a scene file; see ``scene_text``.
-        frame: The frame of the gripper that is brought to the points.
-        approach: Direction of the tool's z axis in the base frame; None for any.
-        tolerance: How far the approach may be off [rad].
-        rolls: The roll angles that are tried [rad].
-        q_jaw: The jaw's angle [rad].
-        payload: What the hand carries, at the jaw's tip [kg].
-        voltage: The servos' rated voltage [V].
-    """
-
-    spacing: float
+    spacing: float  # distance between the points of the grid [m]
+    # what is around the arm, as the JSON text of a scene file; see ``scene_text``
     scene: str = '{"obstacles": []}'
-    frame: str = "tool"
+    frame: str = "tool"  # the frame of the gripper that is brought to the points
+    # direction of the tool's z axis in the base frame; None for any
     approach: tuple[float, float, float] | None = None
-    tolerance: float = math.radians(5.0)
-    rolls: tuple[float, ...] = (0.0,)
-    q_jaw: float = 0.0
-    payload: float = 0.0
-    voltage: float = SERVO_VOLTAGES[0]
+    tolerance: float = math.radians(5.0)  # how far the approach may be off [rad]
+    rolls: tuple[float, ...] = (0.0,)  # the roll angles that are tried [rad]
+    q_jaw: float = 0.0  # the jaw's angle [rad]
+    payload: float = 0.0  # what the hand carries, at the jaw's tip [kg]
+    voltage: float = SERVO_VOLTAGES[0]  # the servos' rated voltage [V]
 
     def __post_init__(self) -> None:
         if not FINEST <= self.spacing <= COARSEST:
@@ -122,12 +111,10 @@ class ReachSweep:
 
     @property
     def items(self) -> int:
-        """How many points there are."""
         return self.grid.size
 
     @property
     def shards(self) -> int:
-        """How many shards there are."""
         return -(-self.grid.size // POINTS)
 
     @cached_property
@@ -148,7 +135,6 @@ class ReachSweep:
         return Grid(self.spacing, (x, y, z), (nx, ny, nz))
 
     def facts(self) -> Mapping[str, object]:
-        """Its parameters, and the grid."""
         fields = asdict(self)
         return {
             **fields,
@@ -160,12 +146,10 @@ class ReachSweep:
         }
 
     def open(self) -> Callable[[int], Columns]:
-        """Load the arm and the scene."""
         return _Fan(self).shard
 
 
 def scene_text(scene: Scene) -> str:
-    """A scene as plain text, meshes included, for a sweep."""
     return json.dumps(scene_to(scene), sort_keys=True)
 
 
@@ -290,7 +274,6 @@ class _Fan:
 
 
 def in_words(sweep: ReachSweep) -> str:
-    """The parameters as one line of text."""
     nx, ny, nz = sweep.grid.counts
     held = f", {sweep.payload * 1e3:g} g in the hand" if sweep.payload else ""
     approach = ""

@@ -1,9 +1,8 @@
-"""The interface of a sweep, which is plain data; and a function that computes one shard of it.
+"""The interface of a sweep, and a function that computes one shard of it.
 
 A sweep is a frozen dataclass of numbers, text and tuples, so that it can be sent to any process on
-any computer. Live objects (a model, a planner) are made from it where the work is done, once a
-thread. The content of a shard depends only on the sweep and the shard's number, not on the process,
-the order or the number of workers.
+any computer. Live objects are made from it where the work is done, once a thread. The content of a
+shard depends only on the sweep and the shard's number.
 """
 
 from __future__ import annotations
@@ -69,7 +68,6 @@ class Outcome(NamedTuple):
 
 
 def compute(sweep: Sweep, shard: int) -> Outcome:
-    """Compute one shard, in whichever process this runs."""
     try:
         return Outcome(packed(_opened(sweep)(shard)))
     except So101Error as error:
@@ -96,7 +94,6 @@ def _opened(sweep: Sweep) -> Callable[[int], Columns]:
 
 
 def packed(columns: Columns) -> Packed:
-    """Pack the arrays of a shard as an npz file."""
     file = io.BytesIO()
     np.savez_compressed(file, **columns)  # type: ignore[arg-type]  # arrays by name only
     return Packed(file.getvalue(), digest(columns))
@@ -117,25 +114,18 @@ NEVER = 1e6
 
 
 class WorkBudget:
-    """A planner's checkpoint that ends a plan after a number of calls.
+    """A planner's checkpoint that ends a plan after a number of calls instead of a time.
 
-    Args:
-        looks: How many calls a plan may take; the library calls every 2048 configurations.
+    So load changes no result. The library calls it every 2048 configurations.
     """
 
     def __init__(self, looks: int) -> None:
         self._most = self._left = looks
 
     def reset(self) -> None:
-        """Start to count for another plan."""
         self._left = self._most
 
     def __call__(self) -> None:
-        """Count a call.
-
-        Raises:
-            NoPath: The budget is used up.
-        """
         self._left -= 1
         if self._left < 0:
             raise NoPath("no path found within the allowed amount of work")

@@ -81,14 +81,10 @@ class Follower(Side):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalArm:
-    """An arm of this process as one side; raises ``NotReady`` until its servos have been found.
+    """An arm of this process as one side; raises ``NotReady`` until its servos have been found."""
 
-    Attributes:
-        station: The arm.
-        jaw: Its gripper, perhaps of another rig; None to leave it alone, or without one.
-    """
-
-    station: Rig
+    station: Rig  # the arm
+    # its gripper, perhaps of another rig; None to leave it alone, or without one
     jaw: Rig | None = None
 
     def __post_init__(self) -> None:
