@@ -109,18 +109,7 @@ class Pace:
 class ArmSession:
     """One arm that follows a client. Its methods are for one thread; ``state`` is for any.
 
-    Args:
-        rig: The arm.
-        pace: Caps and guard while it follows.
-        scene: The obstacles around it.
-        use_degrees: Whether LeRobot's values are degrees, else -100 to 100.
-        waiter: Waits for a motion; by default on the wall clock.
-
-    Attributes:
-        units: LeRobot's units for this arm.
-
-    Raises:
-        ConfigError: A cap is out of range.
+    Caps and guard are those of ``pace`` while it follows. ``ConfigError`` if a cap is out of range.
     """
 
     def __init__(
@@ -159,8 +148,7 @@ class ArmSession:
     def state(self) -> JointState:
         """The arm's newest state, at most ``SILENT_AFTER`` old.
 
-        Raises:
-            MotionError: It cannot be reached, or is in a fault; the message says why.
+        ``MotionError`` if it cannot be reached, or is in a fault.
         """
         rig, state = self.rig, self.rig.arm.state
         age, where = rig.clock.now() - state.t, f"the arm on {rig.settings.port}"
@@ -179,15 +167,8 @@ class ArmSession:
     def follow(self, q: Array, aperture: float) -> Taken:
         """Follow a target from the next control cycle on; moves to the first one and waits.
 
-        Args:
-            q: Joint angles, shape (5,), [rad].
-            aperture: Opening of the jaw, 0 to 1.
-
-        Returns:
-            The target within the arm's range; its held position while it waits for a near one.
-
-        Raises:
-            So101Error: The arm cannot follow; the message says why.
+        Joint angles have shape (5,), [rad], the jaw's opening is 0 to 1. Returns the target within
+        the arm's range; its held position while it waits for a near one.
         """
         following = self._following
         if following is None or following.future.done():
@@ -203,37 +184,22 @@ class ArmSession:
             self._jaw.hold()
 
     def rest(self) -> None:
-        """Come to rest and end the following; the arm holds, and the jaw keeps its grip.
-
-        Raises:
-            So101Error: It did not come to rest; the message says why.
-        """
+        """Come to rest and end the following; the arm holds, and the jaw keeps its grip."""
         endings = [each.close() for each in (self._following, self._jaw) if each is not None]
         self._following = self._jaw = None
         for ending in endings:
             self.wait(ending, REST_WITHIN)
 
     def go(self, q: Array, *, within: float = PARKED_WITHIN) -> None:
-        """Move along a plan to joint angles, shape (5,), [rad], with the approach caps, and wait.
-
-        Raises:
-            PlanningError: There is no path.
-            So101Error: It did not arrive; the message says why.
-        """
+        """Move along a plan to joint angles, shape (5,), [rad], with the approach caps; wait."""
         motion = self.rig.arm.move(JointGoal(q=q), limits=self._pace.approach, wait=False)
         self._await(motion, within)
 
     def release_where_it_lies(self, poses: tuple[Array, ...]) -> bool:
-        """Lower the arm and release it if it is at one of ``poses``.
+        """Lower and release the arm if it is at one of ``poses``, each (5,), [rad]; says whether.
 
         It is lowered slowly in the direction of its weight until it lies on something: in the pose
         ``rest`` there are some millimetres left under the forearm.
-
-        Args:
-            poses: Joint angles in which the arm lies without torque, each of shape (5,), [rad].
-
-        Returns:
-            Whether it was at one of them.
         """
         arm = self.rig.arm
         q = arm.state.q
@@ -323,11 +289,7 @@ class ArmSession:
 
 
 def wait_in_real_time(future: Future[None], seconds: float) -> None:
-    """Wait until ``future`` is done; see ``Waiter``. Signals are handled meanwhile.
-
-    Raises:
-        MotionError: It is not done after ``seconds``.
-    """
+    """Wait until ``future`` is done; ``MotionError`` if it is not in time. Signals are handled."""
     end = time.monotonic() + seconds
     while not future.done():
         left = end - time.monotonic()

@@ -33,13 +33,7 @@ SIDES = ("left", "right")
 
 
 class BiSO101Motion(Robot):
-    """A left and a right arm.
-
-    Args:
-        config: Their settings.
-        open_rig: Opens the arm on a port.
-        waiter: Waits for a motion; by default on the wall clock.
-    """
+    """A left and a right arm; further arguments as for ``SO101Device``."""
 
     config_class = BiSO101MotionConfig
     name = "bi_so101_motion"
@@ -79,22 +73,18 @@ class BiSO101Motion(Robot):
 
     @cached_property
     def observation_features(self) -> dict[str, Any]:
-        """The joints of both, and their cameras' pictures."""
         return self._joined(lambda arm: arm.observation_features)
 
     @cached_property
     def action_features(self) -> dict[str, Any]:
-        """The joints of both."""
         return self._joined(lambda arm: arm.action_features)
 
     @property
     def is_connected(self) -> bool:
-        """Whether either arm is open."""
         return any(arm.is_connected for arm in self.arms.values())
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether there are calibration files of both."""
         return all(arm.is_calibrated for arm in self.arms.values())
 
     def connect(self, calibrate: bool = True) -> None:
@@ -107,7 +97,7 @@ class BiSO101Motion(Robot):
             undo.pop_all()
 
     def configure(self) -> None:
-        """Do nothing: the servos are set up when the arms are opened."""
+        """Do nothing."""
 
     def calibrate(self) -> None:
         """Calibrate one after the other, with the help of a person."""
@@ -125,11 +115,7 @@ class BiSO101Motion(Robot):
         return self._joined(lambda arm: arm.get_observation())
 
     def send_action(self, action: Mapping[str, Any]) -> dict[str, Any]:
-        """Make both arms follow a target; see ``SO101Motion.send_action``.
-
-        Returns:
-            The targets that the arms follow.
-        """
+        """Make both arms follow a target; returns the targets that they follow."""
         taken: dict[str, Any] = {}
         for side, arm in self.arms.items():
             own = {k.removeprefix(side): v for k, v in action.items() if k.startswith(side)}

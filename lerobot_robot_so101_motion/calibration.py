@@ -32,14 +32,8 @@ TRAVEL = (
 def calibrate(port: str, file: Path, *, name: str, open_rig: Opener) -> None:
     """Calibrate the arm and save to ``file``; if that exists, the person may keep it instead.
 
-    Args:
-        port: The arm's port; the arm is open and holds afterwards.
-        file: LeRobot's file for its calibration.
-        name: The arm's name in messages.
-        open_rig: Opens the port a second time.
-
-    Raises:
-        RuntimeError: It was not calibrated; the servos have their previous settings.
+    The arm is open and holds afterwards. ``RuntimeError`` if it was not calibrated; its servos have
+    their previous settings.
     """
     if file.is_file():
         answer = input(
@@ -60,13 +54,7 @@ def calibrate(port: str, file: Path, *, name: str, open_rig: Opener) -> None:
 
 
 def set_up_motors(port: str, file: Path, open_rig: Opener) -> None:
-    """Give the motors on ``port`` their ids, from the gripper to the shoulder.
-
-    Args:
-        port: The serial port; no program has it open.
-        file: The file for the arm's calibration.
-        open_rig: Opens the port.
-    """
+    """Give the motors on a closed ``port`` their ids, from the gripper to the shoulder."""
     calibrator = _calibrator(port, file, open_rig)
     try:
         for joint in reversed(JOINTS):

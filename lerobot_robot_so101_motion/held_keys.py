@@ -59,10 +59,9 @@ class Held(Protocol):
 
 
 class TerminalKeys:
-    """The keys of the terminal that this program runs in. Ctrl-C still ends the program.
+    """The keys of this program's terminal; ``ConnectionError`` if standard input is none.
 
-    Raises:
-        ConnectionError: Standard input is not a terminal.
+    Ctrl-C still ends the program.
     """
 
     def __init__(self) -> None:
@@ -78,14 +77,12 @@ class TerminalKeys:
         self._last: dict[str, float] = {}
 
     def read(self, now: float) -> Array:
-        """The seven numbers at ``now`` [s], shape (``AXES``,), -1 to 1."""
         for key in _read(self._fd, 256).decode(errors="replace").lower():
             self._last[key] = now
         held = {key for key, then in self._last.items() if now - then < HELD}
         return np.array([float(more in held) - float(less in held) for less, more in KEYS])
 
     def close(self) -> None:
-        """Restore the terminal's settings."""
         os.set_blocking(self._fd, True)
         termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._before)
 
@@ -93,13 +90,8 @@ class TerminalKeys:
 class Gamepad:
     """The sticks of a gamepad: the left one along X and Y, the right one up and round Z.
 
-    The cross turns about Y, the triggers open and close the jaw.
-
-    Args:
-        path: The device, such as ``/dev/input/js0``.
-
-    Raises:
-        ConnectionError: It cannot be opened.
+    The cross turns about Y, the triggers open and close the jaw. ``ConnectionError`` if the device,
+    such as ``/dev/input/js0``, cannot be opened.
     """
 
     def __init__(self, path: Path) -> None:
@@ -113,11 +105,7 @@ class Gamepad:
         self._left = b""
 
     def read(self, now: float) -> Array:
-        """The seven numbers, shape (``AXES``,), -1 to 1.
-
-        Raises:
-            ConnectionError: The gamepad was unplugged.
-        """
+        """The seven numbers, -1 to 1; ``ConnectionError`` if it was unplugged."""
         try:
             while found := _read(self._fd, 512 * _EVENT.size):
                 self._take(found)
@@ -133,7 +121,6 @@ class Gamepad:
         return np.where(np.abs(held) < _STILL, 0.0, np.clip(held, -1.0, 1.0))
 
     def close(self) -> None:
-        """Close the device."""
         os.close(self._fd)
 
     def _take(self, found: bytes) -> None:
@@ -148,11 +135,7 @@ class Gamepad:
 
 
 def open_held(device: str) -> Held:
-    """Open the keyboard or a gamepad: ``keyboard``, or the path of the gamepad.
-
-    Raises:
-        ConnectionError: It cannot be opened; the message says what to do.
-    """
+    """Open ``keyboard`` or the gamepad at a path; ``ConnectionError`` if that cannot be opened."""
     return TerminalKeys() if device == "keyboard" else Gamepad(Path(device))
 
 

@@ -54,12 +54,7 @@ _HELD_BELOW = 0.5  # share of the wanted speed; below it the log says what holds
 
 
 class SO101MotionJog(Teleoperator):
-    """Moves the tool of the one arm of this program.
-
-    Args:
-        config: Its settings.
-        opener: Opens the keyboard or the gamepad.
-    """
+    """Moves the tool of the one arm of this program."""
 
     config_class = SO101MotionJogConfig
     name = "so101_motion_jog"
@@ -75,31 +70,22 @@ class SO101MotionJog(Teleoperator):
 
     @property
     def action_features(self) -> dict[str, Any]:
-        """The six joints."""
         return dict.fromkeys(KEYS, float)
 
     @property
     def feedback_features(self) -> dict[str, Any]:
-        """Empty: there is no feedback."""
         return {}
 
     @property
     def is_connected(self) -> bool:
-        """Whether the keys or the gamepad are in use."""
         return self._device is not None
 
     @property
     def is_calibrated(self) -> bool:
-        """Always true: there is nothing to calibrate."""
         return True
 
     def connect(self, calibrate: bool = True) -> None:
-        """Open the keyboard or the gamepad.
-
-        Raises:
-            DeviceAlreadyConnectedError: It is open.
-            ConnectionError: It cannot be opened; the message says what to do.
-        """
+        """Open the keyboard or the gamepad."""
         if self._device is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
         self._device = self._opener(self.config.device)
@@ -113,12 +99,7 @@ class SO101MotionJog(Teleoperator):
         """Do nothing."""
 
     def get_action(self) -> dict[str, Any]:
-        """The next target of the joints.
-
-        Raises:
-            DeviceNotConnectedError: It or the arm is not connected.
-            ConnectionError: The gamepad was unplugged, or the arm cannot be reached.
-        """
+        """The next target of the joints."""
         if self._device is None:
             raise DeviceNotConnectedError(f"{self} is not connected. Run `.connect()` first.")
         arm = _only_arm()
@@ -130,14 +111,10 @@ class SO101MotionJog(Teleoperator):
             raise ConnectionError(f"{self} cannot move the tool: {error}") from error
 
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
-        """Do nothing: there is no feedback."""
+        """Do nothing."""
 
     def disconnect(self) -> None:
-        """Close the keyboard or the gamepad.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-        """
+        """Close the keyboard or the gamepad."""
         if self._device is None:
             raise DeviceNotConnectedError(f"{self} is not connected.")
         device, self._device = self._device, None

@@ -47,15 +47,7 @@ _log = logging.getLogger(__name__)
 
 
 class SO101MotionLeader(SO101Device, Teleoperator):
-    """An arm that is guided by hand, as LeRobot's teleoperator.
-
-    Args:
-        config: Its settings.
-        options: As for ``SO101Device``.
-
-    Raises:
-        ConfigError: ``guard_hint`` is out of range.
-    """
+    """An arm that is guided by hand; arguments as for ``SO101Device``."""
 
     config_class = SO101MotionLeaderConfig
     name = "so101_motion_leader"
@@ -69,19 +61,10 @@ class SO101MotionLeader(SO101Device, Teleoperator):
 
     @property
     def feedback_features(self) -> dict[str, Any]:
-        """The six joints of the follower."""
         return self.action_features
 
     def connect(self, calibrate: bool = True) -> None:
-        """Open the arm and release its joints: have a hand on it.
-
-        Args:
-            calibrate: Whether an arm without a calibration file is calibrated first.
-
-        Raises:
-            DeviceAlreadyConnectedError: It is connected.
-            ConnectionError: The arm cannot be reached; the message says why.
-        """
+        """Open the arm and release its joints: have a hand on it. As ``SO101Motion.connect``."""
         speed = to_rad(self.config.speed_degs_per_sec)
         pace = Pace(
             speed=speed,
@@ -99,12 +82,7 @@ class SO101MotionLeader(SO101Device, Teleoperator):
     _begin = configure
 
     def get_action(self) -> dict[str, Any]:
-        """Read the joints that the hand moves; with ``guard_hint`` also pull them.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-            ConnectionError: The arm does not answer any more.
-        """
+        """Read the joints that the hand moves; with ``guard_hint`` also pull them."""
         try:
             here = self.session.here
             if self.config.guard_hint > 0.0:
@@ -127,12 +105,7 @@ class SO101MotionLeader(SO101Device, Teleoperator):
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
         """Move the leader to the follower's position; does nothing while its joints are limp.
 
-        Args:
-            feedback: Values by key; a joint that is left out does not move.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-            ConnectionError: The arm cannot follow; the message says why.
+        A joint that is left out does not move. ``ConnectionError`` if the arm cannot follow.
         """
         session = self.session
         sent = {key: float(feedback[key]) for key in KEYS if is_number(feedback.get(key))}
@@ -144,11 +117,7 @@ class SO101MotionLeader(SO101Device, Teleoperator):
             raise ConnectionError(f"{self} cannot follow: {error}") from error
 
     def disconnect(self) -> None:
-        """Come to rest and close the port; limp joints stay limp, held ones stay held.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-        """
+        """Come to rest and close the port; limp joints stay limp, held ones stay held."""
         session = self.session
         try:
             session.rest()

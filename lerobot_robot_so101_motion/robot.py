@@ -43,12 +43,7 @@ LOG_EVERY = 1.0
 class SO101Motion(SO101Device, Robot):
     """One arm with planning, guard and caps; otherwise like LeRobot's own follower.
 
-    Args:
-        config: Its settings.
-        options: As for ``SO101Device``.
-
-    Attributes:
-        scene: The obstacles around it; used by ``connect``.
+    Arguments as for ``SO101Device``. ``connect`` uses ``scene``, the obstacles around it.
     """
 
     config_class = SO101MotionConfig
@@ -67,7 +62,6 @@ class SO101Motion(SO101Device, Robot):
 
     @cached_property
     def observation_features(self) -> dict[str, Any]:
-        """The six joints, and the cameras' pictures."""
         pictures: dict[str, Any] = {}
         for key, camera in self.cameras.items():
             if getattr(camera, "use_rgb", True):
@@ -113,27 +107,13 @@ class SO101Motion(SO101Device, Robot):
         """Do nothing: the servos are set up when the arm is opened."""
 
     def join(self, cell: Cell, name: str, T_cell_base: SE3) -> None:
-        """Keep clear of the other arms of a cell from now on, until it is disconnected.
-
-        Args:
-            cell: The arms that share a space.
-            name: This arm's name in messages.
-            T_cell_base: The pose of its base in the cell.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-        """
+        """Keep clear of the other arms of a cell from now on, until it is disconnected."""
         cell.add(name, self.session.rig, T_cell_base)
 
     # Observations and actions
 
     def get_observation(self) -> dict[str, Any]:
-        """Read the joints' newest measurement and the newest pictures.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-            ConnectionError: The arm does not answer any more.
-        """
+        """Read the joints' newest measurement and the newest pictures."""
         try:
             values: dict[str, Any] = dict(self.session.here)
         except So101Error as error:
@@ -149,22 +129,12 @@ class SO101Motion(SO101Device, Robot):
         return values
 
     def send_action(self, action: Mapping[str, Any]) -> dict[str, Any]:
-        """Follow a target from the next control cycle on.
+        """Follow a target from the next control cycle on; returns that of all six joints.
 
         It is limited to the arm's range and ``max_relative_target``. A joint that is left out keeps
         its target. A target with a value that is not a number is ignored; without another one the
-        arm slows to rest. The log says both.
-
-        Args:
-            action: Values by key; keys that do not end with ``.pos`` are ignored.
-
-        Returns:
-            The target that the arm follows, for all six joints.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-            ConnectionError: The arm cannot follow; the message says why.
-            ValueError: There is no such joint.
+        arm slows to rest. The log says both. Keys that do not end with ``.pos`` are ignored;
+        ``ValueError`` for a joint that there is not, ``ConnectionError`` if the arm cannot follow.
         """
         session = self.session
         try:
@@ -192,9 +162,6 @@ class SO101Motion(SO101Device, Robot):
         """Come to rest, move to the park pose, release a lying arm, and close the port.
 
         If a step fails, the arm holds, and the log says so.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
         """
         session = self.session
         try:

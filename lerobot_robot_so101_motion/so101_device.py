@@ -72,23 +72,17 @@ class SO101Device:
 
     @property
     def session(self) -> ArmSession:
-        """The session of the connected arm.
-
-        Raises:
-            DeviceNotConnectedError: It is not connected.
-        """
+        """The session of the arm; ``DeviceNotConnectedError`` without one."""
         if self._session is None:
             raise DeviceNotConnectedError(f"{self} is not connected. Run `.connect()` first.")
         return self._session
 
     @property
     def action_features(self) -> dict[str, Any]:
-        """The six joints."""
         return dict.fromkeys(KEYS, float)
 
     @property
     def is_connected(self) -> bool:
-        """Whether the arm is open."""
         return self._session is not None
 
     @property

@@ -26,12 +26,7 @@ KEYS = tuple(f"{joint}.pos" for joint in JOINTS)
 
 
 class JointUnits:
-    """Converts joint values of one arm.
-
-    Args:
-        rig: The arm, whose servos are ready.
-        use_degrees: Whether LeRobot's values are degrees, else -100 to 100.
-    """
+    """Converts joint values of one arm, whose servos are ready."""
 
     def __init__(self, rig: HardwareRig, *, use_degrees: bool = True) -> None:
         self._units = units_of(DEGREES if use_degrees else RANGE, calibration_of(rig))

@@ -72,14 +72,10 @@ class _Stretch(NamedTuple):
 
 
 class ContactCheck:
-    """Checks episodes one after the other. Belongs to one thread.
+    """Checks episodes one after the other for contact. Belongs to one thread.
 
     Measuring the depth of a contact takes long, so it is done at the end, for the longest ones.
-
-    Args:
-        moments: Collects the contacts.
-        fps: Frames a second.
-        scene: What is around the arm; None for just the table.
+    Without a scene there is just the table.
     """
 
     def __init__(self, moments: Moments, *, fps: float, scene: Scene | None = None) -> None:
@@ -156,12 +152,10 @@ class CheckReport:
 
     @property
     def episodes(self) -> int:
-        """How many episodes there are."""
         return len(self.lengths)
 
     @property
     def frames(self) -> int:
-        """How many frames they have together."""
         return sum(self.lengths.values())
 
     @property
@@ -176,7 +170,6 @@ class CheckReport:
         )
 
     def to_json(self) -> dict[str, object]:
-        """Return the report as JSON-ready values."""
         metadata = self.data_set.metadata
         return {
             "path": str(metadata.root),
@@ -286,13 +279,9 @@ def meaning(
 ) -> tuple[Verdict, UnitsGuess, tuple[str, ...]]:
     """Find the units of a data set, how its numbers fit all of them, and what makes them doubtful.
 
-    Args:
-        data_set: The data set; all of it is read.
-        units: The units; found out if empty.
-        calibration: Of the arm that was recorded; None if it is not known.
-
-    Raises:
-        ConfigError: There are no such units, or the numbers fit none and none are given.
+    Reads all of it. Without ``units`` they are found out; ``ConfigError`` if the numbers fit none,
+    or there are no such units. The calibration is that of the arm that was recorded, if it is
+    known.
     """
     if units:
         units_of(units, calibration)

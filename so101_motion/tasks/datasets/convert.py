@@ -1,15 +1,12 @@
 """Convert a data set to other units, or to another calibration.
 
 The joint angles of the model stay the same; only the numbers for them change. The new data set is
-made in a temporary folder and moved to its place when it is complete, so it is there whole or not
-at all. The source is only read. Statistics are recalculated; everything else, including videos and
-tasks, is copied or linked.
+made in a temporary folder and moved to its place when it is complete. The source is only read.
+Statistics are recalculated; everything else, including videos and tasks, is copied or linked.
 
-Its statistics are those that LeRobot keeps of each column.
-
-Those of an episode are exact. Those of all episodes are combined as LeRobot does it: extremes of
-extremes, means weighted by frames, the variance of all, and quantiles as the weighted mean of the
-episodes' own. Source: ``aggregate_feature_stats`` of LeRobot 0.6.1.
+The statistics of an episode are exact. Those of all episodes are combined as LeRobot does it:
+extremes of extremes, means weighted by frames, the variance of all, and quantiles as the weighted
+mean of the episodes' own. Source: ``aggregate_feature_stats`` of LeRobot 0.6.1.
 """
 
 from __future__ import annotations
@@ -55,12 +52,7 @@ _QUANTILE = re.compile(r"q\d\d")
 
 
 def of_episode(values: Array, names: Collection[str]) -> Statistics:
-    """The statistics of the rows of an episode, shape (n, d).
-
-    Args:
-        values: The rows.
-        names: Names of the statistics; unknown ones are left out.
-    """
+    """The statistics of the rows of an episode, shape (n, d); unknown names are left out."""
     found: Statistics = {}
     for name in names:
         if name == "count":
@@ -73,12 +65,7 @@ def of_episode(values: Array, names: Collection[str]) -> Statistics:
 
 
 def together(episodes: Iterable[Statistics], names: Collection[str]) -> Statistics:
-    """Combine the statistics of several episodes, which have count, mean and std.
-
-    Args:
-        episodes: At least one.
-        names: Names of the statistics; unknown ones are left out.
-    """
+    """Combine the statistics of one episode or more, which have count, mean and std."""
     every = list(episodes)
     count = np.array([each["count"][0] for each in every], dtype=float)
     weight = (count / count.sum())[:, None]
@@ -184,13 +171,6 @@ def _whole_or_not_at_all(path: Path) -> Iterator[Path]:
 
 
 class _Run:
-    """One conversion.
-
-    Attributes:
-        lengths: How many frames each episode has.
-        beyond: In how many frames each joint is beyond the new travel.
-    """
-
     def __init__(self, data_set: DataSet, folder: Path, source: Units, target: Units) -> None:
         self._set, self._root, self._folder = data_set, data_set.metadata.root, folder
         self._source, self._target = source, target
@@ -201,7 +181,6 @@ class _Run:
         self._current: int | None = None
 
     def write(self, *, link: bool) -> None:
-        """Write the whole data set."""
         written = set()
         for path in self._set.metadata.data_files():
             new = self._made(path.relative_to(self._root))
@@ -346,7 +325,6 @@ class _Run:
     # Files
 
     def _made(self, relative: Path) -> Path:
-        """The path of a file in the new folder; makes the folders above it."""
         place = self._folder / relative
         place.parent.mkdir(parents=True, exist_ok=True)
         return place

@@ -97,21 +97,12 @@ class DataSet:
 
     @property
     def calibration(self) -> Stored | None:
-        """The calibration that the numbers were made with; None if the set declares none.
-
-        Raises:
-            CalibrationError: It cannot be used.
-        """
+        """The calibration that the numbers were made with; None if the set declares none."""
         path = self.calibration_path.resolve()
         return store.read(path) if path.is_file() else None
 
     def refuse_other_units(self, units: Units) -> None:
-        """Refuse units, or a calibration, that contradict what the set itself declares.
-
-        Raises:
-            ConfigError: They do.
-            CalibrationError: The declared calibration cannot be used.
-        """
+        """Refuse units or a calibration that contradict what the set declares."""
         if self.declared not in ("", units.kind):
             reason = f"contradicts {UNITS} in the data set, which declares {self.declared}"
             raise ConfigError("units", units.kind, reason)
@@ -139,20 +130,14 @@ class DataSet:
 
     @property
     def has_state(self) -> bool:
-        """Whether the state is recorded."""
         return STATE in self.columns
 
     @property
     def has_jaw(self) -> bool:
-        """Whether the jaw is recorded."""
         return all(places[-1] is not None for places in self.columns.values())
 
     def episodes(self) -> Iterator[Episode]:
-        """All episodes, one after the other; each is read when it is iterated.
-
-        Raises:
-            ConfigError: A file is broken, or an episode is in pieces or too long.
-        """
+        """All episodes, each read when it is iterated; ``ConfigError`` if a file is broken."""
         lengths = self.announced()
         seen: set[int] = set()
         pieces: list[Array] = []
@@ -181,11 +166,7 @@ class DataSet:
             yield self._episode(current, pieces, lengths)
 
     def episode(self, number: int) -> Episode:
-        """Read one episode.
-
-        Raises:
-            ConfigError: There is no such episode, or a file is broken.
-        """
+        """Read one episode; ``ConfigError`` if there is none, or a file is broken."""
         numbers = []
         for found in self.episodes():
             if found.index == number:
@@ -195,11 +176,7 @@ class DataSet:
         raise refusal(self.metadata.root, f"has no episode {number}; there are {there}")
 
     def announced(self) -> dict[int, int]:
-        """How many frames each episode has by the metadata; empty if it does not say.
-
-        Raises:
-            ConfigError: A file of the metadata is broken.
-        """
+        """How many frames each episode has by the metadata; empty if it does not say."""
         root = self.metadata.root
         if self.metadata.is_v3:
             found: dict[int, int] = {}

@@ -47,11 +47,7 @@ class _Excerpt(NamedTuple):
 
 
 def html_report(report: CheckReport) -> bytes:
-    """The report as HTML; reads the episodes of the worst moments once more.
-
-    Raises:
-        ConfigError: A file of the data set has been broken since.
-    """
+    """The report as HTML; reads the episodes of the worst moments once more."""
     root = report.data_set.metadata.root
     parts = [
         "<!doctype html><html lang=en><meta charset=utf-8>",

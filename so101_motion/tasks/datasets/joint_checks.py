@@ -111,13 +111,7 @@ class _About(NamedTuple):
 class JointCheck:
     """Checks episodes one after the other.
 
-    Args:
-        moments: Collects the moments.
-        fps: Frames a second.
-        lower: Lower end of each arm joint's travel, shape (5,), [rad].
-        upper: Upper end, shape (5,), [rad].
-        has_jaw: Whether the jaw was recorded.
-        thresholds: Beyond which values something is reported.
+    ``lower`` and ``upper`` are the ends of the arm joints' travels, shapes (5,), [rad].
     """
 
     def __init__(
@@ -134,15 +128,9 @@ class JointCheck:
         self._lower, self._upper, self._has_jaw = lower, upper, has_jaw
 
     def check(self, episode: Episode, action: Array, state: Array | None) -> Tracking | None:
-        """Check an episode.
+        """Check an episode; returns how far the state is from the action, None if it is not known.
 
-        Args:
-            episode: The times and counters.
-            action: Where the joints were sent, shape (n, 6), [rad]; NaN where it is not known.
-            state: Where they were, likewise; None if it was not recorded.
-
-        Returns:
-            How far the state is from the action; None if they cannot be compared.
+        Angles have shape (n, 6), [rad], and are NaN where they are not known.
         """
         self._check_time(episode)
         for of, q in (("action", action), ("state", state)):
@@ -283,12 +271,8 @@ class JointCheck:
     ) -> None:
         """Add a moment for each stretch of ``mask``; if there are very many, count the others.
 
-        Args:
-            episode: Their episode.
-            about: The fields that they share.
-            mask: Frames at which something is wrong, shape (n,).
-            value: How bad it is there, in the unit of ``about``, shape (n,).
-            say: ``say(worst, frames)`` returns the sentence for a stretch.
+        ``value`` is how bad it is at a frame, in the unit of ``about``; ``say(worst, frames)``
+        returns the sentence for a stretch.
         """
         found = []
         for first, last in runs(mask):
@@ -324,16 +308,10 @@ class JointCheck:
 
 
 def tracking(action: Array, state: Array, most: int) -> tuple[Tracking | None, Array]:
-    """Measure how far a state is from an action, without its lag.
+    """Measure how far a state is from an action, shapes (n, 5), [rad], without its lag.
 
-    Args:
-        action: Shape (n, 5), [rad].
-        state: Shape (n, 5), [rad].
-        most: Largest lag [frames].
-
-    Returns:
-        The result, None if nothing can be compared; and the difference of each frame,
-        (n - lag, 5), [rad].
+    The lag is ``most`` frames at most. Returns also the difference of each frame, (n - lag, 5),
+    [rad]; None instead of the result if nothing can be compared.
     """
     lag = best_lag(action, state, most)
     off = state[lag:] - action[: len(state) - lag]
@@ -351,13 +329,7 @@ def tracking(action: Array, state: Array, most: int) -> tuple[Tracking | None, A
 
 
 def best_lag(action: Array, state: Array, most: int) -> int:
-    """Find the lag, in frames, at which the squared difference of state and action is least.
-
-    Args:
-        action: Shape (n, 5), [rad].
-        state: Shape (n, 5), [rad].
-        most: Most frames that are tried.
-    """
+    """The lag, up to ``most`` frames, at which the squared difference is least."""
     known = np.logical_not(np.isnan(action).any(axis=1) | np.isnan(state).any(axis=1))
     action, state = np.where(known[:, None], action, 0.0), np.where(known[:, None], state, 0.0)
     best, least = 0, np.inf

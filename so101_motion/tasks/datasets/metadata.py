@@ -85,15 +85,10 @@ class Metadata:
 
     @property
     def is_mobile(self) -> bool:
-        """Whether the arm stands on a mobile base."""
         return self.robot.startswith(MOBILE)
 
     def data_files(self) -> tuple[Path, ...]:
-        """The data files in the order of the episodes.
-
-        Raises:
-            ConfigError: There are none, or too many.
-        """
+        """The data files in the order of the episodes; ``ConfigError`` for none, or too many."""
         found = sorted(islice((self.root / "data").glob("*/*.parquet"), MOST_FILES + 1))
         if not found:
             reason = "holds no data files (data/*/*.parquet)"
@@ -139,16 +134,11 @@ def why_broken(path: Path) -> str:
 
 
 def refusal(path: Path, reason: str) -> ConfigError:
-    """The error about a data set that cannot be used."""
     return ConfigError("data set", str(path), reason)
 
 
 def read_metadata(root: Path) -> Metadata:
-    """Read and check ``meta/info.json``.
-
-    Raises:
-        ConfigError: It is not a LeRobot data set, has an unknown version, or makes no sense.
-    """
+    """Read ``meta/info.json``; ``ConfigError`` if it is not that of a known LeRobot data set."""
     if not (root / INFO).is_file():
         reason = "is no LeRobot data set: it has no meta/info.json"
         if not root.exists():
@@ -176,11 +166,7 @@ def read_metadata(root: Path) -> Metadata:
 
 
 def read_lines(path: Path) -> list[dict[str, Any]]:
-    """Read the JSON objects of a ``.jsonl`` file, one a line.
-
-    Raises:
-        ConfigError: It is too large, or a line is no JSON object.
-    """
+    """Read the JSON objects of a ``.jsonl`` file; ``ConfigError`` if they are not that."""
     rows = []
     for number, line in enumerate(_bytes(path, LARGEST_LINES).splitlines(), start=1):
         if line.strip():
@@ -192,11 +178,7 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    """Read the JSON object of a metadata file.
-
-    Raises:
-        ConfigError: It cannot be read, is too large, or is not a JSON object.
-    """
+    """Read the JSON object of a file; ``ConfigError`` if it is none, or too large."""
     content = _parsed(path, _bytes(path, LARGEST_INFO), "the file")
     if not isinstance(content, dict):
         raise refusal(path, f"must hold an object, not {quoted(content)}")

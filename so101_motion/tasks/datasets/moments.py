@@ -60,7 +60,6 @@ class Moment:
         return _WEIGHT[self.kind] * (1.0 + ratio / (ratio + _HALF))
 
     def to_json(self) -> dict[str, object]:
-        """For programs."""
         names = ("kind", "episode", "frame", "first", "last", "of", "what", "unit", "sentence")
         return {
             **{name: getattr(self, name) for name in names},
@@ -71,12 +70,7 @@ class Moment:
 
 
 class Moments:
-    """Collects moments and keeps the worst of each kind.
-
-    Attributes:
-        counts: How many of each kind there were.
-        frames: How many frames they had in total, by kind.
-    """
+    """Collects moments and keeps the worst of each kind."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -95,7 +89,6 @@ class Moments:
             heapq.heappushpop(kept, entry)
 
     def count(self, kind: str, moments: int, frames: int) -> None:
-        """Count moments without keeping them."""
         self.counts[kind] += moments
         self.frames[kind] += frames
 

@@ -56,11 +56,6 @@ def with_lists(table: Table, name: str, rows: Sequence[Sequence[float]]) -> Tabl
 
 
 def require() -> None:
-    """Refuse to go on without pyarrow.
-
-    Raises:
-        ConfigError: It is not installed.
-    """
     _arrow()
 
 
@@ -74,19 +69,7 @@ def _arrow() -> tuple[Any, Any]:
 
 
 class Reader:
-    """A Parquet file that is open for reading; the sizes that it declares have been checked.
-
-    Args:
-        path: The file.
-
-    Attributes:
-        rows: How many rows it declares.
-        columns: The names of its columns.
-        types: Their types as text, by name.
-
-    Raises:
-        ConfigError: It is not a Parquet file, or declares more rows than any data set has.
-    """
+    """An open Parquet file; ``ConfigError`` if it cannot be one of a data set."""
 
     def __init__(self, path: Path) -> None:
         self._arrow, self._parquet = _arrow()
@@ -110,17 +93,11 @@ class Reader:
         self._file.close()
 
     def batches(self, scalars: Sequence[str], vectors: dict[str, int]) -> Iterator[dict[str, Any]]:
-        """The rows of some columns, at most ``ROWS`` at a time, as float arrays.
+        """The rows of some columns, at most ``ROWS`` at a time, by name; missing numbers are NaN.
 
-        Args:
-            scalars: Columns with a number a row; arrays of shape (n,).
-            vectors: Columns with a list a row and how long it must be; shape (n, length).
-
-        Yields:
-            The columns by name. Missing numbers are NaN.
-
-        Raises:
-            ConfigError: A column is missing or has another type, or the file is broken.
+        ``scalars`` have a number a row and give shape (n,), ``vectors`` a list of a length and give
+        (n, length). ``ConfigError`` if a column is missing or has another type, or the file is
+        broken.
         """
         wanted = (*scalars, *vectors)
         self._bound(wanted)
@@ -142,15 +119,10 @@ class Reader:
             raise self._broken(error) from error
 
     def rewrite(self, path: Path, change: Callable[[Table], Table]) -> None:
-        """Write a copy of the file with changed columns; row groups and file metadata stay.
+        """Write a copy of the file, each group of rows as ``change`` returns it.
 
-        Args:
-            path: The new file.
-            change: Changes a group of rows, as pyarrow's table; columns and types stay.
-
-        Raises:
-            ConfigError: The file is broken.
-            OSError: The new file cannot be written.
+        Types, row groups and file metadata stay. ``ConfigError`` if the file is broken, ``OSError``
+        if the new one cannot be written.
         """
         self._bound(())
         with self._parquet.ParquetWriter(str(path), self._file.schema_arrow) as writer:
@@ -162,11 +134,7 @@ class Reader:
                 writer.write_table(change(table))
 
     def vectors_of(self, table: Table, name: str, length: int) -> NDArray[np.float64]:
-        """A column of lists of a table of this file, shape (n, length).
-
-        Raises:
-            ConfigError: The column has another type or length.
-        """
+        """A column of lists of a table of this file, shape (n, length)."""
         chunks = table.column(name).chunks
         parts = [self._vectors(name, chunk, length) for chunk in chunks]
         return np.concatenate([np.zeros((0, length)), *parts])

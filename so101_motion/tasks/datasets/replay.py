@@ -62,7 +62,6 @@ class EpisodeReplay:
 
     @property
     def duration(self) -> float:
-        """How long it takes after the approach [s]."""
         return float(self.t[-1])
 
 
@@ -159,8 +158,7 @@ def plan_episode(
 def _moved_zeros(rig: Rig, data_set: DataSet, units: Units) -> Array:
     """What to add to the arm joints' angles, because this arm was calibrated anew, [rad].
 
-    Zeros that differ by more than those of one arm can are those of another arm, for which the
-    angles of the model count.
+    Zeros that differ by more are those of another arm, for which the angles of the model count.
     """
     here, root = rig.connection.encoder_zeros, data_set.metadata.root
     try:
@@ -227,7 +225,6 @@ class _Run:
         jaw.aim(float(np.interp(self._calls * self._dt, self._replay.t, aperture)))
 
     def outcome(self) -> ReplayOutcome:
-        """The outcome so far."""
         wanted, measured = np.array(self._wanted), np.array(self._measured)
         found, _ = tracking(wanted, measured, round(_LONGEST_LAG / self._dt))
         assert found is not None
@@ -243,7 +240,6 @@ class _Run:
 
 
 def _gentle(limits: MotionLimits) -> MotionLimits:
-    """Caps of the path to the first frame."""
     return APPROACH.lowered_to(limits.velocity, limits.acceleration)
 
 

@@ -101,11 +101,7 @@ class Units:
 
 
 def units_of(kind: str, calibration: Stored | None = None) -> Units:
-    """The units of a kind, for an arm with this calibration; None if it is not known.
-
-    Raises:
-        ConfigError: There is no such kind.
-    """
+    """The units of a kind, for an arm with this calibration; ``ConfigError`` for no such kind."""
     if kind not in KINDS:
         raise ConfigError("units", kind, f"must be one of {', '.join(KINDS)}")
     joints = [_joint(kind, joint, calibration) for joint in JOINTS]
@@ -123,16 +119,9 @@ def units_of(kind: str, calibration: Stored | None = None) -> Units:
 
 
 def exact_units_of(kind: str, calibration: Stored | None, *, option: str) -> Units:
-    """The units of a kind; refused if they need a calibration that is missing.
+    """The units of a kind; ``ConfigError`` if they need a calibration that is missing.
 
-    Args:
-        kind: One of ``KINDS``.
-        calibration: The arm's; None if it is not known.
-        option: Name of the calibration's setting, for errors.
-
-    Raises:
-        ConfigError: The calibration is needed and missing, or lacks a joint; or there is no such
-            kind.
+    ``option`` is the name of the calibration's setting, for errors.
     """
     units = units_of(kind, calibration)
     if kind in (DEGREES, RANGE):
@@ -243,11 +232,7 @@ _TO_PER_CENT = ": scale it to 0 to 100 before it is replayed or converted"
 
 
 class UnitsGuess:
-    """Finds the units of a data set from its numbers, its names and the release that wrote it.
-
-    Args:
-        calibration: Of the arm that was recorded; None if it is not known.
-    """
+    """Finds the units of a data set from its numbers, its names and the release that wrote it."""
 
     def __init__(self, calibration: Stored | None = None) -> None:
         self._kinds = {kind: units_of(kind, calibration) for kind in KINDS}
@@ -281,7 +266,6 @@ class UnitsGuess:
             self._worst[kind] = max(self._worst[kind], float(to_deg(float(over.max()))))
 
     def fits(self) -> tuple[Fit, ...]:
-        """How well each kind fits, in the order of ``KINDS``."""
         frames = max(self._frames, 1)
         return tuple(
             Fit(kind=kind, outside=self._outside[kind] / frames, worst_deg=self._worst[kind])
@@ -300,7 +284,6 @@ class UnitsGuess:
         )
 
     def doubts(self) -> tuple[str, ...]:
-        """Why the numbers are hardly in any of the units, as text."""
         lowest, highest = self._jaw.tolist()
         found = [self.too_small] if self.too_small else []
         if lowest < -10.0 or highest > 110.0:
@@ -322,13 +305,7 @@ class UnitsGuess:
         return spread > 0.5 or (spread > 0.0 and len(self._positions[5]) > counts + 2.0)
 
     def best(self, robot: str, version: str, names: tuple[str, ...]) -> Verdict:
-        """The likeliest kind, how certain it is, and why.
-
-        Args:
-            robot: The data set's robot type.
-            version: Its version, such as ``"v2.1"``.
-            names: The names of the joints' column.
-        """
+        """The likeliest kind by robot type, version and joint names, how certain, and why."""
         has_new_names = any(name.endswith(".pos") for name in names)
         if any("main_" in name for name in names):
             why = "only LeRobot before June 2025 named joints main_shoulder_pan and so on"
@@ -365,8 +342,8 @@ class UnitsGuess:
     def _by_counts(self) -> str:
         """The only kind in which positions are whole counts; empty if there is none.
 
-        A position that a servo measured is a whole number of counts, in degrees of 1/4095 turn in
-        ``degrees``, of 1/4096 in ``old``, and of some travel in ``range``.
+        A servo measures whole counts: degrees of 1/4095 turn in ``degrees``, of 1/4096 in ``old``,
+        parts of some travel in ``range``.
         """
         joints = []
         for values in self._positions[:5]:

@@ -1,8 +1,4 @@
-"""Guided paths: recorded while a hand guides the arm, saved and replayed.
-
-``path.py`` is the path and reduces it to few points, ``recorder.py`` records it, ``files.py`` saves
-it, ``replay.py`` plans a replay within the arm's own caps, ``run.py`` moves the arm along it.
-"""
+"""Guided paths: recorded while a hand guides the arm, saved and replayed."""
 
 from so101_motion.tasks.guided.path import GuidedPath, tool_line
 from so101_motion.tasks.guided.recorder import PathRecorder

@@ -57,11 +57,7 @@ class SavedPath:
 
 
 def file_of(folder: Path, name: object) -> Path:
-    """The file of the path called ``name``, existing or not.
-
-    Raises:
-        ConfigError: ``name`` cannot be a file's name.
-    """
+    """The file of the path called ``name``, existing or not; ``ConfigError`` for no file's name."""
     if not isinstance(name, str) or not re.fullmatch(r"\w[\w .-]{0,79}", name):
         raise ConfigError("name", name, "must be letters, digits, spaces and _ . -, such as wave")
     user_storage.refuse_reserved(name, what="name")
@@ -71,17 +67,7 @@ def file_of(folder: Path, name: object) -> Path:
 def write(
     path: GuidedPath, file: Path, *, replace: bool = False, zeros: EncoderZeros | None = None
 ) -> None:
-    """Save a path; makes its folder if need be.
-
-    Args:
-        path: The path.
-        file: The file; ends with ``.json``.
-        replace: Whether an existing file may be replaced.
-        zeros: The zeros of the arm that it was recorded with; None if not known.
-
-    Raises:
-        ConfigError: It cannot be written, or is there already.
-    """
+    """Save a path with the zeros of its arm; ``ConfigError`` if that cannot be."""
     refuse_taken(file, replace=replace)
     t = np.round(path.t, _DECIMALS)
     kept = np.flatnonzero(np.append(True, np.diff(t) > 0.0))  # rounding may give equal times
@@ -100,11 +86,7 @@ def write(
 
 
 def refuse_taken(file: Path, *, replace: bool = False) -> None:
-    """Refuse a file that ``write`` would refuse, before the recording starts.
-
-    Raises:
-        ConfigError: It is there already, or has another ending.
-    """
+    """Refuse a file that ``write`` would refuse, before the recording starts."""
     if file.suffix.lower() != ".json":
         raise ConfigError("path", str(file), "must end with .json")
     if not replace and file.exists():
@@ -136,13 +118,9 @@ def listed(folder: Path) -> list[SavedPath]:
 
 
 def set_aside(file: Path) -> str:
-    """Delete a path, but keep its file for ``restore``; the last ``KEPT`` are kept.
+    """Delete a path, but keep its file for ``restore``; returns what it is kept as.
 
-    Returns:
-        What it is kept as.
-
-    Raises:
-        ConfigError: There is none, or it cannot be moved.
+    The last ``KEPT`` are kept. ``ConfigError`` if there is none, or it cannot be moved.
     """
     _read(file)  # refuses files that are not ours
     folder = file.parent / _DELETED
@@ -156,17 +134,9 @@ def set_aside(file: Path) -> str:
 
 
 def restore(folder: Path, kept_as: str) -> Path:
-    """Put a path that was set aside back under its name.
+    """Put a path that was set aside back under its name; returns its file.
 
-    Args:
-        folder: The folder that it was in.
-        kept_as: What ``set_aside`` has returned.
-
-    Returns:
-        Its file.
-
-    Raises:
-        ConfigError: It is not kept, another path has that name now, or it cannot be moved.
+    ``ConfigError`` if it is not kept, another path has that name now, or it cannot be moved.
     """
     reason = f"is not kept; only the last {KEPT} paths that were deleted are"
     if not _number(kept_as):

@@ -62,7 +62,6 @@ class GuidedPath:
 
     @property
     def duration(self) -> float:
-        """How long the recording took [s]."""
         return float(self.t[-1])
 
     def taken(self, chosen: NDArray[np.intp] | slice) -> GuidedPath:
@@ -112,11 +111,7 @@ def corners_of(x: Array, tolerance: float) -> NDArray[np.intp]:
 
 
 def _off_line(x: Array) -> Array:
-    """Distances of points from the line between the first and the last, in order, shape (m,).
-
-    Args:
-        x: The points, shape (m, d).
-    """
+    """Distances of points, shape (m, d), from the line between first and last, in order, (m,)."""
     line = x[-1] - x[0]
     square = float(line @ line)
     share = np.zeros(len(x)) if square == 0.0 else np.clip((x - x[0]) @ line / square, 0.0, 1.0)
@@ -127,14 +122,10 @@ def _off_line(x: Array) -> Array:
 
 
 def along(corners: Array, points: Array) -> Array:
-    """Find the places on a polyline nearest to points that follow it, as corner number and share.
+    """The places on a polyline of points that follow it, as corner number and share, shape (n,).
 
-    Args:
-        corners: Shape (m, d), m >= 2, [rad].
-        points: Near the polyline and in its order, shape (n, d), [rad].
-
-    Returns:
-        From 0 to ``m - 1``, never falling, shape (n,).
+    ``corners`` have shape (m, d), m >= 2, ``points`` (n, d), [rad]. Places go from 0 to ``m - 1``
+    and never fall.
     """
     parts = 1 + np.ceil(np.abs(np.diff(corners, axis=0)).max(axis=1) / _SPACING).astype(int)
     where = np.concatenate(

@@ -176,14 +176,7 @@ class _Pace:
 
 
 def _cut(corners: GuidedPath, tolerance: float, pace: _Pace | None) -> Iterator[_Cut]:
-    """Cut a path where the arm must stand or wait for the jaw; see the top of this file.
-
-    Args:
-        corners: The path.
-        tolerance: The arm stands if no joint moves farther than a fifth of it [rad], or all of it
-            where the jaw leads.
-        pace: Speed limits of arm and jaw; None without a jaw.
-    """
+    """Cut a path where the arm must stand or wait for the jaw; see the top of this file."""
     if corners.aperture is None or pace is None:
         yield _Cut(corners=corners, begin=None, t=(0.0, corners.duration))
         return
@@ -251,11 +244,7 @@ class _LegMaker:
         self._aperture = 0.0 if gripper is None else min(max(gripper.aperture, 0.0), 1.0)
 
     def leg(self, cut: _Cut, q_from: Array) -> ReplayLeg:
-        """Plan the leg between two cuts, from where the one before ends, shape (5,), [rad].
-
-        Raises:
-            PlanningError: It cannot be replayed; the message has the time in the recording.
-        """
+        """Plan the leg between two cuts, from where the one before ends, shape (5,), [rad]."""
         try:
             if self._gripper is None or cut.begin is None or cut.corners.aperture is None:
                 return ReplayLeg(begin=None, plan=self._plan(cut.corners, q_from, None))
@@ -324,5 +313,4 @@ def _apertures(plan: Plan, q: Array, jaw: Array) -> Array:
 
 
 def angles(gripper: Gripper, aperture: Array) -> Array:
-    """Convert apertures to jaw angles [rad]."""
     return np.asarray(gripper.closed + aperture * (gripper.opened - gripper.closed))

@@ -49,7 +49,6 @@ def _steps(
     replay: Replay | Callable[[], Future[Replay]],
     runs: list[_JawRun],
 ) -> Iterator[Step]:
-    """The steps of the replay; each is asked for when the one before is done."""
     if callable(replay):
         planning, planned = replay(), list[Replay]()
         yield lambda motion: planned.append(motion.wait_for(planning))
@@ -97,7 +96,6 @@ class _JawRun:
             motion.wait_for(self._following.close())
 
     def close(self) -> None:
-        """Let the jaw come to rest, if it does not yet."""
         if self._following is not None:
             self._following.close()
 

@@ -72,11 +72,8 @@ class _Recording:
 class TeachingOperation(LocalOperation):
     """Records, keeps, plans and replays guided paths of one arm.
 
-    Args:
-        rig: The arm and its gripper.
-        folder: Returns the folder of the saved paths.
-        set_manual: Switches manual mode, for some seconds or, with 0, without limit; by default the
-            arm's own, whose limit is kept by the surface that shows the operation.
+    ``set_manual`` switches manual mode, for some seconds or, with 0, without limit; by default the
+    arm's own, whose limit is kept by the surface that shows the operation.
     """
 
     refuses = False
@@ -122,7 +119,6 @@ class TeachingOperation(LocalOperation):
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         recording, planned = self._running(), self._planned
         text, state = self._sentence, self._doing or "idle"
         if recording is not None:
@@ -261,11 +257,7 @@ class TeachingOperation(LocalOperation):
         saved.set_result((path, file))
 
     def _save_again(self) -> None:
-        """Try again to save a path that could not be saved before.
-
-        Raises:
-            So101Error: It cannot be saved now either.
-        """
+        """Try again to save a path that could not be saved before."""
         recording = self._recording
         if recording is not None and recording.saved.exception() is not None:
             recording.saved, recording.replace = running_future(), False
@@ -373,7 +365,6 @@ class TeachingOperation(LocalOperation):
         return Started(motion.future, motion.interrupt, answer)
 
     def _plan(self, name: str) -> dict[str, Any]:
-        """Plan the replay that ``run`` will run."""
         path = files.read(self._file(name), self._rig.connection.encoder_zeros)
         with self._one_plan:
             self._choose(name, path)
@@ -390,7 +381,6 @@ class TeachingOperation(LocalOperation):
         return {"approach_s": round(approach, 3), "replay_s": round(replay.duration, 3)}
 
     def _run(self) -> Started:
-        """Replay as it was planned."""
         planned, self._planned = self._planned, None
         if planned is None or not self._stands_at(planned[1]):
             raise NotPossibleNow("run", "the replay is not planned from where the arm is")
@@ -410,8 +400,6 @@ def _free(file: Path) -> Path:
 
 
 def _lowered(own: MotionLimits, speed_deg: float, acceleration_deg: float) -> MotionLimits:
-    """The arm's caps, lowered to those of a request."""
-
     def cap(key: str, value: float, bounds: tuple[float, float], unit: str) -> float:
         return to_rad(checked_number(key, value, lower=bounds[0], upper=bounds[1], unit=unit))
 

@@ -64,33 +64,15 @@ _ENDLESS = "endless"
 
 
 def folder() -> Path:
-    """The folder of the user's programs of one arm.
-
-    Raises:
-        ConfigError: This user has no home.
-    """
     return user_storage.folder() / "programs"
 
 
 def cell_folder() -> Path:
-    """The folder of the user's programs of several arms.
-
-    Raises:
-        ConfigError: This user has no home.
-    """
     return user_storage.folder() / "cell_programs"
 
 
 def file_of(name: str, in_folder: Path | None = None) -> Path:
-    """The file of the user's program ``name``, existing or not.
-
-    Args:
-        name: Name of the program.
-        in_folder: The folder; that of the programs of one arm if not given.
-
-    Raises:
-        ConfigError: It cannot be the name of a file.
-    """
+    """The file of the user's program ``name``, existing or not; by default in ``folder``."""
     name = user_storage.checked_name(name, what="program")
     if not _FILE_NAME.fullmatch(name):
         raise ConfigError(
@@ -101,16 +83,11 @@ def file_of(name: str, in_folder: Path | None = None) -> Path:
 
 
 def names(in_folder: Path | None = None) -> tuple[str, ...]:
-    """List the user's programs by name; ``in_folder`` as in ``file_of``."""
     return tuple(sorted(file.stem for file in (in_folder or folder()).glob("*.json")))
 
 
 def find(name: str) -> Path:
-    """Find a program's file by the program's name, or by the file's own path.
-
-    Raises:
-        ConfigError: There is none; the message names the nearest program.
-    """
+    """Find a program's file by the program's name, or by the file's own path."""
     if Path(name).suffix == ".json" or Path(name).is_file():
         return Path(name)
     known = names()
@@ -158,11 +135,7 @@ def read(path: Path, arms: ZerosOfArms | None = None) -> Program:
 
 
 def program_from(content: Mapping[str, object]) -> Program:
-    """Make a program from the parsed JSON of a file, of before as well.
-
-    Raises:
-        ConfigError: Something in it is not valid; the message names it.
-    """
+    """Make a program from the parsed JSON of a file; ``ConfigError`` names what is not valid."""
     Attributes(content, (*ENTRIES, "arms", KEY), kind="entry of a program")
     key = "waypoints" if "waypoints" in content else "steps"
     given = content.get(key)
@@ -198,11 +171,7 @@ def _zeros_from(content: Mapping[str, object]) -> ZerosOfArms:
 
 
 def write(program: Program, path: Path, arms: ZerosOfArms | None = None) -> None:
-    """Save a program with the zeros of its arms, if known; makes its folder if need be.
-
-    Raises:
-        ConfigError: It cannot be written; an existing file is unchanged.
-    """
+    """Save a program with the zeros of its arms, if known; makes its folder if need be."""
     zeros = {name: zeros_to(each) for name, each in (arms or {}).items()}
     known = {name: each for name, each in zeros.items() if each}
     content = program_to(program) | ({"arms": known} if known else {})
@@ -210,7 +179,6 @@ def write(program: Program, path: Path, arms: ZerosOfArms | None = None) -> None
 
 
 def program_to(program: Program) -> dict[str, object]:
-    """A program as JSON values; ``program_from`` reads them back."""
     steps = [{name: waypoint_to(each) for name, each in step.items()} for step in program.steps]
     loops = {"loops": loops_to(program.loops)} if program.loops else {}
     return {"rounds": rounds_to(program.rounds), **loops, "steps": steps}
@@ -222,7 +190,6 @@ def loops_to(loops: Iterable[Loop]) -> list[dict[str, int]]:
 
 
 def loops_from(given: object) -> tuple[Loop, ...]:
-    """Loops from a JSON value."""
     if not isinstance(given, list):
         raise ConfigError(
             "loops", given, 'must be a list such as [{"from": 2, "to": 3, "times": 4}]'
@@ -245,11 +212,7 @@ def _loop_from(what: str, content: object) -> Loop:
 
 
 def delete(name: str, in_folder: Path | None = None) -> None:
-    """Delete the user's program ``name``; ``in_folder`` as in ``file_of``.
-
-    Raises:
-        ConfigError: There is none, or it cannot be removed.
-    """
+    """Delete the user's program ``name``; ``ConfigError`` if there is none."""
     file = file_of(name, in_folder)
     try:
         file.unlink()
@@ -258,12 +221,10 @@ def delete(name: str, in_folder: Path | None = None) -> None:
 
 
 def rounds_to(rounds: int | None) -> int | str:
-    """A number of rounds as a JSON value."""
     return _ENDLESS if rounds is None else rounds
 
 
 def rounds_from(given: object) -> int | None:
-    """A number of rounds from a JSON value; None for endless."""
     if given == _ENDLESS:
         return None
     if isinstance(given, bool) or not isinstance(given, (int, float)):
@@ -272,7 +233,6 @@ def rounds_from(given: object) -> int | None:
 
 
 def waypoint_to(waypoint: Waypoint) -> dict[str, object]:
-    """A waypoint as JSON values; ``waypoint_from`` reads them back."""
     content: dict[str, object] = {
         "name": waypoint.name,
         "q_deg": user_storage.joints_to_deg(waypoint.q),
@@ -289,15 +249,7 @@ def waypoint_to(waypoint: Waypoint) -> dict[str, object]:
 
 
 def waypoint_from(what: str, content: object) -> Waypoint:
-    """A waypoint from the parsed JSON of a file.
-
-    Args:
-        what: Its name in messages, and by default.
-        content: As ``json`` reads it.
-
-    Raises:
-        ConfigError: Something in it is not valid.
-    """
+    """A waypoint from the parsed JSON of a file, called ``what`` in messages and by default."""
     if not isinstance(content, Mapping):
         raise ConfigError(what, content, 'must be {"name": ..., "q_deg": [...]}')
     try:

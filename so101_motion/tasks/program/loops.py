@@ -1,7 +1,5 @@
 """Loops inside a program: steps that are repeated several times in a row.
 
-A step is a waypoint, or in a program of several arms one for each.
-
 A loop may lie inside one other. The arm stops at its last waypoint, because it turns back there.
 """
 
@@ -25,11 +23,7 @@ DEEPEST = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Loop:
-    """Waypoints that are repeated several times in a row.
-
-    Raises:
-        ConfigError: A value is not valid.
-    """
+    """Waypoints that are repeated several times in a row; checked when it is made."""
 
     first: int  # index of the first of them
     last: int  # index of the last of them
@@ -45,7 +39,6 @@ class Loop:
 
     @property
     def called(self) -> str:
-        """What messages call it: the numbers of its first and its last waypoint."""
         return f"{self.first + 1} to {self.last + 1}"
 
     def without(self, index: int) -> Loop | None:
@@ -81,11 +74,7 @@ class Visit(NamedTuple):
 def checked_count(
     key: str, value: object, *, lower: int = 1, upper: int = MOST_TIMES, unit: str = "times"
 ) -> int:
-    """``value`` as a whole number within bounds.
-
-    Raises:
-        ConfigError: It is not such a number.
-    """
+    """``value`` as a whole number within bounds; ``ConfigError`` if it is none."""
     number = checked_number(key, value, lower=lower, upper=upper, unit=unit)
     if number != int(number):
         raise ConfigError(key, value, "must be a whole number")
@@ -95,8 +84,7 @@ def checked_count(
 def checked_loops(loops: Sequence[Loop], count: int) -> tuple[Loop, ...]:
     """The loops of a program of ``count`` waypoints in order, an outer one before an inner one.
 
-    Raises:
-        ConfigError: One is not within the program, two overlap in part, or they are too deep.
+    ``ConfigError`` if one is not within the program, two overlap in part, or they are too deep.
     """
     for loop in loops:
         if loop.last >= count:
@@ -117,12 +105,7 @@ def checked_loops(loops: Sequence[Loop], count: int) -> tuple[Loop, ...]:
 
 
 def times_in_round(laps: Sequence[int], around: Sequence[Loop]) -> int:
-    """How often an arrival comes in a round, if those of later laps count as the second's.
-
-    Args:
-        laps: The repetition of each loop, 0 or 1.
-        around: These loops.
-    """
+    """How often an arrival comes in a round, if those of later laps count as the second's."""
     pairs = zip(laps, around, strict=True)
     return prod(1 if lap == 0 else loop.times - 1 for lap, loop in pairs)
 

@@ -36,11 +36,6 @@ SLOWEST = 0.05
 
 
 def check_rounds(rounds: int | None) -> None:
-    """Refuse a number of rounds that is not valid; None is endless.
-
-    Raises:
-        ConfigError: It is too large, too small, or not a whole number.
-    """
     if rounds is not None:
         checked_count("rounds", rounds)
 
@@ -113,7 +108,6 @@ class Program:
     def of_waypoints(
         cls, waypoints: Iterable[Waypoint], *, rounds: int | None = 1, loops: tuple[Loop, ...] = ()
     ) -> Program:
-        """A program of one arm."""
         steps = tuple({ARM: each} for each in waypoints)
         return cls(steps=steps, rounds=rounds, loops=loops)
 
@@ -122,26 +116,17 @@ class Program:
 
     @property
     def arms(self) -> tuple[str, ...]:
-        """The names of its arms."""
         return tuple(dict.fromkeys(name for step in self.steps for name in step))
 
     @property
     def waypoints(self) -> tuple[Waypoint, ...]:
-        """The waypoints of a program of one arm.
-
-        Raises:
-            ConfigError: It is one of several arms.
-        """
+        """The waypoints of a program of one arm; ``ConfigError`` for one of several."""
         if len(self.arms) > 1:
             raise ConfigError("arms", ", ".join(self.arms), "are several; give a program of one")
         return tuple(each for step in self.steps for each in step.values())
 
     def refuse_empty(self) -> None:
-        """Refuse to plan or run a program without a step.
-
-        Raises:
-            ConfigError: It has none.
-        """
+        """Refuse to plan or run a program without a step."""
         if not self.steps:
             raise ConfigError("program", "empty", "has no waypoint; record one first")
 
@@ -198,18 +183,15 @@ class Program:
                 origin = indices[-1]
 
     def with_step(self, step: Step) -> Program:
-        """This program with one more step at the end."""
         return replace(self, steps=(*self.steps, step))
 
     def without(self, index: int) -> Program:
-        """This program without one step."""
         self._check(index)
         others = self.steps[:index] + self.steps[index + 1 :]
         loops = tuple(left for each in self.loops if (left := each.without(index)))
         return replace(self, steps=others, loops=loops)
 
     def with_changed(self, index: int, step: Step) -> Program:
-        """This program with one step replaced."""
         self._check(index)
         return replace(self, steps=(*self.steps[:index], step, *self.steps[index + 1 :]))
 
@@ -223,7 +205,6 @@ class Program:
         return replace(self, steps=tuple(others), loops=loops)
 
     def with_rounds(self, rounds: int | None) -> Program:
-        """This program with another number of rounds."""
         return replace(self, rounds=rounds)
 
     def with_loop(self, loop: Loop) -> Program:
@@ -233,7 +214,6 @@ class Program:
         return replace(self, loops=(*others, loop))
 
     def without_loop(self, loop: Loop) -> Program:
-        """This program without one of its loops; its steps stay."""
         return replace(self, loops=tuple(each for each in self.loops if each is not loop))
 
     def part(self, begin: int, end: int) -> Program:
@@ -251,5 +231,4 @@ class Program:
 
 
 def nameless(number: int, arm: str) -> str:
-    """What a waypoint without a name is called: its place in the program."""
     return f"waypoint {number}" if arm == ARM else f"step {number}: {arm}"

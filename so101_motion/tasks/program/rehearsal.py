@@ -78,7 +78,6 @@ class Rehearsal:
 
     @property
     def stands(self) -> Mapping[str, Stand]:
-        """Where each arm is at the start, by its name."""
         return self.arrivals[0].leg.stands
 
     @cached_property
@@ -172,17 +171,10 @@ def plan_leg(
     stands: Mapping[str, Stand],
     caps: Mapping[str, MotionLimits],
 ) -> Leg:
-    """Plan the motion to a stop through the waypoints before it.
+    """Plan the motion to the last of ``indices`` through the waypoints before it.
 
-    Args:
-        planner: Plans; its range and scene count.
-        program: The program with the steps.
-        indices: The steps to pass, and the one to stop at.
-        stands: Where each arm is at the start, by its name.
-        caps: The caps of each arm, by its name.
-
-    Raises:
-        PlanningError: A step cannot be reached; the message names it.
+    The arms stand where ``stands`` has them. ``PlanningError`` names the step that cannot be
+    reached.
     """
     here, limits = dict(stands), dict[str, MotionLimits]()
     for name in program.steps[indices[-1]]:
@@ -215,7 +207,6 @@ def stands_at(q: Array, other: Array) -> bool:
 
 
 def _after(arms: Arms, step: Step, stands: Mapping[str, Stand]) -> dict[str, Stand]:
-    """Where the arms are after a step."""
     after = dict(stands)
     for name, each in step.items():
         gripper, q_jaw = arms.members[name].gripper, stands[name].q_jaw

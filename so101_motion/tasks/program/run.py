@@ -98,7 +98,6 @@ class ProgramRun:
 
     @property
     def where(self) -> Where:
-        """The progress of the run."""
         where, leg, began = self._where, self.leg, self._began
         if leg is None or began is None or where.doing != "moving":
             return where

@@ -23,14 +23,7 @@ from so101_motion.tasks.program.program import ARM
 
 
 class Solo:
-    """One arm.
-
-    Attributes:
-        arm: The arm.
-        gripper: Its jaw; None for an arm without one.
-        clock: Times the pauses.
-        scene: The scene of its plans; None for the arm's own.
-    """
+    """One arm; ``scene`` is that of its plans, by default the arm's own."""
 
     def __init__(
         self, arm: Arm, gripper: GripperLike | None, clock: Clock, *, scene: Scene | None = None
@@ -39,16 +32,13 @@ class Solo:
 
     @classmethod
     def of(cls, rig: RigLike) -> Solo:
-        """The arm of a rig."""
         return cls(rig.arm, rig.gripper, rig.clock)
 
     @property
     def members(self) -> Mapping[str, Solo]:
-        """This arm, by its name."""
         return {ARM: self}
 
     def stands(self) -> dict[str, Stand]:
-        """The arm's setpoint, by its name."""
         state = self.arm.state
         return {ARM: Stand(state.q_ref, state.q_jaw_ref)}
 
@@ -59,7 +49,6 @@ class Solo:
         limits: Mapping[str, MotionLimits],
         stands: Mapping[str, Stand],
     ) -> dict[str, Plan]:
-        """Plan as ``Cell.plan_together`` does."""
         stand, search = stands[ARM], Search(scene=self.scene)
         plan = self.arm.plan(
             goals[ARM], limits=limits[ARM], search=search, q_start=stand.q, q_jaw=stand.q_jaw
@@ -67,7 +56,6 @@ class Solo:
         return {ARM: plan}
 
     def start_series(self, steps: Iterator[TeamStep]) -> dict[str, Motion]:
-        """Carry out several motions, as ``Cell.start_series`` does."""
         series = TeamSeries((ARM,), steps, lambda _plans: None)
         return {ARM: self.arm.start_series(series.of(ARM))}
 
@@ -78,7 +66,6 @@ class Solo:
         return checked
 
     def stop(self) -> None:
-        """Bring the arm to rest at once; returns when it is."""
         self.arm.stop()
 
 

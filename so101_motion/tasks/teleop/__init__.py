@@ -1,9 +1,4 @@
-"""Teleoperation: one arm follows another that is guided by hand.
-
-``session.py`` runs a teleoperation; ``predictor``, ``mirror``, ``gate`` and ``pilot`` compute the
-follower's targets, ``sides`` connects arms of this process, ``recording`` records them. The motion
-itself is a ``Following``.
-"""
+"""Teleoperation: one arm follows another that is guided by hand."""
 
 from so101_motion.tasks.teleop.mirror import Mirror
 from so101_motion.tasks.teleop.pilot import Pace

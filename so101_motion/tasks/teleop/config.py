@@ -156,7 +156,6 @@ class TeleopConfig(Config):
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        """Refuse an arm that follows itself."""
         if self.leader_arm == self.follower_arm:
             raise ConfigError(
                 "follower_arm", self.follower_arm, "is the leader already; give another arm"
@@ -177,10 +176,6 @@ class TeleopConfig(Config):
 
 
 def read_how(attributes: Mapping[str, object]) -> tuple[Mirror, Pace]:
-    """Read the scale, the offsets, ``mirror``, the speeds and the acceleration.
-
-    Raises:
-        ConfigError: One of them cannot be used.
-    """
+    """Read the scale, the offsets, ``mirror``, the speeds and the acceleration."""
     given = Attributes(attributes, TeleopConfig.rows())
     return _mirror(given, ""), _pace(given, "")

@@ -17,12 +17,7 @@ OFF = "Keep a hand on the leader: it goes limp, and this arm moves to it slowly.
 
 
 class LeadingOperation(LocalOperation):
-    """Lets an arm follow a leader on another port of this computer.
-
-    Args:
-        follower: The arm.
-        open_leader: Opens the leader, at the first start; raises ``So101Error``.
-    """
+    """Lets an arm follow a leader on another port, opened at the first start."""
 
     def __init__(self, follower: Rig, open_leader: Callable[[], Rig]) -> None:
         super().__init__()
@@ -34,7 +29,6 @@ class LeadingOperation(LocalOperation):
 
     @property
     def view(self) -> View:
-        """The present state; never waits."""
         teleop = self._teleop
         return view_of({"running": False} if teleop is None else teleop.status.to_json())
 
@@ -46,7 +40,6 @@ class LeadingOperation(LocalOperation):
             self._leader.close()
 
     def _start(self) -> None:
-        """Let the leader go limp, and the arm come to it."""
         asked = request_number()
         self._refuse_stopped(asked)
         if self._leader is None:
@@ -62,7 +55,6 @@ class LeadingOperation(LocalOperation):
         self._refuse_stopped(asked)  # it starts in a thread that does not know the request
 
     def _stop(self) -> None:
-        """Let both hold."""
         self._stopped = next(NUMBERS)
         if self._teleop is not None:
             self._teleop.stop()

@@ -69,11 +69,8 @@ class Track(NamedTuple):
 class Predictor:
     """Takes measurements of the leader and predicts its angles.
 
-    Args:
-        longest: After so long a silence the prediction starts again [s].
-
-    Attributes:
-        track: The estimate; None before the first measurement. Replaced whole.
+    After a silence of ``longest`` [s] the prediction starts again. ``track`` is replaced whole;
+    None before the first measurement.
     """
 
     def __init__(self, longest: float = LONGEST) -> None:
@@ -83,19 +80,16 @@ class Predictor:
         self._forget()
 
     def reset(self) -> None:
-        """Forget all measurements."""
         self.track = None
         self._forget()
 
     # The thread that measures
 
     def take(self, t: float, x: Array, heard: Array) -> None:
-        """Add a measurement.
+        """Add a measurement at ``t`` [s]; an older one is ignored.
 
-        Args:
-            t: When it was made [s]; later than the one before, or it is ignored.
-            x: Joint angles [rad] and aperture, shape (6,).
-            heard: Which of them have been measured, shape (6,); the others are old values.
+        ``x`` has the joint angles [rad] and the aperture, ``heard`` which of them were measured,
+        shapes (6,).
         """
         last = self.track
         if last is None:
@@ -161,10 +155,7 @@ class Predictor:
     # The thread that asks
 
     def at(self, t: float) -> tuple[Array, Array, Array] | None:
-        """Predict angles, velocities and accelerations at ``t`` [s], shapes (6,).
-
-        None before the first measurement.
-        """
+        """Angles, velocities and accelerations at ``t`` [s], shapes (6,); None if not known."""
         track = self.track
         if track is None:
             return None

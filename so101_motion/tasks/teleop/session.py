@@ -64,16 +64,13 @@ class Status:
 
     @property
     def is_held(self) -> bool:
-        """Whether something in the way holds the follower back."""
         return bool(self.held_by)
 
     @property
     def is_running(self) -> bool:
-        """Whether it has been started and not ended."""
         return self.phase is not Phase.STOPPED
 
     def to_json(self) -> dict[str, Any]:
-        """The status for programs; degrees."""
         joint, gap = self.gap
         return {
             "running": self.is_running,
@@ -146,11 +143,7 @@ class Teleop:
     def start(self, recorder: Recorder | None = None) -> None:
         """Release the leader and bring the follower to it; does nothing while it runs.
 
-        Args:
-            recorder: Records both arms; closed when the session ends.
-
-        Raises:
-            So101Error: One side cannot be used.
+        The recorder is closed when the session ends. ``So101Error`` if one side cannot be used.
         """
         self._pool.submit(self._begin, recorder).result()
 

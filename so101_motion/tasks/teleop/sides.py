@@ -96,7 +96,6 @@ class LocalArm:
 
     @property
     def executors(self) -> tuple[Executor, ...]:
-        """The threads that move it."""
         both = [self.station.executor, *([self.jaw.executor] if self.jaw else [])]
         return tuple(dict.fromkeys(both))
 
@@ -118,12 +117,7 @@ class LocalArm:
 
 
 class LocalLeader(Leader):
-    """An arm of this process as leader.
-
-    Args:
-        arm: The arm.
-        lets_go: Whether its joints are released while it leads, and held again afterwards.
-    """
+    """An arm of this process as leader; with ``lets_go`` limp while it leads, then held."""
 
     def __init__(self, arm: LocalArm, *, lets_go: bool = True) -> None:
         self._arm, self._lets_go = arm, lets_go
@@ -131,7 +125,6 @@ class LocalLeader(Leader):
         self._ends: list[Callable[[], None]] = []
 
     def attach(self, predictor: Predictor) -> None:
-        """See ``Leader.attach``."""
         if self._lets_go:
             self._arm.station.arm.stop()
             for executor in self._arm.executors:
@@ -142,7 +135,6 @@ class LocalLeader(Leader):
             self._ends.append(self._arm.jaw.executor.listen(lambda _: None))  # to be kept fresh
 
     def detach(self) -> None:
-        """See ``Side.detach``."""
         for end in self._ends:
             end()
         self._ends.clear()
@@ -157,7 +149,6 @@ class LocalLeader(Leader):
 
     @property
     def state(self) -> SideState:
-        """See ``Side.state``."""
         now, states = self._arm.station.clock.now(), [each.state for each in self._arm.executors]
         return self._arm.state(
             needs_recovery=self._lets_go
@@ -180,12 +171,7 @@ class LocalLeader(Leader):
 
 
 class LocalFollower(Follower):
-    """An arm of this process as follower.
-
-    Args:
-        arm: The arm.
-        guarded: Whether it keeps clear of itself and of what its scene says is around it.
-    """
+    """An arm of this process as follower; if guarded it keeps clear of itself and its scene."""
 
     def __init__(self, arm: LocalArm, *, guarded: bool = True) -> None:
         self._arm, self._guarded = arm, guarded
@@ -196,7 +182,6 @@ class LocalFollower(Follower):
         self._stops = 0
 
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
-        """See ``Follower.attach``."""
         pilot.fit(*self._arm.station.arm.range)
         self._pilot, self._stops = pilot, self._arm.station.arm.stops
 
@@ -207,7 +192,6 @@ class LocalFollower(Follower):
         self._end = self._arm.station.executor.listen(each)
 
     def engage(self) -> None:
-        """See ``Follower.engage``."""
         pilot, arm = self._pilot, self._arm.station.arm
         assert pilot is not None, "attach it first"
         for executor in self._arm.executors:
@@ -225,7 +209,6 @@ class LocalFollower(Follower):
             self._jaw.regrip()
 
     def detach(self) -> None:
-        """See ``Side.detach``."""
         if self._end is not None:
             self._end()
         followings, self._following, self._jaw = (self._following, self._jaw), None, None
@@ -256,7 +239,6 @@ class LocalFollower(Follower):
 
     @property
     def state(self) -> SideState:
-        """See ``Side.state``."""
         station, following, jaw = self._arm.station, self._following, self._jaw
         now, state = station.clock.now(), station.executor.state
         has_lost_jaw = self._arm.jaw is not None and (jaw is None or jaw.future.done())
