@@ -1,12 +1,8 @@
 """Make one arm follow the targets of a client, from the first target to the end of the session.
 
-The first target of a session may be far away, as at the start of a recording or a policy. The arm
-then moves there along a plan while the client waits. From there on a guarded following uses every
-target in the next control cycle; it limits velocity, acceleration and jerk for any targets, and
-slows to rest when they cease. The jaw follows too, and grips an object that it closes on.
-
-A following ends when a joint is blocked. The arm then holds, as in teleoperation, until a target is
-near its position. If it cannot be reached or has a fault, an error is raised.
+To a first target that is far it moves along a plan while the client waits; then a guarded following
+uses every target in the next control cycle. When a joint is blocked, the arm holds until a target
+is near. If it cannot be reached or has a fault, an error is raised.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Two SO-101 arms as one robot of LeRobot: ``--robot.type=bi_so101_motion``.
 
-Each arm is a robot of its own, with ``left_`` or ``right_`` before its keys. Each keeps clear of
-itself, the table and its scene. With a cell file, which has the bases of both, they keep clear of
-each other as well.
+Keys begin with ``left_`` or ``right_``. With a cell file the arms keep clear of each other.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Calibrate an arm and set up its motors, asking a person as LeRobot's own driver does.
 
-The keys are the same: Enter in the middle pose, Enter when every joint has been at both its stops.
-But the recording is checked, and a joint that was not moved to its stops is refused by name. The
-file is LeRobot's; the zeros are saved beside it.
+But a joint that was not moved to its stops is refused by name, and zeros are saved as well.
 """
 
 from __future__ import annotations

@@ -1,16 +1,9 @@
 """Read the keys of this terminal or the sticks of a gamepad that a person holds.
 
 A reading has seven numbers from -1 to 1: the tool along X, Y and Z, its turns about X, Y and Z, and
-the jaw, where 1 opens it.
-
-A terminal reports that a key was pressed, and again while it is held, but never its release. So a
-key counts as held for ``HELD`` after each report: a tapped key moves the tool a little, and a held
-key moves on as soon as the terminal repeats it.
-
-A gamepad is read from its device under ``/dev/input``, eight bytes an event. It moves the arm only
-while one of its shoulder buttons is held.
-
-Source: Linux kernel, Documentation/input/joydev/joystick-api.rst.
+the jaw, where 1 opens it. A terminal never reports a release, so a key counts as held for ``HELD``
+after each report. A gamepad moves the arm only while a shoulder button is held. Source: Linux
+kernel, Documentation/input/joydev/joystick-api.rst.
 """
 
 from __future__ import annotations

@@ -1,9 +1,6 @@
 """Move the tool with keys or a gamepad, as a teleoperator: ``--teleop.type=so101_motion_jog``.
 
-The held keys or sticks give a velocity of the tool. The Cartesian servo turns it into joint angles,
-on straight lines and clear of obstacles; these are the actions that the robot follows and a data
-set records. The servo starts at the reference angles of the arm of this program. It starts there
-again when the arm was stopped elsewhere and keys are held again.
+The Cartesian servo turns what is held into joint angles, the actions that the robot follows.
 """
 
 from __future__ import annotations

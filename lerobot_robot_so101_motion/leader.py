@@ -1,11 +1,7 @@
 """An SO-101 guided by hand, as a teleoperator: ``--teleop.type=so101_motion_leader``.
 
-Its joints are limp while a hand guides it. With torque on it holds, and moves to the follower's
-position, slowly and guarded like any arm, so that a person can take over from there.
-
-With ``guard_hint`` the hand feels the guard: while the guard holds the follower of the same
-program, limp joints pull softly towards the follower's position. LeRobot's own loops send no
-feedback to a leader, so it reads the follower itself, with every action.
+With ``guard_hint``, limp joints pull softly towards the follower of the same program while the
+guard holds that. LeRobot sends a leader no feedback, so it reads the follower itself.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Convert between the joint values of LeRobot and ours.
-
-LeRobot's value of an arm joint is in degrees from the middle of its recorded travel, with 4095
-ticks a turn, or -100 to 100 over that travel; the jaw is 0 to 100. Ours are radians from the
-model's zero, and an aperture from 0 to 1. The units are those of ``tasks/datasets/units.py``.
-"""
+"""Convert between the joint values of LeRobot and ours; see ``tasks/datasets/units.py``."""
 
 from __future__ import annotations
 

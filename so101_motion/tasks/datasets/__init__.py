@@ -1,9 +1,4 @@
-"""Check, convert and replay LeRobot data sets of an SO-101 (versions 2.1 and 3).
-
-``open_data_set`` reads, ``check_data_set`` finds what is wrong, ``convert_data_set`` writes it
-anew, ``plan_episode`` and ``replay_episode`` let an arm do it again. Parquet needs pyarrow, which
-the extra ``dataset`` brings.
-"""
+"""Check, convert and replay LeRobot data sets of an SO-101 (versions 2.0 to 3)."""
 
 from so101_motion.tasks.datasets.check import CheckReport, check_data_set
 from so101_motion.tasks.datasets.convert import Conversion, convert_data_set

@@ -1,10 +1,7 @@
 """Check a whole data set: read it once to see what its numbers mean, once more to check them.
 
-Configurations of an episode are checked for contact with the arm itself, the table and a scene.
-
-Every frame is checked, but not the motion between two frames. The bodies are the hulls that
-planning uses, and touching means nearer than ``TOUCH`` instead of planning's margin: a recording of
-a hand-guided arm may pass close by.
+Contact is looked for in every frame, not between two. Bodies are planning's hulls, without its
+margin: a recording of a hand-guided arm may pass close by.
 """
 
 from __future__ import annotations

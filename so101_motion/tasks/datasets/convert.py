@@ -1,12 +1,8 @@
-"""Convert a data set to other units, or to another calibration.
+"""Convert a data set to other units or another calibration; the model's angles stay the same.
 
-The joint angles of the model stay the same; only the numbers for them change. The new data set is
-made in a temporary folder and moved to its place when it is complete. The source is only read.
-Statistics are recalculated; everything else, including videos and tasks, is copied or linked.
-
-The statistics of an episode are exact. Those of all episodes are combined as LeRobot does it:
-extremes of extremes, means weighted by frames, the variance of all, and quantiles as the weighted
-mean of the episodes' own. Source: ``aggregate_feature_stats`` of LeRobot 0.6.1.
+The source is only read; all but numbers and statistics is copied or linked. Statistics of an
+episode are exact; those of all are combined as LeRobot 0.6.1 does (``aggregate_feature_stats``):
+quantiles, too, are means weighted by frames.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""Read the joints of a LeRobot data set, an episode at a time.
+"""Read the joints of a LeRobot data set, an episode at a time, in the data set's own units.
 
-Only ``action``, ``observation.state``, the times and the counters are read. All numbers are in the
-data set's own units; see ``units``. An episode's arrays have six columns in the order of
-``JOINTS``, whatever order and prefix the data set has.
+Arrays have six columns in the order of ``JOINTS``, whatever order and prefix the data set has.
 """
 
 from __future__ import annotations

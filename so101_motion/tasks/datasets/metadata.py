@@ -1,12 +1,7 @@
 """Read the metadata of a LeRobot data set, in versions 2.0, 2.1 and 3.
 
-Version 3 keeps ``meta/info.json``, ``meta/stats.json``, ``meta/tasks.parquet`` and
-``meta/episodes/chunk-000/file-000.parquet``; its data files hold many episodes each. Version 2.1
-keeps ``meta/info.json``, ``episodes.jsonl``, ``episodes_stats.jsonl`` and ``tasks.jsonl``; each
-episode has a data file of its own. In both, data files are ``data/*/*.parquet``, in the order of
-their names. The path templates in ``info.json`` are untrusted text and are never filled in.
-
-Source: LeRobot 0.6.1, ``lerobot/datasets`` and ``scripts/convert_dataset_v21_to_v30.py``.
+The path templates in ``info.json`` are untrusted text and are never filled in. Source: LeRobot
+0.6.1, ``lerobot/datasets`` and ``scripts/convert_dataset_v21_to_v30.py``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Read and write Parquet files; the only place that uses pyarrow (extra ``dataset``).
 
-Files are not trusted: the sizes that a file declares are checked before any value is read, and only
-the wanted columns are read, a few thousand rows at a time.
+Files are not trusted: sizes that a file declares are checked before any value is read.
 """
 
 from __future__ import annotations

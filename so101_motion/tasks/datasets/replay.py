@@ -1,10 +1,7 @@
 """Replay an episode of a data set on an arm, in the time of the episode.
 
-The path to the first frame is planned. From there the arm follows the recorded angles, a straight
-line between two frames, within its caps and its guard (``control/following.py``): a jump in the
-recording becomes a motion that the caps allow, and the arm stops short of an obstacle or slides
-along it. Time is counted in control periods, so a late period skips nothing. The outcome says how
-far the arm was from the recording.
+After a planned approach the arm follows the recorded angles within its caps and its guard. Time is
+counted in control periods, so a late period skips nothing.
 """
 
 from __future__ import annotations

@@ -1,18 +1,14 @@
 """Convert a data set's numbers between LeRobot's units and angles of the model, and find its units.
 
-Four units are in use, and a data set does not say which one it has:
-
 * ``degrees``: from the middle of each joint's recorded travel, LeRobot's default since January
   2026. It divides a turn into 4095 parts where servos count 4096.
-* ``range``: -100 to 100 over the recorded travel, LeRobot's default from June 2025 until then.
+* ``range``: -100 to 100 over that travel, LeRobot's default from June 2025 until then.
 * ``old``: degrees from the arm stretched out horizontally, shoulder_lift and wrist_roll counting
   the other way round; LeRobot before June 2025.
 * ``model``: degrees with the zero of the robot model; ours.
 
-The jaw is in per cent of its travel in all of them. Each unit is a factor and an offset for each
-joint. For the first two these come from the calibration of the arm that was recorded. If its file
-has no zeros, a travel from stop to stop gives the model's zero; without a file the travels are
-assumed to be from stop to stop.
+The jaw is in per cent of its travel in all of them. Travels that are not known are assumed to be
+from stop to stop.
 """
 
 from __future__ import annotations

@@ -1,19 +1,6 @@
-"""Save and load guided paths as JSON files.
+"""Save and load guided paths as JSON files; ``docs/teleoperation.md`` has an example.
 
-A file looks like this::
-
-    {
-      "schema": "so101/guided-path/1",
-      "recorded_at": "2026-03-01T10:15:00+00:00",
-      "joints": ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"],
-      "time_s": [0.0, 0.04],
-      "q_deg": [[0.0, -20.1, 30.2, 5.0, 0.0], [0.3, -20.1, 30.2, 5.0, 0.0]],
-      "aperture_percent": [40.0, 40.0]
-    }
-
-Degrees have the model's zero; the jaw is in per cent of its travel, and left out for an arm without
-one. ``"encoder_zeros"``, in schema 2, are the zeros of the calibration it was recorded with
-(``common/encoder_zeros.py``). Files are written in one step, so that a crash leaves no half of one.
+Schema 2 has ``"encoder_zeros"``, the zeros of the calibration it was recorded with.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
 """A path that was recorded by hand guiding, and its reduction to few points.
 
-How it is thinned. Between two kept points the arm will go straight, so a stretch may be replaced by
-a straight line if every point of it is near that line, *in the order of the points*: if a hand
-wipes to and fro over one place, the replay must do so too. So each point is compared with the
-farthest place on the line that has been reached until then, not with the nearest. If a point is too
-far off, the worst one is kept and both halves are treated the same way (after Douglas and Peucker,
-1973). The jaw is one more coordinate of the same points, so arm and jaw stay together.
+A straight line may replace a stretch if every point of it is near that line, *in the order of the
+points*: if a hand wipes to and fro over one place, the replay must do so too. So a point is
+compared with the farthest place on the line reached until then (after Douglas and Peucker, 1973).
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Record the path of a guided arm from the snapshots of the I/O thread.
 
-A point is recorded when a joint or the jaw has moved by more than the noise of its encoder, so a
-hand that rests adds no points. The recording ends by itself when manual mode ends: after its time
-limit, with a stop, a motion or a fault. The path until then is kept.
+A hand that rests adds no points. The recording ends by itself when manual mode ends.
 """
 
 from __future__ import annotations

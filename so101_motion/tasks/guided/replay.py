@@ -1,15 +1,11 @@
 """Plan the replay of a guided path completely, before anything moves.
 
-The hand's own timing is not replayed. The path is thinned (``path.py``) and cut where the arm stood
-and only the jaw moved, where a jaw that had closed begins to open, and at both ends of a stretch on
-which the jaw leads, that is, needs much longer than the arm. The part between two cuts is a *leg*.
-The planner times it, as fast as the caps allow and without stopping at its points, and checks it
-for contact like any plan. Two fifths of the tolerance are for the thinning, two fifths for rounding
-the corners, and an arm that stays within the last fifth counts as standing. So does one that stays
-within the tolerance where the jaw leads, because a hand that closes the jaw nudges the arm.
-
-The jaw moves with the arm: its aperture depends on where on its leg the arm is, not on time. A leg
-on which the jaw would have to be too fast is slowed down. See ``run.py``.
+The hand's own timing is not replayed. The thinned path is cut where the arm stood and only the jaw
+moved, where a jaw that had closed begins to open, and at both ends of a stretch on which the jaw
+needs much longer than the arm. Each part, a *leg*, is planned as one motion; its jaw's aperture
+depends on where the arm is. Two fifths of the tolerance are for thinning, two for rounding corners;
+an arm that stays within the last fifth stands, and where the jaw leads within all of it, because a
+hand that closes the jaw nudges the arm.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Run a planned replay: one motion of the arm, and a jaw that moves with it.
 
-On a leg the jaw follows the aperture that belongs to the arm's present setpoint. So a stop of the
-arm stops the jaw, and if the arm is late, so is the jaw. The jaw grips an object that it closes on
-and holds it until the path opens it again.
+The jaw follows the aperture of the arm's present setpoint: both stop together. It grips an object
+that it closes on and holds it until the path opens it again.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Teaching a path as an operation: record it by hand, keep it, plan its replay, replay it.
 
-A recording is saved when it ends: by a command, by leaving manual mode, when its time is up, or
-when the operation is closed. A path that could not be saved is kept for the next try.
+A recording is saved whenever it ends; one that could not be saved is kept for the next try.
 """
 
 from __future__ import annotations

@@ -1,29 +1,7 @@
-"""Save and load programs as JSON files.
+"""Save and load programs as JSON files; ``docs/cell.md`` has an example.
 
-A file looks like this, with ``"arm"`` for the only arm of a program for one::
-
-    {
-     "schema": "so101/program/3",
-     "rounds": 3,
-     "steps": [
-      {"left": {"name": "aside", "q_deg": [40, -40, 35, 60, 0], "pass": true}},
-      {"left": {"name": "over the mug", "q_deg": [10, -40, 35, 60, 0], "aperture_percent": 80}},
-      {"left": {"q_deg": [25, -20, 30, 70, 0], "aperture_percent": 0, "pause_s": 0.5},
-       "right": {"q_deg": [40, -40, 35, 60, 0], "speed_percent": 40}}
-     ]
-    }
-
-Arms that are named in the same step move together, in one motion that they begin and end together.
-Then their jaws move and they pause, and the next step begins when all are done. An arm that moves
-alone stops at each waypoint, unless that is to be passed and it moves on alone.
-
-``"loops": [{"from": 2, "to": 3, "times": 4}]`` repeats the second and third step four times before
-the program goes on; a loop may lie inside one other. ``"rounds": "endless"`` runs it until it is
-stopped; without ``aperture_percent`` the jaw stays as it is. ``"arms": {"left": {"encoder_zeros":
-...}}`` are the zeros of the arms' calibrations (``encoder_zeros.py``).
-
-Files of before are read as well: those of one arm had ``"waypoints"``, and its ``"encoder_zeros"``
-beside them; those of several arms had another schema.
+A program of one arm names it ``"arm"``. Files of before are read as well: those of one arm had
+``"waypoints"``, and its ``"encoder_zeros"`` beside them; those of several had another schema.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """A program of one arm or several as an immutable value, with the edits of it.
 
-Each step has a waypoint for every arm that moves, by the arm's name; the only arm of a program for
-one is called ``ARM``. An index counts from 0, a number in messages from 1.
+An index counts from 0, a number in messages from 1.
 """
 
 from __future__ import annotations

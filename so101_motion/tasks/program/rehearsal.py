@@ -1,14 +1,9 @@
 """Plan a whole program before any of it moves.
 
-A *leg* leads from one stop to the next, through the waypoints that are passed between them and with
-the jaws as the stop before leaves them; the arms that it does not name stand still. The first leg
-starts where the arms are. Rounds and loops add the legs back to where they begin, and legs on which
-a jaw is different the second time, so every motion is planned. A leg that cannot be planned is
-refused here, with the name of its step.
-
-How a leg with passed waypoints is planned. The path to each of them is searched like any other,
-around obstacles. All these paths in a row are one path, along which the planner makes one motion
-that may be ``PASSING`` off it. If a corner cannot be rounded without contact, the arm stops there.
+A *leg* leads from one stop to the next; arms that it does not name stand still. Rounds and loops
+add the legs back to where they begin, and those on which a jaw is different the second time. The
+path to each passed waypoint is searched like any other; all of them in a row are one path for one
+motion, which may be ``PASSING`` off it. If a corner cannot be rounded, the arm stops there.
 """
 
 from __future__ import annotations

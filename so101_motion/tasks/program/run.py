@@ -1,8 +1,6 @@
 """Run a rehearsed program: one motion of each arm from its start to its end, pauses included.
 
-The rehearsed plans are played as they are. Only if a jaw has gripped something, so that it is not
-where the plan assumed, the next leg is planned again from the present state. If something else
-moves an arm meanwhile, the run ends.
+Plans are played as they are. If a jaw has gripped something, the next leg is planned again.
 """
 
 from __future__ import annotations

@@ -1,14 +1,8 @@
 """Run a sweep: hand out its shards, write the results, and resume where an earlier run ended.
 
-How it works. An executor of ``concurrent.futures`` computes; only this process writes. So workers
-need no common file system, and nothing is written twice. A few shards more than there are workers
-are under way at any time, which keeps all of them busy and bounds memory. An interruption leaves
-only whole shards behind: the same sweep into the same folder computes only those that are missing.
-
-- A shard that fails is recorded with the reason and the others go on; the next run tries it again.
-- A worker process that dies (``kill -9``, out of memory) is replaced, and its shard runs again.
-- Ctrl-C: no new shards are handed out, those under way end and are written, then the interrupt is
-  raised. If this process is killed, its workers end, too.
+An executor computes; only this process writes, and only whole shards. A shard that fails is
+recorded with the reason; the next run tries it again. A worker process that dies is replaced, and
+its shard runs again. At Ctrl-C shards under way end and are written.
 """
 
 from __future__ import annotations

@@ -1,17 +1,8 @@
-"""The folder of a sweep: a manifest with its parameters, and one file a shard.
+"""The folder of a sweep: ``sweep.json``, its manifest, and ``shards/000000.npz``, one file a shard.
 
-::
-
-    ATLAS/sweep.json          parameters of the sweep; its progress; the SHA-256 of its result
-    ATLAS/shards/000000.npz   arrays by name
-
-A shard's file is there whole or not at all, so the files themselves are the list of finished
-shards, and a process that is killed at any moment leaves nothing to repair. Shards are npz: numpy
-reads and writes them without another dependency, types and shapes are kept, and each array has a
-checksum. (Parquet would need pyarrow, and no tables are joined here.)
-
-The SHA-256 of the result is made from the arrays, not from the bytes of the files, so that another
-version of the compressor does not change it.
+A shard's file is there whole or not at all, so the files are the list of finished shards. The
+SHA-256 of the result is made from the arrays, not from the files' bytes, so that another version of
+the compressor does not change it.
 """
 
 from __future__ import annotations

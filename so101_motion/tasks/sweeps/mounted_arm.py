@@ -1,13 +1,8 @@
 """Find the configurations of a mounted arm at a task's poses, and the fastest cycle through them.
 
-*Choice.* All configurations at each pose that keep the tolerances and the joint limits, are free of
-contact and can be held by the servos.
-
-*Bound.* No motion takes less time than the joint that turns farthest, so the cheapest cycle with
-such times takes less than any plan.
-
-*Plan.* The legs of the cheapest cycle are planned, and their real durations replace the bounds.
-This is repeated with the cycle that is then the cheapest, until all its legs are planned.
+No motion takes less time than the joint that turns farthest: such times bound any plan. The legs of
+the cheapest cycle are planned, their durations replace the bounds, and so on until all legs of the
+cheapest are planned.
 """
 
 from __future__ import annotations

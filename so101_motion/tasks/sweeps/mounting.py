@@ -1,8 +1,6 @@
 """The lattice of positions where a base may be mounted, and the scene as seen from a base.
 
-The lattice has x, y, z and the turn about the base's own z axis. A search begins with every eighth
-step of it (``COARSE``) and ends with single steps. The cell's frame is that of
-``placement_task.py``.
+It has x, y, z and the turn about the base's own z axis, in the cell of ``placement_task.py``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Judge where an arm may be mounted for a task: reach, cycle time, clearance and torque left.
-
-Bases are screened first, which gives bounds, then the promising ones are planned; see
-``mounted_arm.py``. ``placement.py`` decides which are promising.
-"""
+"""Judge where an arm may be mounted for a task: reach, cycle time, clearance and torque left."""
 
 from __future__ import annotations
 

@@ -1,11 +1,8 @@
 """Find the bases from which a task is done best: screen, plan the promising ones, refine.
 
-How it works. The first round screens a coarse lattice of bases. Screening gives a bound that no
-plan can beat (``mounted_arm.py``), so bases are planned in the order of their bounds, until the
-next bound is no better than the tenth best planned base. Each of the ten best is then refined: its
-neighbours at half the distance are screened, the promising ones are planned, and the best of them
-takes its place, a few times; then at a quarter of the distance, and at an eighth. None of the ten
-lies next to a better one. The result does not depend on the number of workers.
+Bases of a coarse lattice are planned in the order of their bounds, until the next bound is no
+better than the tenth best base. Then each of the ten moves to better neighbours, at ever smaller
+distances. None of them lies next to a better one.
 """
 
 from __future__ import annotations

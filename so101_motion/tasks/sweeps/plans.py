@@ -1,12 +1,8 @@
-"""Sweep that plans many random motions as a data set.
+"""Sweep that plans many random motions as a data set, with LeRobot's names and units.
 
-A random problem is two configurations that are free of contact and that the servos can hold. The
-result depends only on the seed and the problem's number. So a search ends after an amount of work,
-not after a time, which would depend on the computer's load; and each shard begins with a fresh
-planner, because the work is counted in batches that continue from plan to plan.
-
-Joints have LeRobot's names and units: degrees from the middles of the travels, per cent for the
-gripper.
+The result depends only on the seed and the problem's number. So a search ends after an amount of
+work, not after a time, and each shard begins with a fresh planner, which counts work in batches
+that continue from plan to plan.
 """
 
 from __future__ import annotations

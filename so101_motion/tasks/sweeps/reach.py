@@ -1,13 +1,8 @@
 """Sweep that computes which points of a grid the arm reaches, and how well.
 
-At each point a fan of configurations is checked: pitches all around (or, with an approach, the one
-that it needs), a few rolls, the pan from the front and from the back, the elbow up and down. Those
-within the joint limits and free of contact are counted, and the best of them is stored with its
-figures. "Best" means, in this order: the servos can hold it, farther from contact (in steps,
-``STEPS``), more torque left. The stored clearance is exact for that configuration.
-
-The grid's points are whole multiples of the spacing in the base frame, so that atlases of different
-size share their points.
+The best of a point's free configurations is stored: the servos can hold it, farther from contact
+(in ``STEPS``), more torque left, in this order. Points are whole multiples of the spacing in the
+base frame, so that atlases of different size share them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The interface of a sweep, and a function that computes one shard of it.
 
-A sweep is a frozen dataclass of numbers, text and tuples, so that it can be sent to any process on
-any computer. Live objects are made from it where the work is done, once a thread. The content of a
-shard depends only on the sweep and the shard's number.
+A sweep is plain data, so that it can be sent to any process on any computer; models are made from
+it there, once a thread. The content of a shard depends only on the sweep and its number.
 """
 
 from __future__ import annotations

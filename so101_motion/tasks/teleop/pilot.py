@@ -1,9 +1,4 @@
-"""Compute the follower's target in every period, from predictor, mirror and gate.
-
-The predictor gives the leader's expected angles, the mirror maps them to the follower's, the gate
-decides whether it may go there. A follower of this process asks before each setpoint; for an arm of
-another module, ``teleop_remote`` asks.
-"""
+"""Compute the follower's target in every period, from predictor, mirror and gate."""
 
 from __future__ import annotations
 

@@ -1,15 +1,8 @@
 """Predict where the guided leader will be a moment from now, with a Kalman filter per joint.
 
-A measurement is up to a period old when it is used, the follower's servos react to a goal some
-30 ms after it was sent, and it takes time to tell motion from noise. Prediction makes up for all of
-that.
-
-A Kalman filter per joint estimates angle, velocity and acceleration. It models a hand's
-acceleration as one that changes at random (``JERK``) and decays within ``LASTING``, as in Singer's
-model of a manoeuvring vehicle. A joint that rests is not predicted but taken to stay where it is
-(``WAVER``).
-
-One thread adds measurements, another one asks; the result is replaced whole.
+It makes up for the age of a measurement and the lag of the servos. A hand's acceleration changes at
+random (``JERK``) and decays within ``LASTING``, as in Singer's model of a manoeuvring vehicle. A
+joint that rests stays where it is (``WAVER``). One thread adds measurements, another asks.
 """
 
 from __future__ import annotations

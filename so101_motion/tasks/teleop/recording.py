@@ -1,22 +1,7 @@
 """Record both arms of a teleoperation: MCAP for viewers, CSV for learning.
 
-**MCAP** has ROS 2 messages, ``sensor_msgs/msg/JointState``, radians with the zero of the model:
-``joint_states`` as measured and ``joint_commands`` as commanded, of ``/leader`` and ``/follower``.
-The commands of a limp leader are its measured angles. The jaw is the sixth joint, as a share of its
-travel, 0 to 1. The efforts are the share of its drive that each servo uses, -1 to 1, as the servos
-report it ten times a second. ``/follower/state`` (``std_msgs/msg/String``) is the phase of the
-follower. Times are the wall clock's, to match those of cameras.
-
-**CSV** holds the joint part of a LeRobot data set under LeRobot's own names and in its own units:
-``action.shoulder_pan.pos`` is the leader, ``observation.state.shoulder_pan.pos`` the follower as
-measured, in degrees from the middle of the joint's recorded travel (LeRobot with
-``use_degrees=True``), the gripper in per cent. An action is the target that the leader gave the
-follower, in the follower's angles, also with mirror and scale. ``frame_index`` counts from 0
-without gaps and ``timestamp`` is ``frame_index / fps``, as LeRobot needs it. Further columns are
-ours: the leader's own angles, goals and loads of both, such as ``leader.shoulder_pan.load``, and
-``state``: rows in which the follower does not mirror are not actions.
-
-Rows come from an I/O thread, which must not wait for a disk, so another thread writes them.
+``docs/teleoperation.md`` has the columns and topics. Rows come from an I/O thread, which must not
+wait for a disk, so another thread writes them.
 """
 
 from __future__ import annotations

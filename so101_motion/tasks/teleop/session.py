@@ -1,14 +1,9 @@
 """Run a teleoperation from start to stop, and handle the loss of either side.
 
-How it works. The leader's I/O thread pushes every measurement into the predictor; the follower's
-asks the pilot for its next target. That is enough while all goes well, so a session has no loop of
-its own: the follower calls ``look`` in every period. What ``look`` finds to do (start to follow,
-resume after a fault, stop) is done by one worker thread, step by step, because it may take a while.
-
-When a motion of the follower ends, the reason decides what comes next. After a fault, a blocked
-joint or a servo's alarm the session goes on, and the follower starts again when it can be reached
-and the leader has been brought back to it. After a stop, or a motion that another caller asked for,
-the session is over.
+Measurements go to the predictor, and the follower asks the pilot, on their I/O threads. The
+follower calls ``look`` in every period; one worker thread does what that finds to do. After a fault
+the session goes on when the leader has been brought back; a stop, or a motion that another caller
+asked for, ends it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""The two sides of a teleoperation: the leader and the follower.
-
-``Leader`` and ``Follower`` are the interfaces that a session needs; ``LocalLeader`` and
-``LocalFollower`` are arms of this process. For arms of other modules see
-``viam/models/teleop_remote.py``.
-"""
+"""The two sides of a teleoperation: the interfaces, and arms of this process."""
 
 from __future__ import annotations
 
