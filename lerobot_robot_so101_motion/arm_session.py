@@ -57,11 +57,8 @@ BEARS = 0.1
 """A joint that carries less torque than this stays in place when it is released [N m]; chosen,
 below the friction of a servo."""
 
-REST_WITHIN = 10.0
-"""How long to wait for a stop [s]; it takes less than a second."""
-
-PARKED_WITHIN = 60.0
-"""How long to wait for the motion to the park pose [s]; chosen."""
+REST_WITHIN = 10.0  # how long to wait for a stop [s]; it takes less than a second
+PARKED_WITHIN = 60.0  # how long to wait for the motion to the park pose [s]; chosen
 
 Waiter = Callable[["Future[None]", float], None]
 """Waits until a future is done, at most for so long [s]; raises the future's error."""
@@ -259,9 +256,7 @@ class ArmSession:
     def _note(self, error: BaseException) -> None:
         self._trouble = str(error)
         _log.warning(
-            "%s. The arm holds until a target is at most %.0f deg away",
-            error,
-            to_deg(GATE),
+            "%s. The arm holds until a target is at most %.0f deg away", error, to_deg(GATE)
         )
 
     def _aim_jaw(self, aperture: float) -> float:

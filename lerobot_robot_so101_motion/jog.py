@@ -27,8 +27,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 
 _log = logging.getLogger(__name__)
 
-JAW_RATE = 0.6
-"""Speed of the jaw, as share of its travel [1/s]; chosen."""
+JAW_RATE = 0.6  # speed of the jaw, as share of its travel [1/s]; chosen
 
 CATCH_UP = 0.1
 """Most time that an action covers [s]: after a longer pause of the loop the tool does not catch up;
@@ -44,9 +43,7 @@ from where an arm that waits follows again."""
 CAPS = MotionLimits.uniform(velocity=to_rad(120.0), acceleration=to_rad(300.0), jerk=100.0)
 """Caps of the joints while the tool moves, unless the arm's are lower. Chosen."""
 
-LOG_EVERY = 1.0
-"""How often the log says what holds the tool back [s]; chosen."""
-
+LOG_EVERY = 1.0  # how often the log says what holds the tool back [s]; chosen
 _HELD_BELOW = 0.5  # share of the wanted speed; below it the log says what holds the tool back
 
 

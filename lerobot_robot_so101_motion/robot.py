@@ -36,8 +36,7 @@ _log = logging.getLogger(__name__)
 TAKEN = tuple(f"{joint}.taken" for joint in JOINTS)
 """The keys of an observation for the target that the arm followed last."""
 
-LOG_EVERY = 1.0
-"""How often the log says that targets are changed or ignored [s]; chosen."""
+LOG_EVERY = 1.0  # how often the log says that targets are changed or ignored [s]; chosen
 
 
 class SO101Motion(SO101Device, Robot):

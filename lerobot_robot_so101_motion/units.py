@@ -16,8 +16,7 @@ from so101_motion.tasks.datasets.units import DEGREES, RANGE, units_of
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 """LeRobot's names of the six motors are ours, in the same order."""
 
-KEYS = tuple(f"{joint}.pos" for joint in JOINTS)
-"""The keys of an action and of an observation."""
+KEYS = tuple(f"{joint}.pos" for joint in JOINTS)  # the keys of an action and of an observation
 
 
 class JointUnits:

@@ -6,8 +6,6 @@ margin: a recording of a hand-guided arm may pass close by.
 
 from __future__ import annotations
 
-import heapq
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
@@ -32,6 +30,7 @@ from so101_motion.tasks.datasets.moments import (
     KINDS,
     MOST,
     TIME,
+    About,
     Moment,
     Moments,
     runs,
@@ -60,7 +59,6 @@ class _Stretch(NamedTuple):
     """Frames of an episode in contact; the longer counts as the worse until depths are known."""
 
     frames: int
-    order: int
     episode: int
     of: str
     first: int
@@ -80,7 +78,6 @@ class ContactCheck:
         scene = replace(scene or Scene(), margin=TOUCH)
         self._collision = CollisionModel(RobotModel.load(), scene)
         self._longest: list[_Stretch] = []
-        self._order = itertools.count()
 
     def check(self, episode: Episode, of: str, q: Array) -> None:
         """Check the angles of an episode, shape (n, 6), [rad]; frames with NaN are left out."""
@@ -88,41 +85,25 @@ class ContactCheck:
         touching = np.zeros(len(q), dtype=bool)
         touching[known] = self._collision.touching(q[known, :5], q[known, 5])
         for first, last in runs(touching):
-            frames = last - first + 1
-            if len(self._longest) >= MOST and frames <= self._longest[0].frames:
-                self._moments.count(CONTACT, 1, frames)
-                continue
             looks = tuple(sorted(set(np.linspace(first, last, _LOOKS).astype(int).tolist())))
-            found = _Stretch(
-                frames, -next(self._order), episode.index, of, first, looks, q[list(looks)]
-            )
-            heapq.heappush(self._longest, found)
-            if len(self._longest) > MOST:
-                self._moments.count(CONTACT, 1, heapq.heappop(self._longest).frames)
+            found = _Stretch(last - first + 1, episode.index, of, first, looks, q[list(looks)])
+            self._longest.append(found)
+        self._longest.sort(key=lambda each: -each.frames)
+        for each in self._longest[MOST:]:
+            self._moments.count(CONTACT, 1, each.frames)
+        del self._longest[MOST:]
 
     def finish(self) -> None:
         """Measure how deep the longest contacts are, and add them to the moments."""
-        for each in sorted(self._longest, key=lambda each: each.order, reverse=True):
-            seconds = each.frames / self._fps
+        for each in self._longest:
             clearances = [self._collision.clearance(q[:5], float(q[5])) for q in each.q]
             k = int(np.argmin([found.distance for found in clearances]))
-            found, frame = clearances[k], each.looks[k]
+            found, last = clearances[k], each.first + each.frames - 1
             self._moments.add(
-                Moment(
-                    kind=CONTACT,
-                    episode=each.episode,
-                    frame=frame,
-                    t=frame / self._fps,
-                    first=each.first,
-                    last=each.first + each.frames - 1,
-                    of=each.of,
-                    what=f"{found.first}, {found.second}",
-                    value=to_mm(max(-found.distance, 0.0)),
-                    limit=to_mm(_DEEP),
-                    unit="mm",
-                    sentence=f"{each.of}: {found.message('is')}, for {seconds:.1f} s",
-                )
-            )
+                About(CONTACT, each.of, f"{found.first}, {found.second}", to_mm(_DEEP), "mm"),
+                each.episode, each.first, last, each.looks[k], to_mm(max(-found.distance, 0.0)),
+                f"{each.of}: {found.message('is')}, for {each.frames / self._fps:.1f} s",
+            )  # fmt: skip
         self._longest.clear()
 
 
@@ -209,7 +190,8 @@ def check_data_set(
     """
     verdict, guess, doubts = meaning(data_set, units, calibration)
     meant, is_known = units_of(verdict.kind, calibration), verdict.certainty != UNKNOWN
-    moments, fps = Moments(), data_set.metadata.fps
+    fps = data_set.metadata.fps
+    moments = Moments(fps)
     anywhere = np.full(5, np.inf)
     joints = JointCheck(
         moments,
@@ -264,11 +246,10 @@ def _add_missing_episodes(data_set: DataSet, lengths: Mapping[int, int], moments
             if after - before == 2
             else (f"episodes {before + 1} to {after - 1} are")
         )
-        moments.add(Moment(
-            kind=TIME, episode=at, frame=frame, t=frame / data_set.metadata.fps, first=frame,
-            last=frame, of="", what="", value=after - before - 1.0, limit=1.0, unit="episodes",
-            sentence=f"{named} missing",
-        ))  # fmt: skip
+        moments.add(
+            About(TIME, "", "", 1.0, "episodes"), at, frame, frame, frame, after - before - 1.0,
+            f"{named} missing",
+        )  # fmt: skip
 
 
 def meaning(

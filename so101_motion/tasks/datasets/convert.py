@@ -14,7 +14,6 @@ import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
 from so101_motion.files import atomic
-from so101_motion.tasks.datasets.data_set import DataSet
+from so101_motion.tasks.datasets.data_set import DataSet, stretches
 from so101_motion.tasks.datasets.metadata import (
     EPISODE_STATS_2,
     EPISODES_3,
@@ -258,10 +257,7 @@ class _Run:
 
     def _keep(self, numbers: Array, rows: Mapping[str, Array]) -> None:
         """Keep converted rows until their episode is over."""
-        cuts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
-        for begin, end in pairwise(cuts):
-            if begin == end:
-                continue
+        for begin, end in stretches(numbers):
             number = int(numbers[begin])
             if number != self._current:
                 self._end_episode()
@@ -346,7 +342,7 @@ class _Run:
                     _copy(path.resolve(), new, link=link and relative.parts[0] != "meta")
         for path in self._folder.rglob("*"):
             if path.is_file():
-                _flush(path)
+                atomic.flush(path)
 
 
 def _copy(path: Path, new: Path, *, link: bool) -> None:
@@ -357,11 +353,3 @@ def _copy(path: Path, new: Path, *, link: bool) -> None:
         except OSError:  # another disk, or a file system without links
             pass
     shutil.copyfile(path, new)
-
-
-def _flush(path: Path) -> None:
-    opened = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(opened)
-    finally:
-        os.close(opened)

@@ -44,8 +44,7 @@ TAKEN = ".taken"
 MOST_OF_EPISODE = 2_000_000
 """Most frames of one episode, 9 hours at 60 a second: it is held in memory. Chosen."""
 
-LARGEST_NUMBER = 1e6
-"""Larger numbers cannot be angles; they count as missing. Chosen."""
+LARGEST_NUMBER = 1e6  # larger numbers cannot be angles; they count as missing. Chosen.
 
 _COUNTERS = ("timestamp", "frame_index", "episode_index")
 _SIDES = ("left_", "right_")
@@ -143,10 +142,7 @@ class DataSet:
         held = 0
         for rows in self._rows():
             numbers = rows[:, 2]
-            cuts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(rows)]
-            for begin, end in pairwise(cuts):
-                if begin == end:
-                    continue
+            for begin, end in stretches(numbers):
                 number = self._number(numbers[begin])
                 if number != current:
                     if current is not None:
@@ -260,6 +256,12 @@ def _places(root: Path, column: str, feature: Feature, side: str) -> tuple[int |
     if len(places) != len(plain):
         raise refusal(root, f'"{column}" has a joint twice')
     return tuple(places.get(prefix + joint) for joint in JOINTS)
+
+
+def stretches(numbers: Array) -> Iterator[tuple[int, int]]:
+    """Where equal numbers begin and end, shape (n,), as first index and the one after the last."""
+    cuts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
+    yield from ((begin, end) for begin, end in pairwise(cuts) if begin < end)
 
 
 def _taken(values: NDArray[np.float64], places: tuple[int | None, ...]) -> Array:

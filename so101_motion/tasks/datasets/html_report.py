@@ -14,9 +14,7 @@ from so101_motion.common.units import to_deg
 from so101_motion.tasks.datasets.check import CheckReport, angles
 from so101_motion.tasks.datasets.moments import CONTACT, KINDS, Moment
 
-MOST_PLOTS = 24
-"""How many moments are drawn; as many more are listed. Chosen."""
-
+MOST_PLOTS = 24  # how many moments are drawn; as many more are listed. Chosen.
 _AROUND = 1.5  # [s] that are drawn before and after a moment
 _MOST_POINTS = 400  # of a line
 _WIDE, _HIGH = 640.0, 210.0  # of a plot [px]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,7 @@ from so101_motion.tasks.datasets.moments import (
     SPEED,
     TIME,
     TRACKING,
-    Moment,
+    About,
     Moments,
     runs,
 )
@@ -98,16 +97,6 @@ class Differences:
         )
 
 
-class _About(NamedTuple):
-    """The fields of ``Moment`` that all moments of one check share."""
-
-    kind: str
-    of: str
-    what: str
-    limit: float
-    unit: str
-
-
 class JointCheck:
     """Checks episodes one after the other.
 
@@ -150,9 +139,9 @@ class JointCheck:
         period, n = 1.0 / self._fps, len(episode)
         if episode.expected is not None and episode.expected != n:
             lack = abs(n - episode.expected)
-            about = _About(TIME, "", "", 1.0, "frames")
+            about = About(TIME, "", "", 1.0, "frames")
             words = f"has {n} frames, but its metadata says {episode.expected}"
-            self._add(episode, about, 0, n - 1, 0, float(lack), words)
+            self._moments.add(about, episode.index, 0, n - 1, 0, float(lack), words)
         if n < 2:
             return
         with np.errstate(invalid="ignore", over="ignore"):
@@ -170,14 +159,14 @@ class JointCheck:
             return f"{1e3 * step[k]:.0f} ms to the next frame; it should be {1e3 * period:.0f}"
 
         size = np.where(np.isfinite(step), np.abs(step), LARGEST_NUMBER)
-        about = _About(TIME, "", "", self._from.gap * period, "s")
+        about = About(TIME, "", "", self._from.gap * period, "s")
         self._add_runs(episode, about, wrong, size, say)
 
     def _check_missing(self, episode: Episode, of: str, q: Array) -> None:
         missing = np.asarray(np.isnan(q if self._has_jaw else q[:, :5]).any(axis=1))
         self._add_runs(
             episode,
-            _About(MISSING, of, "", 1.0, "frames"),
+            About(MISSING, of, "", 1.0, "frames"),
             missing,
             missing.astype(float),
             lambda _, n: f"{of}: {n} frames lack a number, or have one that cannot be an angle",
@@ -194,10 +183,10 @@ class JointCheck:
             turn = ", about a whole turn" if abs(step_deg[k] - 360.0) < 30.0 else ""
             return f"{of}: {joint} jumps by {step_deg[k]:.1f} deg in one frame{turn}"
 
-        self._add_runs(episode, _About(JUMP, of, joint, limit_deg, "deg"), jumps, step_deg, say)
+        self._add_runs(episode, About(JUMP, of, joint, limit_deg, "deg"), jumps, step_deg, say)
         self._add_runs(
             episode,
-            _About(SPEED, of, joint, speed_deg, "deg/s"),
+            About(SPEED, of, joint, speed_deg, "deg/s"),
             fast,
             step_deg * self._fps,
             lambda k, _: f"{of}: {joint} goes at {step_deg[k] * self._fps:.0f} deg/s",
@@ -212,7 +201,7 @@ class JointCheck:
             return f"{of}: {joint} is at {at_deg:.1f} deg, {over_deg[k]:.1f} beyond its travel"
 
         beyond = np.greater(over_deg, limit_deg)
-        self._add_runs(episode, _About(LIMIT, of, joint, limit_deg, "deg"), beyond, over_deg, say)
+        self._add_runs(episode, About(LIMIT, of, joint, limit_deg, "deg"), beyond, over_deg, say)
 
     def _check_frozen(
         self, episode: Episode, i: int, action: Array, state: Array, lag: int
@@ -224,7 +213,7 @@ class JointCheck:
         """
         slack = round(_SLACK * self._fps)
         joint, least = ARM_JOINTS[i], max(round(self._from.frozen_time * self._fps), 2)
-        about = _About(FROZEN, "state", joint, to_deg(self._from.frozen_travel), "deg")
+        about = About(FROZEN, "state", joint, to_deg(self._from.frozen_travel), "deg")
         for first, last in runs(np.abs(np.diff(state)) <= _STILL):
             begin, stood = max(first + slack - lag, 0), last + 2 - first
             part = action[begin : max(last + 2 - slack - lag, 0)]
@@ -237,7 +226,7 @@ class JointCheck:
                     f"state: {joint} stands for {stood / self._fps:.1f} s while the action"
                     f" turns it by {travel_deg:.0f} deg"
                 )
-                self._add(episode, about, first, last + 1, frame, travel_deg, words)
+                self._moments.add(about, episode.index, first, last + 1, frame, travel_deg, words)
 
     def _check_tracking(self, episode: Episode, action: Array, state: Array) -> Tracking | None:
         found, off = tracking(action, state, round(_LONGEST_LAG * self._fps))
@@ -247,7 +236,7 @@ class JointCheck:
         least = max(round(self._from.tracking_time * self._fps), 1)
         lag_ms = 1e3 * lag / self._fps
         for i, joint in enumerate(ARM_JOINTS):
-            about = _About(TRACKING, "", joint, to_deg(self._from.tracking), "deg")
+            about = About(TRACKING, "", joint, to_deg(self._from.tracking), "deg")
             off_deg = to_deg(np.abs(off[:, i]))
             for first, last in runs(np.greater(off_deg, about.limit)):
                 if last - first + 1 < least:
@@ -256,15 +245,15 @@ class JointCheck:
                 words = (
                     f"{joint} is {off_deg[k]:.1f} deg from where it was sent {lag_ms:.0f} ms before"
                 )
-                self._add(
-                    episode, about, first + lag, last + lag, k + lag, float(off_deg[k]), words
+                self._moments.add(
+                    about, episode.index, first + lag, last + lag, k + lag, float(off_deg[k]), words
                 )
         return found
 
     def _add_runs(
         self,
         episode: Episode,
-        about: _About,
+        about: About,
         mask: NDArray[np.bool_],
         value: Array,
         say: Callable[[int, int], str],
@@ -280,31 +269,9 @@ class JointCheck:
             found.append((float(value[k]), k, first, last))
         found.sort(key=lambda each: -each[0])
         for worst, k, first, last in found[:MOST_OF_EPISODE]:
-            self._add(episode, about, first, last, k, worst, say(k, last - first + 1))
+            self._moments.add(about, episode.index, first, last, k, worst, say(k, last - first + 1))
         for *_, first, last in found[MOST_OF_EPISODE:]:
             self._moments.count(about.kind, 1, last - first + 1)
-
-    def _add(
-        self,
-        episode: Episode,
-        about: _About,
-        first: int,
-        last: int,
-        frame: int,
-        value: float,
-        sentence: str,
-    ) -> None:
-        moment = Moment(
-            **about._asdict(),
-            episode=episode.index,
-            frame=frame,
-            t=frame / self._fps,
-            first=first,
-            last=last,
-            value=value,
-            sentence=sentence,
-        )
-        self._moments.add(moment)
 
 
 def tracking(action: Array, state: Array, most: int) -> tuple[Tracking | None, Array]:

@@ -42,13 +42,9 @@ zeros and travels than an SO-101."""
 MOBILE = ("lekiwi", "xlerobot")
 """How the robot types begin that carry SO-101 arms on a base, with no table at their foot."""
 
-MOST_FILES = 100_000
-"""Most data files; version 2.1 has one for each episode. Chosen."""
-
+MOST_FILES = 100_000  # most data files; version 2.1 has one for each episode. Chosen.
 _LARGEST_POINTER = 1024  # [byte], by the specification of Git LFS
-
-VERSIONS = ("v2.0", "v2.1", "v3.0")
-"""The known versions; a later v3 is read like v3.0."""
+VERSIONS = ("v2.0", "v2.1", "v3.0")  # the known versions; a later v3 is read like v3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

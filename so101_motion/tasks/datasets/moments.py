@@ -7,6 +7,7 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +29,7 @@ KINDS = {
 
 _WEIGHT = {kind: 2.0 ** (len(KINDS) - place) for place, kind in enumerate(KINDS)}
 _HALF = 5.0  # so many times the limit gives half of the largest severity; chosen
-
-MOST = 200
-"""How many moments of a kind are kept; the others are counted. Chosen."""
+MOST = 200  # how many moments of a kind are kept; the others are counted. Chosen.
 
 MOST_OF_EPISODE = 50
 """How many moments of a kind and an episode get a sentence; the others are counted. Chosen."""
@@ -69,17 +68,47 @@ class Moment:
         }
 
 
+class About(NamedTuple):
+    """The fields of ``Moment`` that all moments of one check share."""
+
+    kind: str
+    of: str
+    what: str
+    limit: float
+    unit: str
+
+
 class Moments:
     """Collects moments and keeps the worst of each kind."""
 
-    def __init__(self) -> None:
+    def __init__(self, fps: float) -> None:
+        self._fps = fps
         self.counts: Counter[str] = Counter()
         self.frames: Counter[str] = Counter()
         self._kept: dict[str, list[tuple[float, int, Moment]]] = {}
         self._order = itertools.count()
 
-    def add(self, moment: Moment) -> None:
-        """Count a moment, and keep it if it is one of the worst."""
+    def add(
+        self,
+        about: About,
+        episode: int,
+        first: int,
+        last: int,
+        frame: int,
+        value: float,
+        sentence: str,
+    ) -> None:
+        """Count a moment, and keep it if it is one of the worst; arguments as in ``Moment``."""
+        moment = Moment(
+            **about._asdict(),
+            episode=episode,
+            frame=frame,
+            t=frame / self._fps,
+            first=first,
+            last=last,
+            value=value,
+            sentence=sentence,
+        )
         self.count(moment.kind, 1, moment.last - moment.first + 1)
         kept = self._kept.setdefault(moment.kind, [])
         entry = (moment.severity, -next(self._order), moment)  # of equals, the first is kept

@@ -15,11 +15,8 @@ from numpy.typing import NDArray
 from so101_motion.common.errors import ConfigError, clipped
 from so101_motion.tasks.datasets.metadata import refusal, why_broken
 
-ROWS = 8192
-"""Rows that are read at a time."""
-
-MOST_FRAMES = 20_000_000
-"""Most rows of a data file; 90 hours at 60 frames a second. Chosen."""
+ROWS = 8192  # rows that are read at a time
+MOST_FRAMES = 20_000_000  # most rows of a data file; 90 hours at 60 frames a second. Chosen.
 
 MOST_BYTES = 8_000_000_000
 """Largest unpacked size that a file may declare [byte]. Chosen: an episode may hold its images.
@@ -33,18 +30,10 @@ Table = Any  # pyarrow's, which has no types
 def with_vectors(table: Table, name: str, values: NDArray[np.float64]) -> Table:
     """Replace the numbers in a column of lists, shape (n, length); its type stays."""
     arrow, _ = _arrow()
-    place, kind = table.column_names.index(name), table.schema.field(name).type
-    flat = arrow.array(values.ravel(), arrow.float64()).cast(kind.value_type, safe=False)
-    if arrow.types.is_fixed_size_list(kind):
-        column = arrow.FixedSizeListArray.from_arrays(flat, type=kind)
-    else:
-        ends = np.arange(len(values) + 1, dtype=np.int64) * values.shape[1]
-        wide = arrow.types.is_large_list(kind)
-        offsets = arrow.array(ends, arrow.int64() if wide else arrow.int32())
-        column = (arrow.LargeListArray if wide else arrow.ListArray).from_arrays(
-            offsets, flat, type=kind
-        )
-    return table.set_column(place, table.schema.field(name), column)
+    place, field = table.column_names.index(name), table.schema.field(name)
+    flat = arrow.array(values.ravel(), arrow.float64())
+    column = arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+    return table.set_column(place, field, column.cast(field.type, safe=False))
 
 
 def with_lists(table: Table, name: str, rows: Sequence[Sequence[float]]) -> Table:

@@ -25,10 +25,7 @@ from so101_motion.tasks.guided.path import GuidedPath
 SCHEMA = "so101/guided-path/1"
 
 _DECIMALS = 4  # of times in a file [s]
-
-KEPT = 20
-"""How many deleted paths can be restored; chosen, a long one is a file of megabytes."""
-
+KEPT = 20  # how many deleted paths can be restored; chosen, a long one is a file of megabytes
 _DELETED = "deleted"  # the folder beside the paths for those
 
 

@@ -20,9 +20,7 @@ TOLERANCE = np.radians(2.0)
 """How far a joint may be from the recorded path by default [rad]; chosen: a hand trembles by some
 tenths of a degree, and a wider tolerance makes a faster and smoother motion."""
 
-JAW_TOLERANCE = 0.02
-"""The same for the jaw, share of its travel; chosen."""
-
+JAW_TOLERANCE = 0.02  # the same for the jaw, share of its travel; chosen
 _DRAWN = 400  # points at most of the line that is drawn
 _SPACING = np.radians(0.5)  # of the places on a polyline that points are compared with [rad]
 _WINDOW = 120  # places before and after the best one that are looked at: 60 deg; chosen

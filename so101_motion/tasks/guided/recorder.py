@@ -21,15 +21,13 @@ from so101_motion.tasks.guided.path import GuidedPath
 STEP = to_rad(0.25)
 """How far a joint moves between two points [rad]; chosen: not quite three ticks of the encoder."""
 
-JAW_STEP = 0.01
-"""The same for the jaw, share of its travel; chosen."""
+JAW_STEP = 0.01  # the same for the jaw, share of its travel; chosen
 
 REST = 0.1
 """Without a new point for so long the arm rested [s]; chosen. The end of a rest is a point as well,
 so that it is known what moved first."""
 
-MOST = 60_000
-"""The recording ends with so many points, ten minutes of constant motion. Chosen."""
+MOST = 60_000  # the recording ends with so many points, ten minutes of constant motion. Chosen.
 
 _ENDED = {
     Mode.LIMP: "the arm was released",

@@ -16,11 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from so101_motion.common.attributes import (
-    ACCELERATION_RANGE_DEG,
-    SPEED_RANGE_DEG,
-    checked_number,
-)
+from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, checked_number
 from so101_motion.common.errors import MotionError, NotPossibleNow
 from so101_motion.common.modes import LONGEST_GUIDING, Mode
 from so101_motion.common.operation import Input, LocalOperation, Offer, Picture, Started, View
@@ -44,8 +40,7 @@ TAUGHT = (
 GUIDED_FOR = 180.0
 """How long the arm yields to a hand for ``record`` before it holds again by itself [s]; chosen."""
 
-MOST_NAMES = 500
-"""How many saved paths are offered; chosen, more than a person can choose from."""
+MOST_NAMES = 500  # how many saved paths are offered; chosen, more than a person can choose from
 
 _WELCOME = "Press Record a path, then guide the arm by hand."
 _STANDS = (

@@ -14,11 +14,8 @@ from typing import NamedTuple
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import ConfigError
 
-MOST_TIMES = 10_000
-"""Most repetitions of a loop, or of a program that is not endless. Chosen."""
-
-DEEPEST = 2
-"""How many loops a waypoint may be in. Chosen."""
+MOST_TIMES = 10_000  # most repetitions of a loop, or of a program that is not endless. Chosen.
+DEEPEST = 2  # how many loops a waypoint may be in. Chosen.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)

@@ -13,25 +13,12 @@ from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.files.user_storage import checked_name
-from so101_motion.tasks.program.loops import (
-    Loop,
-    Visit,
-    checked_count,
-    checked_loops,
-    round_of,
-)
+from so101_motion.tasks.program.loops import Loop, Visit, checked_count, checked_loops, round_of
 
-ARM = "arm"
-"""The name of the arm in a program of one; nobody has to type it."""
-
-MOST = 2000
-"""How many steps a program may have. Chosen; beyond that it is a path, see ``guided``."""
-
-LONGEST_PAUSE = 3600.0
-"""Longest pause at a waypoint [s]. Chosen."""
-
-SLOWEST = 0.05
-"""Smallest share of the arm's caps that a step may have. Chosen."""
+ARM = "arm"  # the name of the arm in a program of one; nobody has to type it
+MOST = 2000  # how many steps a program may have. Chosen; beyond that it is a path, see ``guided``.
+LONGEST_PAUSE = 3600.0  # longest pause at a waypoint [s]. Chosen.
+SLOWEST = 0.05  # smallest share of the arm's caps that a step may have. Chosen.
 
 
 def check_rounds(rounds: int | None) -> None:
@@ -71,8 +58,7 @@ class Waypoint:
             )
 
 
-Step = Mapping[str, Waypoint]
-"""The waypoints of the arms that move in a step, by their names."""
+Step = Mapping[str, Waypoint]  # the waypoints of the arms that move in a step, by their names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -69,5 +69,4 @@ class Solo:
         self.arm.stop()
 
 
-Arms = Cell | Solo
-"""The arms that a program runs on."""
+Arms = Cell | Solo  # the arms that a program runs on

@@ -1,12 +1,7 @@
 """Sweeps: computations too large for one process, cut into shards that any executor computes."""
 
 from so101_motion.tasks.sweeps.atlas import Atlas, Reach
-from so101_motion.tasks.sweeps.engine import (
-    Progress,
-    SweepResult,
-    WorkerPool,
-    run_sweep,
-)
+from so101_motion.tasks.sweeps.engine import Progress, SweepResult, WorkerPool, run_sweep
 from so101_motion.tasks.sweeps.mounting import FixedArm, Region
 from so101_motion.tasks.sweeps.place import PlaceSweep
 from so101_motion.tasks.sweeps.placement import Base, Placement, find_bases

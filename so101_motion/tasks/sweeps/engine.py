@@ -37,20 +37,14 @@ from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.tasks.sweeps.folder import SweepFolder, combined
 from so101_motion.tasks.sweeps.sweep import Outcome, Sweep, compute, digest
 
-_AHEAD = 3
-"""Shards under way for each worker: one in work, and the next ones. Chosen."""
+_AHEAD = 3  # shards under way for each worker: one in work, and the next ones. Chosen.
 
 _AHEAD_OF_DASK = 4
 """Shards under way for each thread of the cluster. Chosen: some are always on the network."""
 
-_PATIENCE = 10.0
-"""How long a scheduler may take to answer [s]. Chosen."""
-
-_DEATHS = 3
-"""A shard fails when its process has died so often. Chosen."""
-
-_IN_A_ROW = 4
-"""If so many shards in a row get lost, the executor is at fault. Chosen."""
+_PATIENCE = 10.0  # how long a scheduler may take to answer [s]. Chosen.
+_DEATHS = 3  # A shard fails when its process has died so often. Chosen.
+_IN_A_ROW = 4  # if so many shards in a row get lost, the executor is at fault. Chosen.
 
 _KEPT = "; finished shards are kept: run the same sweep into the same folder to go on"
 

@@ -45,8 +45,7 @@ from so101_motion.tasks.sweeps.placement_task import PlacementTask, TaskPose
 from so101_motion.tasks.sweeps.reach import STEPS
 from so101_motion.tasks.sweeps.sweep import NEVER, WorkBudget
 
-MOST = 24
-"""How many configurations of a pose are kept, evenly spread. Chosen."""
+MOST = 24  # how many configurations of a pose are kept, evenly spread. Chosen.
 
 _PITCHES: Array = 2.0 * math.pi / 16 * np.arange(-8.0, 8.0)
 """Pitches that are tried if only the point counts [rad]. Chosen."""
@@ -57,8 +56,7 @@ _ROLLS = np.radians([-90.0, 0.0, 90.0])
 _SHARES = (-0.9, 0.0, 0.9)
 """Tilts of the approach that are tried, as shares of its tolerance. Chosen."""
 
-_EXACT = 1e-5
-"""A configuration whose frame is farther off its point is dropped [m]."""
+_EXACT = 1e-5  # A configuration whose frame is farther off its point is dropped [m]
 
 
 class PoseConfigurations:
@@ -129,8 +127,7 @@ def _spread(q: Array) -> Array:
     return np.asarray(q[np.linspace(0, len(q) - 1, MOST).round().astype(int)])
 
 
-_LOOKS = 100
-"""A leg is given up after so many checkpoints. Chosen: some tenths of a second."""
+_LOOKS = 100  # A leg is given up after so many checkpoints. Chosen: some tenths of a second.
 
 
 class _Legs:
@@ -254,8 +251,7 @@ def cheapest(costs: list[Array], *, closed: bool) -> tuple[float, list[int]]:
     return total, options[:-1] if closed else options
 
 
-CRITERIA = ("time", "clearance", "torque", "robust")
-"""The criteria for comparing bases."""
+CRITERIA = ("time", "clearance", "torque", "robust")  # the criteria for comparing bases
 
 _ROUNDS = 4
 """How often the cheapest cycle from a base is planned at most. Chosen: mostly the first stays."""
@@ -268,14 +264,9 @@ _TORQUE_STEP = 0.05
 """When bases are compared by torque, configurations within this share of the best count as equally
 good. Chosen."""
 
-_LOOKED_AT = 10
-"""Clearance along a motion is measured at every tenth setpoint."""
-
-_FAR = 1.0
-"""Stands for more clearance than is measured [m]."""
-
-_Leg = tuple[int, int, int]
-"""The pose where a leg begins, and the configurations at both its ends."""
+_LOOKED_AT = 10  # clearance along a motion is measured at every tenth setpoint
+_FAR = 1.0  # stands for more clearance than is measured [m]
+_Leg = tuple[int, int, int]  # the pose where a leg begins, and the configurations at both its ends
 
 
 class Choice(NamedTuple):

@@ -17,11 +17,8 @@ from so101_motion.common.geometry import SE3, Array, rot_x, rot_y, rot_z
 from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene, StandingArm
 
-COARSE = 8
-"""The first round uses every so many steps of the lattice. A power of two."""
-
-TABLE = "table"
-"""Name of the table in messages, for an arm that does not stand on it."""
+COARSE = 8  # the first round uses every so many steps of the lattice. A power of two.
+TABLE = "table"  # name of the table in messages, for an arm that does not stand on it
 
 MOUNTS = ("table", "wall", "upside-down")
 """How a base may be mounted: standing, on a wall, hanging from above."""
@@ -29,8 +26,7 @@ MOUNTS = ("table", "wall", "upside-down")
 JITTER, JITTER_TURN = 0.005, math.radians(2.0)
 """How inexactly a base is mounted in practice [m], [rad]."""
 
-_MOST = 100_000
-"""Most bases in the first round. Chosen: some minutes' work."""
+_MOST = 100_000  # most bases in the first round. Chosen: some minutes' work.
 
 _TABLE_SIZE = np.array([3.0, 3.0, 0.05])
 

@@ -21,8 +21,7 @@ from so101_motion.tasks.sweeps.mounting import FixedArm, LatticeIndex, Region
 from so101_motion.tasks.sweeps.placement_task import task_from
 from so101_motion.tasks.sweeps.sweep import Columns
 
-SCREENED, PLANNED = 64, 4
-"""How many bases a shard has. Chosen: some tenths of a second of work."""
+SCREENED, PLANNED = 64, 4  # how many bases a shard has. Chosen: some tenths of a second of work.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,17 +28,13 @@ from so101_motion.tasks.sweeps.mounting import COARSE, LatticeIndex
 from so101_motion.tasks.sweeps.place import Placed, PlaceSweep, Screened
 from so101_motion.tasks.sweeps.placement_task import task_from
 
-BEST = 10
-"""How many bases are kept."""
+BEST = 10  # how many bases are kept
 
 _BATCH = 48
 """How many bases are planned before the bounds are compared again. Chosen: a few seconds' work."""
 
-_BATCHES = 8
-"""Most batches of the first round. Chosen."""
-
-_MOVES = 3
-"""How often a base moves at most at the same distance to its neighbours. Chosen."""
+_BATCHES = 8  # most batches of the first round. Chosen.
+_MOVES = 3  # how often a base moves at most at the same distance to its neighbours. Chosen.
 
 _OF_A_PLACE, _CLOSER = 4, 2
 """How many neighbours of a base are planned before their bounds are compared again, and how often.
@@ -48,8 +44,7 @@ OnStep = Callable[[PlaceSweep], Callable[[Progress], None]]
 """Called with a step before it begins; returns the function that is called with its progress."""
 
 
-_Key = tuple[float, ...]
-"""Sort key of bases; smaller is better."""
+_Key = tuple[float, ...]  # sort key of bases; smaller is better
 
 
 class Base(NamedTuple):

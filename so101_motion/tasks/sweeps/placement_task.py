@@ -49,8 +49,7 @@ SCHEMA = "so101/task/1"
 APPROACH_TOLERANCE = to_rad(10.0)
 """How far the tool's approach may be off by default [rad]. Chosen."""
 
-FRAMES = ("tool", "jaw_tip")
-"""The frames that can be brought to a task's points."""
+FRAMES = ("tool", "jaw_tip")  # the frames that can be brought to a task's points
 
 _ENDLESS = "endless"
 _KNOWN = (

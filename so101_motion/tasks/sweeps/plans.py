@@ -34,8 +34,7 @@ from so101_motion.tasks.sweeps.folder import SweepFolder
 from so101_motion.tasks.sweeps.reach import STEPS
 from so101_motion.tasks.sweeps.sweep import NEVER, Columns, WorkBudget
 
-_SCATTER = 1
-"""Keeps the random numbers of scenes different from those of problems."""
+_SCATTER = 1  # keeps the random numbers of scenes different from those of problems
 
 PROBLEMS = 100
 """How many problems a shard has. Chosen: a second or two of work, some hundred kilobytes."""
@@ -46,11 +45,8 @@ NAMES = tuple(f"{joint}.pos" for joint in (*ARM_JOINTS, GRIPPER_JOINT))
 _LOOKS = 2000
 """A plan is given up after so many checkpoints of the compiled library. Chosen: some seconds."""
 
-_TRIES = 100_000
-"""A scene is refused if so many random configurations are not free. Chosen."""
-
-SOLVED = ""
-"""The value of ``why`` for a problem that has a motion."""
+_TRIES = 100_000  # A scene is refused if so many random configurations are not free. Chosen.
+SOLVED = ""  # the value of ``why`` for a problem that has a motion
 
 
 @dataclass(frozen=True, kw_only=True)

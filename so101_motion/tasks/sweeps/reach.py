@@ -44,14 +44,12 @@ _AT_ONCE = 256
 """Points that are computed together. Chosen: their arrays fit in the caches, and little memory is
 returned to the system each time, which takes a tenth of a Dask worker's time at 1,024."""
 
-PITCHES = 24
-"""Pitches that are tried at a point, all around. Chosen: 15 degrees apart."""
+PITCHES = 24  # pitches that are tried at a point, all around. Chosen: 15 degrees apart.
 
 STEPS = (0.005, 0.01, 0.02, 0.04)
 """Steps of clearance beyond the margins by which configurations are compared [m]. Chosen."""
 
-FINEST, COARSEST = 0.001, 0.2
-"""Bounds of the spacing [m]."""
+FINEST, COARSEST = 0.001, 0.2  # bounds of the spacing [m]
 
 BRANCH_BITS = {("front", True): 1, ("front", False): 2, ("back", True): 4, ("back", False): 8}
 """The bit of each branch: side of the pan, and whether the elbow is up."""

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from so101_motion.common.errors import NoPath, So101Error, clipped
 
-Columns = Mapping[str, NDArray[Any]]
-"""The arrays of a shard by name."""
+Columns = Mapping[str, NDArray[Any]]  # the arrays of a shard by name
 
 
 class Packed(NamedTuple):
@@ -29,8 +28,7 @@ class Packed(NamedTuple):
     digest: str  # the digest of its arrays
 
 
-_LONGEST = 500
-"""How much of an error's message is kept. Chosen."""
+_LONGEST = 500  # how much of an error's message is kept. Chosen.
 
 
 class Sweep(Protocol):
@@ -108,8 +106,7 @@ def digest(columns: Columns) -> str:
     return whole.hexdigest()
 
 
-NEVER = 1e6
-"""A time budget that no search uses up [s]."""
+NEVER = 1e6  # A time budget that no search uses up [s]
 
 
 class WorkBudget:

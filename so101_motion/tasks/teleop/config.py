@@ -22,15 +22,13 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.tasks.teleop.mirror import Mirror
-from so101_motion.tasks.teleop.pilot import FULL_JERK, Pace
+from so101_motion.tasks.teleop.pilot import FULL_JERK, Mirror, Pace
 
 RATE = 100.0
 """How often an arm of another module is read by default [1/s]; the published module's later
 default. Arms of this process run at the rate of their bus."""
 
-FACTOR_RANGE = (0.1, 3.0)
-"""Range of the scale of the leader's motion, in either direction; chosen."""
+FACTOR_RANGE = (0.1, 3.0)  # range of the scale of the leader's motion, in either direction; chosen
 
 
 def _required(given: Attributes, key: str) -> str:

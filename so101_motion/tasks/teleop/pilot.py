@@ -9,21 +9,19 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.clock import Clock
-from so101_motion.common.geometry import Array
+from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.following import APPROACH, GATE
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.tasks.teleop.gate import Gate, Phase
-from so101_motion.tasks.teleop.mirror import Mirror
 from so101_motion.tasks.teleop.predictor import LONGEST, Predictor
 
 HORIZON = 0.006
 """How far ahead the leader is predicted [s]. The driver compensates for the lag of the follower's
 servos itself, because it knows the target's velocity and acceleration."""
 
-JAW_HORIZON = 0.066
-"""The same for the jaw, whose lag is not compensated [s]; by trial."""
+JAW_HORIZON = 0.066  # the same for the jaw, whose lag is not compensated [s]; by trial
 
 LOST_AFTER = 0.05
 """The follower holds when a joint of the leader has not answered for so long [s]. With the period
@@ -36,6 +34,36 @@ chosen."""
 FULL_JERK = 500.0
 """Jerk cap while mirroring [rad/s^3]: full acceleration within two periods. Chosen; a lower one
 makes the follower swing around a hand that trembles."""
+
+
+MIRRORED = ("shoulder_pan", "wrist_roll")
+"""The joints that turn the other way in an upright mirror in front of the arm."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mirror:
+    """Angle of the follower = factor x angle of the leader + offset, joint by joint.
+
+    The jaw needs none: it opens by the same share of its own travel.
+    """
+
+    factors: Array = field(default_factory=lambda: np.ones(5))  # shape (5,)
+    offsets: Array = field(default_factory=lambda: np.zeros(5))  # shape (5,), [rad]
+
+    def __post_init__(self) -> None:
+        for name in ("factors", "offsets"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), (5,)))
+        if not (np.all(np.isfinite(self.factors)) and np.all(np.isfinite(self.offsets))):
+            raise ValueError(f"must be finite, got {self.factors}, {self.offsets}")
+
+    def facing(self) -> Mirror:
+        """This mapping for arms that face each other, as in a mirror."""
+        signs = np.where(np.isin(ARM_JOINTS, MIRRORED), -1.0, 1.0)
+        return Mirror(factors=signs * self.factors, offsets=self.offsets)
+
+    def of(self, q_leader: Array) -> Array:
+        """The follower's angles for the leader's, shapes (5,), [rad]."""
+        return np.asarray(self.factors * q_leader + self.offsets)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

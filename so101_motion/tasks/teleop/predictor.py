@@ -16,15 +16,13 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 
-N = 6
-"""The arm's five joints [rad], and the aperture of the jaw, 0 to 1."""
+N = 6  # the arm's five joints [rad], and the aperture of the jaw, 0 to 1
 
 JERK = 120.0
 """Jerk of a hand that the filter expects [rad/s^3], root mean square. Chosen by trial on reaches of
 up to 350 deg/s^2 with 0.08 deg of tremor: with more it follows the tremor, with less it lags."""
 
-LASTING = 0.2
-"""Time constant with which an acceleration decays [s]; chosen by trial as well."""
+LASTING = 0.2  # time constant with which an acceleration decays [s]; chosen by trial as well
 
 NOISE = to_rad(360.0 / 4096.0) / 12.0**0.5
 """Standard deviation of a measurement [rad]: an encoder tick, evenly distributed."""
@@ -33,18 +31,14 @@ WAVER = 1.6 * to_rad(360.0 / 4096.0)
 """A joint that stays within this [rad] for ``RESTING`` is at rest until it leaves it: an encoder
 that wavers between two or three ticks is not motion. Chosen."""
 
-RESTING = 0.15
-"""How long a joint must have stayed there [s]; chosen."""
-
-LONGEST = 0.15
-"""How far ahead of a measurement a prediction goes at most [s]."""
+RESTING = 0.15  # how long a joint must have stayed there [s]; chosen
+LONGEST = 0.15  # how far ahead of a measurement a prediction goes at most [s]
 
 JUMP = to_rad(15.0)
 """A joint farther than this from its prediction has jumped [rad]. A hand does not do that in 10 ms;
 it was moved while it did not answer, or its calibration has changed. Chosen."""
 
-USUAL = 0.1
-"""After a longer interval a joint may be farther from its prediction [s]; chosen."""
+USUAL = 0.1  # after a longer interval a joint may be farther from its prediction [s]; chosen
 
 
 class Track(NamedTuple):

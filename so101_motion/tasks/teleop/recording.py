@@ -24,17 +24,14 @@ from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg
 from so101_motion.files.trajectory_export import JOINT_STATE, STRING, joint_state, mcap_writer
-from so101_motion.tasks.teleop.side_state import SideState
+from so101_motion.tasks.teleop.sides import SideState
 
 _log = logging.getLogger(__name__)
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 
-FPS = 100.0
-"""Rows a second by default [1/s]: each period of the bus."""
-
-_BACKLOG = 6000
-"""Rows that may wait for the disk, a minute's; further ones are counted and dropped."""
+FPS = 100.0  # rows a second by default [1/s]: each period of the bus
+_BACKLOG = 6000  # rows that may wait for the disk, a minute's; further ones are counted and dropped
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,12 +65,7 @@ class Recorder:
     """
 
     def __init__(
-        self,
-        path: Path,
-        *,
-        epoch: float = 0.0,
-        middles: Array | None = None,
-        fps: float = FPS,
+        self, path: Path, *, epoch: float = 0.0, middles: Array | None = None, fps: float = FPS
     ) -> None:
         if not 0.1 <= fps <= 1000.0:
             raise ConfigError("fps", fps, "must be a number from 0.1 to 1000")

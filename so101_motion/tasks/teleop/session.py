@@ -22,17 +22,14 @@ from so101_motion.common.clock import Clock
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.units import to_deg
 from so101_motion.tasks.teleop.gate import Phase
-from so101_motion.tasks.teleop.mirror import Mirror
-from so101_motion.tasks.teleop.pilot import HORIZON, LOST_AFTER, Pace, Pilot
+from so101_motion.tasks.teleop.pilot import HORIZON, LOST_AFTER, Mirror, Pace, Pilot
 from so101_motion.tasks.teleop.predictor import LONGEST, Predictor
 from so101_motion.tasks.teleop.recording import RecordedSample, Recorder
-from so101_motion.tasks.teleop.side_state import SideState
-from so101_motion.tasks.teleop.sides import Follower, Leader, Side
+from so101_motion.tasks.teleop.sides import Follower, Leader, Side, SideState
 
 _log = logging.getLogger(__name__)
 
-RETRY = 0.5
-"""How long to wait after a failed attempt to follow [s]; chosen."""
+RETRY = 0.5  # how long to wait after a failed attempt to follow [s]; chosen
 
 MISSED = 0.5
 """A period counts as failed when the leader has been silent for this share of ``lost_after``;

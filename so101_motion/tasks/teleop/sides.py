@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +14,7 @@ import numpy as np
 from so101_motion.arm.arm import SCENE
 from so101_motion.arm.gripper import JawFollowing
 from so101_motion.common.errors import Interrupted, NotHolding, So101Error
+from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.control.executor import Channel, Executor
@@ -23,15 +24,28 @@ from so101_motion.rig.rig import Rig
 from so101_motion.tasks.teleop.local_arms import jaw_of
 from so101_motion.tasks.teleop.pilot import Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
-from so101_motion.tasks.teleop.side_state import SideState
 
 _PLACE = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT))}
 
-JAW_APPROACH = 0.2
-"""Share of the jaw's speed until it is near the leader's; chosen."""
+JAW_APPROACH = 0.2  # share of the jaw's speed until it is near the leader's; chosen
+FRESH = 0.05  # an arm answers if its last snapshot is not older than this [s]; chosen, some periods
 
-FRESH = 0.05
-"""An arm answers if its last snapshot is not older than this [s]; chosen, some periods."""
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SideState:
+    """The joints of a side, and what it does."""
+
+    x: Array  # joint angles [rad], and the aperture of the jaw, 0 to 1, shape (6,)
+    x_goal: Array  # their setpoints, likewise; the measured values where nothing is driven
+    # share of full drive of each servo, base to jaw, -1 to 1; empty where not known
+    loads: Sequence[float] = ()
+    needs_recovery: bool = False  # whether there is work to do that takes a moment; see ``recover``
+    is_limp: bool = False  # whether it can be moved by hand
+    is_there: bool = True  # whether it answers
+    is_engaged: bool = False  # whether it follows the pilot
+    # what is in its way, such as ``"the jaw close to the floor"``, as far as it knows
+    held_by: tuple[str, ...] = ()
+    is_gripping: bool = False  # whether the jaw has closed on something, as far as it knows
 
 
 class Side(ABC):

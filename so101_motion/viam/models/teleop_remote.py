@@ -35,8 +35,7 @@ from so101_motion.common.units import to_deg
 from so101_motion.control.following import Approach
 from so101_motion.tasks.teleop.pilot import Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
-from so101_motion.tasks.teleop.side_state import SideState
-from so101_motion.tasks.teleop.sides import Follower, Leader
+from so101_motion.tasks.teleop.sides import Follower, Leader, SideState
 from so101_motion.viam.conversion import convert
 
 _log = logging.getLogger(__name__)

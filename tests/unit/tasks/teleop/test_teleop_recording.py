@@ -6,7 +6,7 @@ import pytest
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.tasks.teleop.recording import JOINTS, RecordedSample, Recorder
-from so101_motion.tasks.teleop.side_state import SideState
+from so101_motion.tasks.teleop.sides import SideState
 
 MIDDLES = np.radians([4.0, -1.0, 0.0, 0.0, 0.0])
 ARMS = ("leader", "follower")
