@@ -78,7 +78,6 @@ def completion(shell: str = argument(click.Choice(tuple(_COMPLETERS)))) -> None:
 
 
 def completed_files(context: object, parameter: object, incomplete: str) -> list[CompletionItem]:
-    """Complete any file."""
     return [CompletionItem(incomplete, type="file")]
 
 
@@ -98,7 +97,6 @@ def completed_ports(
 
 
 def completed_poses(context: object, parameter: object, incomplete: str) -> list[CompletionItem]:
-    """Complete named poses: built in, and the user's own."""
     from so101_motion.common.named_poses import POSES
     from so101_motion.files.saved_poses import SavedPoses
 

@@ -71,7 +71,6 @@ class ErrorText:
 
 
 def parted(error: So101Error) -> ErrorText:
-    """Split ``error`` into its parts."""
     if isinstance(error, (CalibrationError, MotorSetupError)):
         what = f"{error.joint}: {error.reason}" if error.joint else error.reason
         return ErrorText(what=what, advice=error.next_step)
@@ -93,7 +92,6 @@ def parted(error: So101Error) -> ErrorText:
 
 
 def _split(sentence: str) -> tuple[str, str]:
-    """Split the advice from the end of a sentence."""
     found = [*_ADVICE.finditer(sentence)]
     if not found:
         return sentence, ""

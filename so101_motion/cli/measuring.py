@@ -129,7 +129,6 @@ def identify(
 
 
 def _restore_figures(source: Source, as_json: bool) -> None:
-    """Restore the figures that the last identification replaced."""
     from so101_motion.calib.record import servo_file
     from so101_motion.common.errors import CalibrationError
 

@@ -53,7 +53,6 @@ def option(help: str, type: Any = None, default: Any = None, *, name: str = "", 
 
 
 def flag(help: str, *, name: str = "") -> Any:
-    """Declare an option without a value."""
     return option(help, name=name, is_flag=True)
 
 

@@ -38,7 +38,6 @@ class Finite(click.FloatRange):
         return number
 
     def _describe_range(self) -> str:
-        """The bounds in words, for the help and for errors."""
         if self.min is None and self.max is None:
             return ""
         if self.min is None or self.max is None:
@@ -132,12 +131,10 @@ class OutFile(click.Path):
 
 
 def port_option(words: str) -> Any:
-    """The option ``--port``."""
     return option(f"{words} (or SO101_PORT).", PORT, envvar="SO101_PORT")
 
 
 def read_scene(scene: Path | None) -> Scene | None:
-    """The scene in a file; None for no file."""
     from so101_motion.files import scene_file
 
     return None if scene is None else scene_file.read_scene(scene)

@@ -242,7 +242,6 @@ _NUMBERS, _SPARKS = 40, 40  # columns; chosen: together the width of a usual ter
 
 
 def plan_table(plan: Plan) -> str:
-    """A plan as a table for the terminal: travel, peak speed and speed over time per joint."""
     trajectory = plan.trajectory
     travel_deg = to_deg(trajectory.q[-1] - trajectory.q[0])
     peak_deg = to_deg(np.max(np.abs(trajectory.qd), axis=0))

@@ -83,7 +83,6 @@ class _Brief(logging.Formatter):
 
 
 def print_json(kind: str, content: Mapping[str, object]) -> None:
-    """Print one JSON object on stdout, for programs."""
     whole = {"schema": f"so101/{kind}/1", "version": __version__, **content}
     click.echo(json.dumps(whole, indent=2))
     context = click.get_current_context(silent=True)
@@ -100,7 +99,6 @@ def answer(as_json: bool, kind: str, content: Mapping[str, object], text: str) -
 
 
 def has_printed() -> bool:
-    """Whether the verb has printed its JSON object."""
     context = click.get_current_context(silent=True)
     return context is not None and _PRINTED in context.meta
 
@@ -152,7 +150,6 @@ def run_beside(work: Callable[[], T], cancel: Callable[[], None]) -> T:
 
 @contextmanager
 def stops_on_ctrl_c(moving: Arm | Arms) -> Iterator[None]:
-    """On Ctrl-C in this block, stop what moves and wait until it rests."""
     try:
         yield
     except KeyboardInterrupt:

@@ -42,12 +42,10 @@ class _SourceWithCaps:
 
     @property
     def what(self) -> str:
-        """The source in words."""
         raise NotImplementedError
 
     @property
     def title(self) -> str:
-        """The source as a heading."""
         return self.what[:1].upper() + self.what[1:]
 
     def _capped(self, rig: R) -> R:
@@ -181,7 +179,6 @@ class MachineSource(_SourceWithCaps):
         return f"arm of machine {self.address}"
 
     def open(self) -> MachineRig:
-        """Open the arm and its gripper; nothing moves."""
         from so101_motion.viam.client import MachineRig
 
         with busy_message(f"connecting to machine {self.address}"):
@@ -222,16 +219,13 @@ class CellSource:
 
     @property
     def what(self) -> str:
-        """The names of the arms."""
         return ", ".join(each.name for each in self.file.arms)
 
     def open(self) -> CellRigs:
-        """Open all arms."""
         return open_arms(self.file)
 
 
 def open_arms(file: CellFile) -> CellRigs:
-    """Open all arms of a cell; raises as ``open_cell``."""
     from so101_motion.rig.cell_rigs import open_cell
 
     with interrupts.held():

@@ -99,7 +99,6 @@ class Terminal:
             self.say(sentence, **facts)
 
     def show(self, *parts: RenderableType) -> None:
-        """Set the live picture."""
         if self._is_drawn:
             self._live.update(Group(*parts), refresh=True)
 
@@ -160,7 +159,6 @@ def _into(future: Future[T], work: Callable[[], T]) -> None:
 
 
 def sentence(text: str) -> str:
-    """A text with a capital letter at its start and a full stop at its end."""
     return text[:1].upper() + text[1:] + ("" if text.endswith(("?", ".")) else ".")
 
 

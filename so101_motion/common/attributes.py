@@ -59,7 +59,6 @@ class Attribute:
 
     @property
     def without(self) -> str:
-        """The value used when it is not given, as people read it."""
         if self.otherwise:
             return self.otherwise
         if isinstance(self.default, bool):
@@ -100,7 +99,6 @@ class Attributes:
         return self._values.get(key) not in (None, "")
 
     def raw(self, key: str) -> object:
-        """The unchecked value given under ``key``, or None."""
         return self._values.get(key)
 
     @property
@@ -156,7 +154,6 @@ class Attributes:
     def number(
         self, key: str, default: float, *, lower: float, upper: float, unit: str = ""
     ) -> float:
-        """A finite number within bounds."""
         return (
             self.required(key, lower=lower, upper=upper, unit=unit) if self.given(key) else default
         )
@@ -204,7 +201,6 @@ class Attributes:
         return dict(zip(joints, listed, strict=False))
 
     def objects(self, key: str) -> tuple[Mapping[str, object], ...]:
-        """A list of objects; empty when not given."""
         wanted = 'must be a list of objects, [{"name": "mug", ...}]'
         return tuple(self._checked(key, (), lambda v: _is_list(v, Mapping), wanted))
 
@@ -216,12 +212,10 @@ class Attributes:
         return found
 
     def text(self, key: str, default: str) -> str:
-        """A string."""
         found: str = self._checked(key, default, lambda v: isinstance(v, str), "must be a string")
         return found
 
     def names(self, key: str) -> tuple[str, ...]:
-        """A list of any names; empty when not given."""
         return tuple(self._checked(key, (), lambda v: _is_list(v, str), "must be a list of names"))
 
     def choice(self, key: str, options: tuple[str, ...]) -> str:

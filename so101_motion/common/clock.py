@@ -55,20 +55,16 @@ class MonotonicClock:
     """The real time."""
 
     def now(self) -> float:
-        """Seconds of the system's monotonic clock."""
         return time.monotonic()
 
     def attend(self) -> AbstractContextManager[None]:
-        """Nothing to do: real time passes for everybody."""
         return nullcontext()
 
     def wait(self, until: float, wake: threading.Event) -> None:
-        """See ``Clock.wait``."""
         wake.wait(max(0.0, until - time.monotonic()))
         wake.clear()
 
     def join(self, thread: threading.Thread) -> None:
-        """See ``Clock.join``."""
         thread.join()
 
 
@@ -96,7 +92,6 @@ class ManualClock:
         self._end = -math.inf  # until when a thread may go on by itself
 
     def now(self) -> float:
-        """The time that the clock shows [s]."""
         return self._now
 
     def advance(self, dt: float) -> None:
@@ -125,7 +120,6 @@ class ManualClock:
 
     @contextmanager
     def attend(self) -> Iterator[None]:
-        """See ``Clock.attend``."""
         me = threading.current_thread()
         with self._changed:
             self._threads[me] = None
@@ -257,6 +251,5 @@ class Metronome:
         return now >= self.deadline - _EPSILON
 
     def advance(self) -> None:
-        """Go on to the next tick."""
         self.k += 1
         self.missed = 0

@@ -50,7 +50,6 @@ class SE3:
 
     @classmethod
     def identity(cls) -> SE3:
-        """The transform that changes nothing."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
@@ -101,7 +100,6 @@ class SE3:
 
     @property
     def inverse(self) -> SE3:
-        """The transform that undoes this one."""
         return SE3(self.R.T, -self.R.T @ self.p)
 
     @overload
@@ -219,5 +217,4 @@ def quaternion_wxyz(R: Array) -> Array:
 
 
 def is_finite(values: Any) -> bool:
-    """Whether every number in ``values`` is finite."""
     return bool(np.all(np.isfinite(values)))

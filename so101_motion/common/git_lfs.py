@@ -5,5 +5,4 @@ PULL = "run git lfs pull"
 
 
 def is_pointer(data: bytes) -> bool:
-    """Whether a file begins as a pointer does."""
     return data.startswith(b"version https://git-lfs")

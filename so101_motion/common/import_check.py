@@ -89,7 +89,6 @@ def first_failure(names: Iterable[str]) -> ImportError | None:
 
 
 def main(extras: list[str]) -> int:
-    """Import what the installation with these extras needs; return the exit code."""
     added = [name for extra in extras for name in NEEDED_BY_EXTRA.get(extra, ())]
     error = first_failure((*NEEDED, *added))
     if error is None:

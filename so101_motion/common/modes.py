@@ -85,7 +85,6 @@ TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
 
 
 def can(mode: Mode, event: Event) -> bool:
-    """Whether ``event`` is allowed in ``mode``."""
     return (mode, event) in TRANSITIONS
 
 
@@ -99,7 +98,6 @@ _REFUSALS = {
 
 
 def refusal(mode: Mode, event: Event) -> str:
-    """Say that ``event`` is not allowed in ``mode``, and what to do first."""
     first = "leave manual mode first" if mode is Mode.GUIDING else "stop it or wait until it rests"
     return f"{_REFUSALS[event]} while the arm is {mode.value}; {first}"
 

@@ -111,12 +111,10 @@ class View:
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     def offer(self, command: str) -> Offer | None:
-        """The first offer of a command; None if it is not offered."""
         return next((offer for offer in self.offers if offer.command == command), None)
 
     @property
     def cancel(self) -> Offer | None:
-        """The offer that undoes everything; None if nothing has to be undone."""
         return next((offer for offer in self.offers if offer.cancels), None)
 
 
@@ -194,7 +192,6 @@ class LocalOperation(Operation):
         self.said = (*self.said, new)[-_MOST_SAID:]
 
     def ask(self, command: str, /, **arguments: Any) -> Mapping[str, Any]:
-        """Carry out a command; see ``Operation.ask``."""
         answer = self.begin(command, **arguments)
         if isinstance(answer, Started):
             answer.future.result()
@@ -216,12 +213,10 @@ class LocalOperation(Operation):
 
 
 def arguments_of(command: Command) -> Mapping[str, inspect.Parameter]:
-    """The arguments of a command."""
     return inspect.signature(command, eval_str=True).parameters
 
 
 def _read(given: Attributes, key: str, one: inspect.Parameter) -> Any:
-    """The value of one argument, checked."""
     if not given.given(key):
         if one.default is one.empty:
             raise ConfigError(key, None, "is missing")

@@ -52,7 +52,6 @@ class RemoteOperation(Operation):
         return self._view
 
     def ask(self, command: str, /, **arguments: Any) -> Json:
-        """Carry out a command over there; raises what the request raises."""
         try:
             answer = self._send({**self._request, "ask": command, "arguments": arguments})["answer"]
             return msgspec.json.decode(answer, type=dict[str, Any])

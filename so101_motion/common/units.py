@@ -15,22 +15,18 @@ _DEG = math.pi / 180.0
 
 
 def to_rad(angle_deg: FloatOrArray) -> FloatOrArray:
-    """Radians from degrees."""
     return angle_deg * _DEG
 
 
 def to_deg(angle: FloatOrArray) -> FloatOrArray:
-    """Degrees from radians."""
     return angle / _DEG
 
 
 def to_m(length_mm: FloatOrArray) -> FloatOrArray:
-    """Metres from millimetres."""
     return length_mm / 1000.0
 
 
 def to_mm(length: FloatOrArray) -> FloatOrArray:
-    """Millimetres from metres."""
     return length * 1000.0
 
 

@@ -39,7 +39,6 @@ def folder() -> Path:
 
 
 def newest() -> tuple[Path, ...]:
-    """List the records, the newest first."""
     try:
         found = folder().glob("*.json")
     except ConfigError:
@@ -82,7 +81,6 @@ class FailureRecorder:
         self._writing.start()
 
     def close(self) -> None:
-        """Wait until everything is written."""
         if self._writing is not None:
             self._writing.join()
 

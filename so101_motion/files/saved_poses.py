@@ -77,7 +77,6 @@ class SavedPoses:
         return pose
 
     def rename(self, name: str, new: str) -> None:
-        """Rename the user's own pose ``name``; it keeps its place."""
         new = _free_name(new)
         with self._changing() as poses:
             _refuse_missing(poses, name)
@@ -88,13 +87,11 @@ class SavedPoses:
             poses.update((pose.name, pose) for pose in renamed)
 
     def delete(self, name: str) -> None:
-        """Delete the user's own pose ``name``."""
         with self._changing() as poses:
             _refuse_missing(poses, name)
             del poses[name]
 
     def file(self) -> Path:
-        """The file of the user's own poses."""
         return self._path or user_storage.folder() / "poses.json"
 
     @contextmanager

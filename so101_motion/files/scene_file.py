@@ -181,7 +181,6 @@ def arms_from(value: object) -> tuple[StandingArm, ...]:
 
 
 def arms_to(arms: Iterable[StandingArm]) -> list[dict[str, object]]:
-    """Turn other arms as obstacles into JSON values; ``arms_from`` reads them back."""
     return [
         {
             "name": each.name,
@@ -235,7 +234,6 @@ def _all(key: str, value: object, make: Callable[[Entry], T]) -> tuple[T, ...]:
 
 
 def pose_from(given: Attributes) -> SE3:
-    """The pose in ``position_mm`` and ``rpy_deg``."""
     position_mm = np.array(given.triple("position_mm", _LARGEST_MM))
     rpy_deg = np.array(given.triple("rpy_deg", 360.0))
     return SE3.from_rpy(to_rad(rpy_deg), to_m(position_mm))
@@ -345,5 +343,4 @@ def _form(shape: Shape) -> dict[str, object]:
 
 
 def _rounded(length_mm: float) -> float:
-    """Round to a nanometre."""
     return round(float(length_mm), 6)
