@@ -54,55 +54,40 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "So101Error": "common.errors",
-    "SE3": "common.geometry",
-    "ApproachGoal": "planning.goals",
-    "ArcTo": "planning.goals",
-    "Attached": "planning.collision.scene",
-    "Box": "planning.collision.scene",
-    "Capsule": "planning.collision.scene",
-    "Cell": "arm.cell",
-    "CollisionModel": "planning.collision.collision",
-    "Following": "control.following",
-    "GoalMetric": "planning.goals",
-    "JawFollowing": "arm.gripper",
-    "JointGoal": "planning.goals",
-    "JointState": "common.state",
-    "LeaveContactGoal": "planning.goals",
-    "LineGoal": "planning.goals",
-    "LineTo": "planning.goals",
-    "Mesh": "planning.collision.scene",
-    "MotionLimits": "planning.timing.limits",
-    "Obstacle": "planning.collision.scene",
-    "PathGoal": "planning.goals",
-    "Plan": "planning.request",
-    "PlanRequest": "planning.request",
-    "PlanningWorker": "arm.planning_worker",
-    "PointCloud": "planning.collision.scene",
-    "PoseCloud": "planning.goals",
-    "PoseGoal": "planning.goals",
-    "Rig": "rig.rig",
-    "RobotModel": "planning.kinematics.model",
-    "Scene": "planning.collision.scene",
-    "ServoSettings": "rig.servo_driver",
-    "Sphere": "planning.collision.scene",
-    "ToolPathGoal": "planning.goals",
-    "middles_of": "tasks.teleop.local_arms",
-    "open": "opening",
-    "open_hardware": "rig.hardware_rig",
-    "open_simulated": "rig.simulated_rig",
-    "point": "opening",
+_HOMES = {  # what each module has of ours; it is imported when a name of it is first asked for
+    "arm.cell": "Cell",
+    "arm.gripper": "JawFollowing",
+    "arm.planning_worker": "PlanningWorker",
+    "common.errors": "So101Error",
+    "common.geometry": "SE3",
+    "common.state": "JointState",
+    "control.following": "Following",
+    "opening": "open point",
+    "planning.collision.collision": "CollisionModel",
+    "planning.collision.scene": "Attached Box Capsule Mesh Obstacle PointCloud Scene Sphere",
+    "planning.goals": (
+        "ApproachGoal ArcTo GoalMetric JointGoal LeaveContactGoal LineGoal LineTo PathGoal"
+        " PoseCloud PoseGoal ToolPathGoal"
+    ),
+    "planning.kinematics.model": "RobotModel",
+    "planning.request": "Plan PlanRequest",
+    "planning.timing.limits": "MotionLimits",
+    "rig.hardware_rig": "open_hardware",
+    "rig.rig": "Rig",
+    "rig.servo_driver": "ServoSettings",
+    "rig.simulated_rig": "open_simulated",
+    "tasks.teleop.local_arms": "middles_of",
 }
+_HOME = {name: home for home, names in _HOMES.items() for name in names.split()}
 
-__all__ = ["__version__", "errors", *_HOMES]
+__all__ = ["__version__", "errors", *_HOME]
 
 
 def __getattr__(name: str) -> object:
     if name == "errors":
         return import_module("so101_motion.common.errors")
-    if name in _HOMES:
-        return getattr(import_module(f"so101_motion.{_HOMES[name]}"), name)
+    if name in _HOME:
+        return getattr(import_module(f"so101_motion.{_HOME[name]}"), name)
     raise AttributeError(f"module 'so101_motion' has no attribute {name!r}")
 
 

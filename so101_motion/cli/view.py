@@ -87,13 +87,13 @@ def demo(
 
 
 def _demo_in_text() -> None:
-    from so101_motion.opening import point
+    from so101_motion.planning.goals import PoseGoal
     from so101_motion.rig.simulated_rig import open_simulated
 
     p_wanted = np.array([0.250, 0.120, 0.150])
     x_mm, y_mm, z_mm = to_mm(p_wanted)
     with note_opened("simulated arm", open_simulated()) as rig:
-        plan = rig.arm.plan(point(*p_wanted))
+        plan = rig.arm.plan(PoseGoal.at_point(p_wanted))
         click.echo(f"Simulated arm: move the tool to ({x_mm:g}, {y_mm:g}, {z_mm:g}) mm\n")
         click.echo(plan_table(plan))
         click.echo("\nmoving ...", nl=False)
