@@ -9,8 +9,7 @@
         yes: bool = flag("Write without asking."),
     ) -> None: ...
 
-An option is called like its parameter, unless it is given another name. ``together`` makes one
-value, which several verbs take, of several options.
+``together`` makes one value, which several verbs take, of several options.
 """
 
 from __future__ import annotations
@@ -33,14 +32,9 @@ class _Declared(NamedTuple):
 
 
 def option(help: str, type: Any = None, default: Any = None, *, name: str = "", **more: Any) -> Any:
-    """Declare an option.
+    """Declare an option, called like its parameter or ``name``; the help shows its ``default``.
 
-    Args:
-        help: What it is for.
-        type: Its type, as for click.
-        default: Its default, which the help shows; None for none.
-        name: Its name; that of the parameter if not given.
-        more: Further arguments of ``click.Option``.
+    ``type`` and ``more`` are for ``click.Option``.
     """
     if default is not None:
         more = {"default": default, "show_default": True, **more}

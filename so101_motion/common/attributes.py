@@ -76,8 +76,6 @@ class Attributes:
         known: Every name that may occur, or attributes, which ``value`` then reads.
         kind: What a name is called in messages.
 
-    Raises:
-        ConfigError: A name is not known.
     """
 
     def __init__(
@@ -312,11 +310,7 @@ def part(config: type[Config], *, only_with: str = "", **changes: Mapping[str, A
 def checked_number(
     key: str, value: object, *, lower: float = -math.inf, upper: float = math.inf, unit: str = ""
 ) -> float:
-    """``value`` as a float, if it is a finite number within bounds.
-
-    Raises:
-        ConfigError: It is not; the message holds the allowed range.
-    """
+    """``value`` as a float; ``ConfigError``, with the range, if it is not finite or out of it."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ConfigError(key, value, f"must be a number{_range(lower, upper, unit)}")
     if not _is_finite(value):
@@ -372,14 +366,8 @@ def ignorable(
 
     A name that looks like a misspelt known one is refused: what it stands for may bound a motion.
 
-    Args:
-        values: What was given.
-        known: The names that have a meaning.
-        elsewhere: Names that are well spelt, because they have a meaning elsewhere.
-        kind: What a name is called in messages.
-
-    Raises:
-        ConfigError: A name looks misspelt, or so many are unknown that they are not compared.
+    So are so many that they are not compared. Names that are known ``elsewhere`` are well spelt;
+    ``kind`` is what a name is called in messages.
     """
     names = tuple(known)
     unknown = tuple(key for key in values if key not in names)

@@ -47,11 +47,7 @@ def spawn(
     stdin: int = subprocess.DEVNULL,
     stdout: int | None = None,
 ) -> subprocess.Popen[bytes]:
-    """Start ``main`` of a module in a child that ignores Ctrl-C; other arguments as for ``Popen``.
-
-    Raises:
-        OSError: It cannot be started.
-    """
+    """Start ``main`` of a module in a child that ignores Ctrl-C; the rest is as for ``Popen``."""
     environment = dict(os.environ)
     environment["PYTHONPATH"] = os.pathsep.join(_search_path())
     environment["OPENBLAS_NUM_THREADS"] = "1"  # the matrices are 6x5: threads only cost memory

@@ -78,11 +78,7 @@ class _Wait:
 
 
 class ManualClock:
-    """A clock that stands still until it is advanced.
-
-    Args:
-        start: What it shows first [s].
-    """
+    """A clock that shows ``start`` [s] and stands still until it is advanced."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
@@ -131,11 +127,6 @@ class ManualClock:
                 self._changed.notify_all()
 
     def wait(self, until: float, wake: threading.Event) -> None:
-        """See ``Clock.wait``.
-
-        Raises:
-            RuntimeError: The calling thread does not attend to this clock.
-        """
         me = threading.current_thread()
         with self._changed:
             if me not in self._threads:
@@ -153,11 +144,7 @@ class ManualClock:
             wake.clear()
 
     def join(self, thread: threading.Thread) -> None:
-        """Let time pass, deadline by deadline, until ``thread`` has ended.
-
-        Raises:
-            RuntimeError: Called by an attending thread.
-        """
+        """Let time pass, deadline by deadline, until ``thread`` has ended."""
         self._refuse_attending("join")
         with self._advancing:
             while thread in self._threads and self._step(math.inf):

@@ -88,11 +88,11 @@ def shift(
     """What to add to kept joint angles, so that the arm stands where it did, shape (5,), [rad].
 
     Args:
-        made_with: The zeros when they were kept; None if that is not known.
+        made_with: The zeros when they were kept; None if not known.
         now: The zeros of the arm that is to move; None if not known, or if it is simulated.
         what: What was kept, for messages, such as ``'the pose "mug"'``.
         file: Its file.
-        name: Which entry of the file it is, if there may be others: a pose, or an arm.
+        name: The entry of the file, if there may be others.
 
     Raises:
         ConfigError: The zeros are those of another arm, or a servo has been mounted anew.

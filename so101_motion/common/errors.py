@@ -78,11 +78,7 @@ def _rebuild(cls: type[So101Error], message: str, fields: dict[str, Any]) -> So1
 
 
 class So101Error(Exception):
-    """Base class of errors that a user can do something about.
-
-    Args:
-        message: The message; the middle of a very long one is left out.
-    """
+    """Base class of errors that a user can do something about."""
 
     def __init__(self, message: str = "") -> None:
         super().__init__(clipped(message, LONGEST_MESSAGE))
@@ -98,12 +94,9 @@ class So101Error(Exception):
 
 
 class ConfigError(So101Error, ValueError):
-    """A setting or a request holds a value that cannot be used.
+    """The ``key`` of a setting or request holds a ``value`` that cannot be used.
 
-    Attributes:
-        key: The attribute or request key.
-        value: What was given; None if nothing was, and then the message shows no value.
-        reason: What is wrong and what would be right.
+    ``reason`` says what would be right. Where nothing was given, ``value`` is None.
     """
 
     def __init__(self, key: str, value: object, reason: str) -> None:
@@ -148,14 +141,7 @@ class Unreachable(PlanningError):
 
 
 class OutsideLimits(PlanningError, ValueError):
-    """A joint value, speed or acceleration outside its limits.
-
-    Attributes:
-        joint: Which joint.
-        value: What was asked for [rad], [rad/s] or [rad/s^2].
-        lower: Smallest allowed value.
-        upper: Largest allowed value.
-    """
+    """A ``value`` of a ``joint`` is not within ``lower`` to ``upper`` [rad, rad/s or rad/s^2]."""
 
     def __init__(
         self, message: str, *, joint: str, value: float, lower: float, upper: float
@@ -183,14 +169,7 @@ class InCollision(PlanningError):
 
 
 class Overloaded(PlanningError):
-    """A servo would have to bear more than it can.
-
-    Attributes:
-        joint: Which joint.
-        torque: What it would have to exert [N m].
-        limit: What it may [N m].
-        q: Where, shape (5,), [rad].
-    """
+    """A ``joint`` would exert more ``torque`` than its ``limit`` [N m] at ``q``, (5,), [rad]."""
 
     def __init__(self, message: str, *, joint: str, torque: float, limit: float, q: Array) -> None:
         self.joint, self.torque, self.limit, self.q = joint, torque, limit, q
@@ -200,9 +179,8 @@ class Overloaded(PlanningError):
 class NoPath(PlanningError):
     """Start and goal are free, but no path between them was found in time, or there is none.
 
-    Attributes:
-        where: ``"start"`` or ``"goal"`` if that is shut in, else ``"path"``.
-        blockers: Names of the bodies in the way, the most frequent first.
+    ``where`` is ``"start"`` or ``"goal"`` if that is shut in, else ``"path"``; ``blockers`` names
+    the bodies in the way, the most frequent first.
     """
 
     def __init__(
@@ -217,12 +195,7 @@ class BusError(So101Error):
 
 
 class PortUnavailable(BusError):
-    """A serial port cannot be opened, or went away.
-
-    Attributes:
-        port: The port as it was asked for.
-        reason: What is wrong and what to do about it.
-    """
+    """A serial ``port``, as it was asked for, cannot be opened or went away, for a ``reason``."""
 
     def __init__(self, port: str, reason: str) -> None:
         self.port, self.reason = port, reason
@@ -230,11 +203,7 @@ class PortUnavailable(BusError):
 
 
 class NotReady(BusError):
-    """The servos of a component have not answered since it was configured; it goes on trying.
-
-    Attributes:
-        reason: Which servos do not answer, since when, and what to check.
-    """
+    """The servos of a component have not answered since it was configured; it goes on trying."""
 
     def __init__(self, reason: str) -> None:
         self.reason = reason
@@ -242,11 +211,7 @@ class NotReady(BusError):
 
 
 class OtherCalibration(BusError):
-    """The servos hold another calibration than the file; nothing was written or driven.
-
-    Attributes:
-        file: The calibration file.
-    """
+    """The servos hold another calibration than ``file``; nothing was written or driven."""
 
     def __init__(self, file: Path, reason: str) -> None:
         self.file = file
@@ -254,12 +219,7 @@ class OtherCalibration(BusError):
 
 
 class NoReply(BusError, TimeoutError):
-    """A servo did not reply, although it was asked several times.
-
-    Attributes:
-        servo_id: Which servo, by its id on the bus.
-        register: What it was asked for, by name.
-    """
+    """A servo did not reply, although it was asked several times for a ``register``."""
 
     def __init__(self, message: str, *, servo_id: int, register: str) -> None:
         self.servo_id, self.register = servo_id, register
@@ -267,11 +227,7 @@ class NoReply(BusError, TimeoutError):
 
 
 class CorruptReply(BusError):
-    """A servo replied, but no reply was valid.
-
-    Attributes:
-        raw: The bytes that came last.
-    """
+    """A servo replied, but no reply was valid; ``raw`` are the bytes that came last."""
 
     def __init__(self, message: str, *, raw: bytes) -> None:
         self.raw = raw
@@ -279,12 +235,7 @@ class CorruptReply(BusError):
 
 
 class ServoFault(BusError):
-    """A servo replies but does not obey.
-
-    Attributes:
-        servo_id: Which servo, by its id on the bus.
-        flags: Its status byte; 0 when that shows nothing.
-    """
+    """A servo replies but does not obey; ``flags`` is its status byte, 0 if that shows nothing."""
 
     def __init__(self, message: str, *, servo_id: int, flags: int = 0) -> None:
         self.servo_id, self.flags = servo_id, flags
@@ -300,11 +251,7 @@ SUPERSEDED = "a newer motion"
 
 
 class CommandRefused(MotionError):
-    """A command would have moved a joint too far at once, so it was not sent.
-
-    Attributes:
-        joint: Which joint.
-    """
+    """A command would have moved a ``joint`` too far at once, so it was not sent."""
 
     def __init__(self, message: str, *, joint: str) -> None:
         self.joint = joint
@@ -314,8 +261,7 @@ class CommandRefused(MotionError):
 class Interrupted(MotionError):
     """A motion was ended on purpose before it arrived; the arm holds where it stopped.
 
-    Attributes:
-        by: What ended it: ``SUPERSEDED``, ``"stop"``, ``"cancelled"``, ``"shutdown"``.
+    It was ended ``by`` ``SUPERSEDED``, ``"stop"``, ``"cancelled"`` or ``"shutdown"``.
     """
 
     def __init__(self, by: str) -> None:
@@ -330,10 +276,8 @@ class NotHolding(MotionError):
 class FollowingError(MotionError):
     """A joint did not follow its setpoints; the arm holds.
 
-    Attributes:
-        joint: Which joint was furthest off.
-        error: How far it was off [rad].
-        recent: The last second of states, oldest first.
+    ``joint`` was furthest off, by ``error`` [rad]; ``recent`` has the states of the last second,
+    oldest first.
     """
 
     def __init__(self, message: str, *, joint: str, error: float, recent: tuple[JointState, ...]):
@@ -342,12 +286,9 @@ class FollowingError(MotionError):
 
 
 class ServoAlarm(MotionError):
-    """A servo reports a problem, so the motion was ended; the joint holds its position.
+    """The servo of a ``joint`` reports a problem, so the motion was ended; the joint holds.
 
-    Attributes:
-        joint: Which joint.
-        reason: What it reports, with figures.
-        recent: The last second of states, oldest first.
+    ``recent`` has the states of the last second, oldest first.
     """
 
     def __init__(self, joint: str, reason: str, *, recent: tuple[JointState, ...]) -> None:
@@ -356,13 +297,7 @@ class ServoAlarm(MotionError):
 
 
 class CalibrationError(So101Error):
-    """A calibration cannot be used, read or made.
-
-    Attributes:
-        joint: Which joint; None when it is not about one.
-        reason: What is wrong.
-        next_step: What to do about it.
-    """
+    """A calibration cannot be used, read or made; ``joint`` is None when it is not about one."""
 
     def __init__(self, joint: str | None, reason: str, next_step: str) -> None:
         self.joint, self.reason, self.next_step = joint, reason, next_step
@@ -370,12 +305,7 @@ class CalibrationError(So101Error):
 
 
 class NotPossibleNow(So101Error):
-    """An operation offers this command, but it cannot be given now.
-
-    Attributes:
-        command: Its name.
-        reason: Why not, and what to do.
-    """
+    """An operation offers this command, but it cannot be given now."""
 
     def __init__(self, command: str, reason: str) -> None:
         super().__init__(f"{command}: {reason}")
@@ -400,12 +330,7 @@ class MotorSetupError(So101Error):
 
 
 class MachineUnavailable(So101Error):
-    """A running machine cannot be reached, or went away.
-
-    Attributes:
-        address: The machine as it was asked for.
-        reason: What is wrong and what to do about it.
-    """
+    """A running machine cannot be reached, or went away; ``address`` is as it was asked for."""
 
     def __init__(self, address: str, reason: str) -> None:
         self.address, self.reason = address, reason
@@ -415,10 +340,7 @@ class MachineUnavailable(So101Error):
 class SurroundingsUnknown(PlanningError):
     """The obstacles around the arm cannot be read from the machine, so nothing is planned.
 
-    Attributes:
-        reason: What is wrong.
-        component: Which component of the machine it is about; empty for the whole machine.
-        remedy: What to do about it.
+    It is about a ``component``; empty for the whole machine.
     """
 
     def __init__(self, reason: str, *, component: str = "", remedy: str = "") -> None:
@@ -431,12 +353,10 @@ class SurroundingsUnknown(PlanningError):
 
 
 class MachineRefused(MotionError):
-    """A running machine refused a request.
+    """A running machine refused what it was asked for.
 
-    Attributes:
-        what: What it was asked for.
-        status: The name of its gRPC status, such as ``"FAILED_PRECONDITION"``.
-        reason: Its own words.
+    ``status`` is the name of its gRPC status, such as ``"FAILED_PRECONDITION"``; ``reason`` are
+    its own words.
     """
 
     def __init__(self, what: str, status: str, reason: str) -> None:

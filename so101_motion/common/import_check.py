@@ -51,14 +51,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 
 def explain(error: ImportError) -> tuple[str, str] | None:
-    """Say what is missing, and what to do about it.
-
-    Args:
-        error: What an import raised.
-
-    Returns:
-        What is missing and the advice; None if the error has another cause.
-    """
+    """What is missing, and what to do about it; None if an import failed for another cause."""
     found = _LIBRARY.search(str(error))
     if found:
         return f"the system library {found[1]} is missing", _how_to_get(found[1])

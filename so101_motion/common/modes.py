@@ -103,11 +103,7 @@ def refusal(mode: Mode, event: Event) -> str:
 
 
 def after(mode: Mode, event: Event) -> Mode:
-    """The mode that follows ``event`` in ``mode``.
-
-    Raises:
-        ValueError: The step is not legal.
-    """
+    """The mode that follows ``event`` in ``mode``; ``ValueError`` if the step is not legal."""
     try:
         return TRANSITIONS[mode, event]
     except KeyError:

@@ -38,10 +38,7 @@ def write(path: Path, data: bytes) -> None:
     """Write ``data`` to ``path`` in one step, and flush it to the disk.
 
     A link is followed, and the permissions of an existing file stay. A device such as
-    ``/dev/stdout`` is written to directly.
-
-    Raises:
-        OSError: It cannot be written; the old content stays.
+    ``/dev/stdout`` is written to directly. If it cannot be written, the old content stays.
     """
     with replacing(path) as file:
         file.write(data)
@@ -117,12 +114,7 @@ def remove_leftovers(folder: Path, *names: str) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep other writers out of ``folder``, those of other processes too.
-
-    Raises:
-        OSError: The folder cannot be opened.
-        TimeoutError: Another program holds the lock for too long.
-    """
+    """Keep other writers out of ``folder``; ``TimeoutError`` if another keeps the lock too long."""
     if sys.platform == "win32":
         opened = os.open(folder / ".so101.lock", os.O_RDWR | os.O_CREAT)
     else:

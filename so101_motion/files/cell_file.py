@@ -68,11 +68,7 @@ class CellFile:
     scene: Scene  # the obstacles around them, in the cell's frame
 
     def scene_of(self, arm: CellArm) -> Scene:
-        """The scene in the base frame of an arm, with the objects it holds.
-
-        Raises:
-            ConfigError: There is a floor, and the arm does not stand upright on it.
-        """
+        """The scene in the base frame of an arm, which stands upright if there is a floor."""
         T_base_cell, floor_z = arm.T_cell_base.inverse, self.scene.floor_z
         if floor_z is not None:
             if np.abs(arm.T_cell_base.R[:, 2] - [0.0, 0.0, 1.0]).max() > UPRIGHT:
@@ -99,11 +95,7 @@ and do not touch when folded."""
 
 
 def arms_in_a_circle(count: int) -> CellFile:
-    """Simulated arms that face the middle of a circle, for trying things out.
-
-    Args:
-        count: How many, 2 or more.
-    """
+    """Two or more simulated arms that face the middle of a circle, for trying things out."""
     radius = 0.5 * APART / np.sin(np.pi / count)
     arms = []
     for k, angle in enumerate(2.0 * np.pi * np.arange(count) / count):

@@ -85,11 +85,7 @@ def read_setting(what: str, path: Path, largest: int) -> object:
 
 
 def content(data: bytes) -> object:
-    """Parse JSON in UTF-8, UTF-16 or UTF-32; its objects are ``Object``.
-
-    Raises:
-        ValueError: It is no JSON; the message says so, or what it is instead.
-    """
+    """Parse JSON in UTF-8, UTF-16 or UTF-32, of ``Object``; ``ValueError`` if it is none."""
     if git_lfs.is_pointer(data):
         raise ValueError(f"{git_lfs.POINTER}; {git_lfs.PULL}")
     try:

@@ -84,11 +84,7 @@ def encoded(motion: Motion, name: str) -> bytes:
 
 
 def check_name(name: str) -> None:
-    """Refuse a file name that ``export`` would refuse, before there is anything to write.
-
-    Raises:
-        ConfigError: There is no such format, or MCAP needs a package that is not installed.
-    """
+    """Refuse a file name that ``export`` would refuse, before there is anything to write."""
     suffix = Path(name).suffix.lower()
     if suffix not in _FORMATS:
         raise ConfigError("out", name, f"must end with one of {', '.join(_FORMATS)}")
@@ -148,14 +144,7 @@ def _to_mcap(motion: Motion, name: str) -> bytes:
 
 
 def mcap_writer(path: Path) -> Any:
-    """The class that writes ROS 2 messages to an open MCAP file.
-
-    Args:
-        path: Which file is to be written, for the message.
-
-    Raises:
-        ConfigError: The package for it is not installed.
-    """
+    """The class that writes ROS 2 messages to an MCAP file; ``ConfigError`` if not installed."""
     try:
         from mcap_ros2.writer import Writer
     except ImportError as error:
@@ -172,15 +161,7 @@ def joint_state(
     qd: Array | None = None,
     effort: Sequence[float] = (),
 ) -> dict[str, Any]:
-    """A ``JointState`` message.
-
-    Args:
-        at_ns: Its time [ns].
-        names: Of the n joints.
-        q: Positions, shape (n,), [rad].
-        qd: Velocities, shape (n,), [rad/s]; None where there are none.
-        effort: What goes into that field.
-    """
+    """A ``JointState`` message: ``q``, shape (n,), [rad], and ``qd``, [rad/s], of n joints."""
     return {
         "header": {
             "stamp": {"sec": at_ns // 10**9, "nanosec": at_ns % 10**9},

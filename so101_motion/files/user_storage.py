@@ -58,11 +58,7 @@ def remove_old_leftovers() -> None:
 
 
 def checked_name(name: object, *, what: str) -> str:
-    """Strip the blanks around a name of ``what``, such as ``"pose"``.
-
-    Raises:
-        ConfigError: It is empty, too long, or not printable.
-    """
+    """Strip the blanks around a name; refuse one that is empty, too long, or not printable."""
     short = name.strip() if isinstance(name, str) else ""
     if not short:
         raise ConfigError(f"{what} name", name, "type a name first")
@@ -114,11 +110,7 @@ def read(
 def write(
     path: Path, content: Mapping[str, object], *, schema: str, indent: int | None = 1
 ) -> None:
-    """Write a JSON object, and its folder if needed.
-
-    Raises:
-        ConfigError: It cannot be written; the old content stays.
-    """
+    """Write a JSON object, and its folder if needed; if it cannot be, the old content stays."""
     text = json.dumps({"schema": schema, **content}, indent=indent, ensure_ascii=False)
     atomic.save(_kind(schema), path, f"{text}\n".encode(), make_folder=True)
 
