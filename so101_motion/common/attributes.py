@@ -75,7 +75,6 @@ class Attributes:
         values: What was given.
         known: Every name that may occur, or attributes, which ``value`` then reads.
         kind: What a name is called in messages.
-
     """
 
     def __init__(
