@@ -4,7 +4,7 @@
 #
 # Expected: both say whether a point is inside (signed_distance: positive inside), or is_volume is False.
 # Seen: is_volume is True. Of points inside both boxes contains takes a good part for outside, because it counts crossings of
-# a ray (2, so even); and another part when it is asked again. signed_distance finds 299 of 300 inside. volume
+# a ray (2, so even); and another part when it is asked again. signed_distance finds nearly all inside. volume
 # counts the common part twice. As an obstacle for a robot the middle of the part would be free space, mostly.
 # Each part of mesh.split() by itself is right.
 set -eu
