@@ -174,7 +174,7 @@ def report_arm(
     from so101_motion.cli.doctor import examined
     from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.setup.checkup import check_up, is_healthy
-    from so101_motion.setup.standard_motions import SPEEDS, StandardMotions
+    from so101_motion.setup.identify import STANDARD_SPEEDS, Identification, StandardMotions
 
     if source.port is None:
         raise click.UsageError("the simulated arm has no servos to report of; give --port")
@@ -188,9 +188,9 @@ def report_arm(
     rows = verified(given, source.port, yes)[1] if verify else ()
     with quietly(), source.open() as rig:
         assert isinstance(rig, HardwareRig)
-        rig.arm.set_speed(max(rig.arm.speed, SPEEDS[-1]))
+        rig.arm.set_speed(max(rig.arm.speed, STANDARD_SPEEDS[-1]))
         motions = StandardMotions(rig)
-        outline = motions.outline()
+        outline = Identification(rig).outline()
         for joint, reason in outline.obstacles:
             aside(f"{joint} cannot be moved here: {reason}")
         aside(motions.sentence(outline))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -30,9 +31,11 @@ from so101_motion.common.errors import CalibrationError, MotionError, PlanningEr
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_mm, to_rad
-from so101_motion.drivers.bus.ticks import RAD_PER_TICK
+from so101_motion.control.request_queue import running_future
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK, Ticks
 from so101_motion.drivers.command_record import SentCommand
 from so101_motion.drivers.emulator.joint_figures import SO101
+from so101_motion.drivers.feetech.servo_settings import read_registers
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.request import Search
 from so101_motion.planning.timing.limits import MotionLimits
@@ -269,14 +272,58 @@ def count_with(arm: PlannedArm, load: Load) -> None:
         arm.set_payload(Payload(mass=load.mass, com=load.com))
 
 
-class Identification:
+class RecordedMotions:
+    """Motions one after the other, and what is sent to the servos and answered meanwhile."""
+
+    def __init__(self, rig: HardwareRig) -> None:
+        self._rig = rig
+        self._motion: Motion | None = None
+        self._cancelled = threading.Event()
+
+    def cancel(self) -> None:
+        """End it; the arm slows to rest and holds. Any thread may call; returns at once."""
+        self._cancelled.set()
+        if self._motion is not None:
+            self._motion.interrupt("stop")
+
+    def _run(
+        self,
+        steps: Iterator[Step],
+        hear: Callable[[SentCommand], None],
+        look: Callable[[JointState], None],
+        meanwhile: Callable[[], None],
+    ) -> None:
+        """Carry out ``steps``; ``hear`` and ``look`` are called on the I/O thread."""
+        rig, listener = self._rig, self._rig.servos.on_command
+
+        def heard(command: SentCommand) -> None:
+            hear(command)
+            if listener is not None:
+                listener(command)
+
+        rig.servos.on_command = heard
+        end_looking = rig.executor.listen(look)
+        try:
+            with rig.clock.attend():
+                self._motion = motion = rig.arm.start_series(steps)
+                if self._cancelled.is_set():
+                    motion.interrupt("stop")
+                while not motion.future.done():
+                    rig.clock.wait(rig.clock.now() + _LOOK, threading.Event())
+                    meanwhile()
+                motion.result(timeout=0.0)
+        finally:
+            rig.servos.on_command = listener
+            end_looking()
+
+
+class Identification(RecordedMotions):
     """Identifies the servos of an arm, once."""
 
     def __init__(self, rig: HardwareRig, joints: Sequence[str] = ARM_JOINTS) -> None:
-        self._rig, self._joints = rig, joints
+        super().__init__(rig)
+        self._joints = joints
         self._plan = partial(rig.arm.plan, search=None)
-        self._motion: Motion | None = None
-        self._cancelled = threading.Event()
         self._computing = OwnProcess()
         self._records: dict[str, JointRecord] = {}
         self._load: Load | None = None
@@ -296,11 +343,8 @@ class Identification:
         )
 
     def cancel(self) -> None:
-        """End it; the arm slows to rest and holds. Any thread may call; returns at once."""
-        self._cancelled.set()
+        super().cancel()
         self._computing.kill()
-        if self._motion is not None:
-            self._motion.interrupt("stop")
 
     def move_and_record(
         self,
@@ -308,26 +352,16 @@ class Identification:
         on_progress: Callable[[str, float], None] = lambda _joint, _share: None,
     ) -> Mapping[str, JointRecord]:
         """Move each joint as outlined and record it. Blocks; the arm moves, then holds."""
-        rig, tape = self._rig, _Tape(self._rig)
-        listener, rig.servos.on_command = rig.servos.on_command, tape.hear
-        tape.listener = listener
-        end_looking = rig.executor.listen(tape.look)
-        shown = ""
-        try:
-            with rig.clock.attend():
-                self._motion = motion = rig.arm.start_series(self._steps(outline, tape))
-                if self._cancelled.is_set():
-                    motion.interrupt("stop")
-                while not motion.future.done():
-                    rig.clock.wait(rig.clock.now() + _LOOK, threading.Event())
-                    if tape.joint != shown:
-                        shown = tape.joint
-                        done = [each.joint for each in outline.sweeps].index(shown)
-                        on_progress(shown, done / len(outline.sweeps))
-                motion.result(timeout=0.0)
-        finally:
-            rig.servos.on_command = listener
-            end_looking()
+        tape, shown = _Tape(self._rig), ""
+
+        def show() -> None:
+            nonlocal shown
+            if tape.joint != shown:
+                shown = tape.joint
+                done = [each.joint for each in outline.sweeps].index(shown)
+                on_progress(shown, done / len(outline.sweeps))
+
+        self._run(self._steps(outline, tape), tape.hear, tape.look, show)
         self._records = tape.records()
         return self._records
 
@@ -400,12 +434,10 @@ class _Tape:
 
     Attributes:
         joint: The joint that moves; empty before the first.
-        listener: Called with the commands as well.
     """
 
     def __init__(self, rig: HardwareRig) -> None:
         self.joint = ""
-        self.listener: Callable[[SentCommand], None] | None = None
         self._rig = rig
         self._states: dict[str, list[tuple[JointState, float]]] = {}
         self._sent: list[SentCommand] = []
@@ -417,8 +449,6 @@ class _Tape:
 
     def hear(self, command: SentCommand) -> None:
         self._sent.append(command)
-        if self.listener is not None:
-            self.listener(command)
 
     def look(self, state: JointState) -> None:
         joint = self.joint
@@ -497,3 +527,118 @@ def _with(q: Array, i: int, angle: float) -> Array:
 
 def _to(q: Array) -> PathGoal:
     return PathGoal(waypoints=q[None], tolerance=0.0)
+
+
+STANDARD_SPEEDS = tuple(to_rad(each) for each in (15.0, 45.0, 90.0))
+"""Speeds of the motions [rad/s]; chosen, slow first. The arm's own cap holds as well."""
+
+STANDARD_ACCELERATION = to_rad(300.0)
+"""Acceleration of the fastest; the others have less, in proportion [rad/s^2]; chosen."""
+
+REST = 2.0  # how long a joint stands at each end [s]: what it stands off is taken after 1.5. Chosen
+
+_POSITIONS = 2  # every second period: 50 positions a second
+
+Recorded = dict[str, list[float] | list[list[float]]]
+
+
+class StandardMotions(RecordedMotions):
+    """The standard motions of one arm, once."""
+
+    def __init__(self, rig: HardwareRig) -> None:
+        super().__init__(rig)
+        self._rest: tuple[float, Future[None]] | None = None
+        self._joint = ""
+        self._goals: list[tuple[str, SentCommand]] = []
+        self._states: list[tuple[str, JointState]] = []
+
+    def sentence(self, outline: IdentificationOutline) -> str:
+        ways = "; ".join(str(replace(each, folds=())) for each in outline.sweeps)
+        fastest = to_deg(min(STANDARD_SPEEDS[-1], self._rig.arm.speed))
+        return (
+            f"The arm is raised; then move, one after the other: {ways}. At most {fastest:.0f}°/s."
+        )
+
+    def move_and_record(
+        self, outline: IdentificationOutline, on_progress: Callable[[str], None] = lambda _: None
+    ) -> dict[str, Recorded]:
+        """Move as outlined and record each joint's motion. Blocks; the arm moves, then holds."""
+        shown = ""
+
+        def look_on() -> None:
+            nonlocal shown
+            if self._rest is not None and self._rig.clock.now() >= self._rest[0]:
+                over, self._rest = self._rest[1], None
+                over.set_result(None)
+            if self._joint != shown:
+                shown = self._joint
+                on_progress(shown)
+
+        self._run(
+            self._steps(outline),
+            lambda command: self._goals.append((self._joint, command)),
+            lambda state: self._states.append((self._joint, state)),
+            look_on,
+        )
+        return {each.joint: self._recorded(each.joint) for each in outline.sweeps}
+
+    def registers(self) -> dict[str, dict[str, int]]:
+        lease = self._rig.lend_bus("reading the servos' registers")
+        try:
+            return {
+                joint: lease.call(partial(read_registers, servo_id=setup.map.servo_id))
+                for joint, setup in self._rig.servos.setups.items()
+            }
+        finally:
+            lease.give_back(hold=True)
+
+    def _steps(self, outline: IdentificationOutline) -> Iterator[Step]:
+        plan, speeds = self._rig.arm.plan, [min(v, self._rig.arm.speed) for v in STANDARD_SPEEDS]
+        yield plan(JointGoal(q=BASE), limits=self._limits(speeds[1]))
+        for sweep in outline.sweeps:
+            low, high = BASE.copy(), BASE.copy()
+            low[ARM_JOINTS.index(sweep.joint)], high[ARM_JOINTS.index(sweep.joint)] = sweep.ends
+            yield self._stand
+            self._joint = sweep.joint
+            yield self._stand
+            for speed in speeds:
+                for q in (low, high):
+                    yield plan(JointGoal(q=q), limits=self._limits(speed))
+                    yield self._stand
+            yield plan(JointGoal(q=BASE), limits=self._limits(speeds[1]))
+            yield self._stand
+        self._joint = ""
+
+    def _limits(self, speed: float) -> MotionLimits:
+        acceleration = min(
+            STANDARD_ACCELERATION * speed / STANDARD_SPEEDS[-1], self._rig.arm.acceleration
+        )
+        return MotionLimits.uniform(
+            velocity=speed, acceleration=acceleration, jerk=acceleration / JERK_TIME
+        )
+
+    def _stand(self, motion: Motion) -> None:
+        over: Future[None] = running_future()
+        self._rest = (self._rig.clock.now() + REST, over)
+        motion.wait_for(over)
+
+    def _recorded(self, joint: str) -> Recorded:
+        maps = [self._rig.servos.setups[each].map for each in ARM_JOINTS]
+        goals = [(e.t, e.goals) for name, e in self._goals if name == joint and e.goals]
+        states = [state for name, state in self._states if name == joint][::_POSITIONS]
+        jaw = 0.0 if self._rig.gripper is None else float(self._rig.gripper.aperture)
+        begin, at = states[0].t, [float(x) for x in states[0].q]
+        command: list[list[float]] = []
+        when: list[float] = []
+        for t, sent in goals:
+            for i, each in enumerate(maps):
+                if each.servo_id in sent:
+                    at[i] = each.to_rad(Ticks(sent[each.servo_id]))
+            command.append([*(round(x, 4) for x in at), round(jaw, 3)])
+            when.append(round(t - begin, 4))
+        return {
+            "t_cmd_s": when,
+            "command": command,
+            "t_s": [round(state.t - begin, 4) for state in states],
+            "position": [[*(round(float(x), 4) for x in s.q), round(jaw, 3)] for s in states],
+        }

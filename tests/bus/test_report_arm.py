@@ -13,7 +13,7 @@ from benchmarks.emulated_arm import arm_of, load
 from so101_motion.cli.measuring import nameless, text
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import Interrupted
-from so101_motion.setup.standard_motions import StandardMotions
+from so101_motion.setup.identify import Identification, StandardMotions
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def test_motions_are_recorded_in_the_format_that_the_benchmark_reads(bench, tmp_
     rig = bench.open()
     bench.advance(1.0)
     motions = StandardMotions(rig)
-    outline = motions.outline()
+    outline = Identification(rig).outline()
     outline = replace(outline, sweeps=outline.sweeps[:1])
     recorded = moved(bench, motions, outline)
     with ThreadPoolExecutor(1) as beside:
@@ -61,7 +61,7 @@ def test_an_arm_that_is_stopped_holds_and_the_recording_is_an_error(bench):
     bench.advance(1.0)
     motions = StandardMotions(rig)
     with pytest.raises(Interrupted):
-        moved(bench, motions, motions.outline(), until=lambda: rig.arm.state.arm_moving)
+        moved(bench, motions, Identification(rig).outline(), until=lambda: rig.arm.state.arm_moving)
     assert np.abs(rig.arm.state.qd_ref).max() == 0.0
 
 

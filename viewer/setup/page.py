@@ -31,8 +31,7 @@ from so101_motion.viam.suggested_config import configuration
 from ..page import cards, markup
 from ..page.operation_panel import OperationPanel
 from . import setup_cards
-from .setup_context import ServesPreview, SetupContext
-from .setup_target import ArmSource, SetupTarget
+from .setup_context import ArmSource, ServesPreview, SetupContext, SetupTarget
 
 
 class StepPage:

@@ -36,8 +36,7 @@ from ..page.texts import capital
 from . import setup_cards
 from .page import CalibrationPage, ChainPage, ConfigurePage, ConnectionPage, FinalTestPage, StepPage
 from .picture import Picture
-from .setup_context import ServesPreview, SetupContext
-from .setup_target import ArmSource, SetupTarget, known_arm
+from .setup_context import ArmSource, ServesPreview, SetupContext, SetupTarget, known_arm
 
 
 class StepWizard:

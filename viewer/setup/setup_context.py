@@ -3,21 +3,181 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import msgspec
 
 from so101_motion.calib.motors.setup_view import SetupProgress
+from so101_motion.calib.procedure.steps import State
+from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
+from so101_motion.common.operation import Operation
+from so101_motion.common.remote_operation import RemoteOperation
+from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
+from so101_motion.rig.protocols import RigLike
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.setup.assembly import AssemblyOperation
+from so101_motion.setup.calibration_operation import CalibrationOperation
+from so101_motion.setup.calibrator import Calibrator, Situation
 from so101_motion.setup.checkup import Check, Findings
 from so101_motion.setup.motor_operation import MotorOperation
+from so101_motion.setup.move_test import MoveTest
+from so101_motion.setup.port_selection import (
+    REPLY_TIMEOUT,
+    Candidate,
+    PortsSeen,
+    calibration_file,
+    look,
+)
 from so101_motion.setup.setup_steps import SetupState
+from so101_motion.viam.client import Machine, MachineRig
 
 from ..page.operation_panel import Worker
 from ..page.page_context import PageContext
 from ..server.host import ServedPage
 from .picture import Picture
-from .setup_target import SetupTarget
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SetupTarget:
+    """The arm that is set up."""
+
+    where: str
+    calibration: Operation  # calibrates it
+    motors: Operation  # gives its motors their ids
+    chain: Operation  # verifies its motors
+    set_torque: Callable[[bool], object]  # holds the joints where they stand, or lets them sink
+    # moves the arm, for the final test; None if it cannot be moved. Closed by its owner
+    rig: RigLike | None = None
+    # whether it is the arm of a machine, whose cable cannot be looked at from here
+    is_remote: bool = False
+
+    @property
+    def situation(self) -> Situation:
+        view = self.calibration.view
+        now = msgspec.convert(view.facts, Situation)
+        return now if view.is_connected else replace(now, is_connected=False)
+
+    @cached_property
+    def assembly(self) -> AssemblyOperation:
+        return AssemblyOperation()
+
+    @cached_property
+    def test(self) -> MoveTest | None:
+        name = f"arm on {self.where}"
+        return (
+            None
+            if self.rig is None
+            else MoveTest(self.rig, name=name, hold=partial(self.set_torque, True))
+        )
+
+    @property
+    def is_under_way(self) -> bool:
+        return self.calibration.view.state != State.IDLE.value
+
+    def close(self) -> None:
+        """Give up the port or the machine; a machine's calibration goes on."""
+        for operation in (self.test, self.motors, self.chain, self.calibration):
+            if operation is not None:
+                operation.close()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmSource:
+    """The ports of this computer, or an arm that is known already."""
+
+    where: str | None  # which arm; None if a port is to be chosen
+    # returns the ports that are plugged in now, or how the known arm is
+    look: Callable[[], PortsSeen]
+    # makes the target, in a worker's thread, from the chosen port and the user's name for the arm,
+    # which its calibration file gets; raises ``So101Error``
+    open: Callable[[Candidate | None, str], SetupTarget]
+
+
+def ports(named: Collection[str] = (), reply_timeout: float = REPLY_TIMEOUT) -> ArmSource:
+    """The serial ports of this computer; opening one drives nothing and needs no motor."""
+
+    def open_port(chosen: Candidate | None, name: str) -> SetupTarget:
+        assert chosen is not None  # else one could not have gone on
+        file = calibration_file(
+            chosen.report, "" if chosen.report.calibration is not None else name
+        )
+        asked = ServoSettings(port=chosen.name, timeout=None, fallback_file=file)
+        return _opened(open_hardware(asked, reply_timeout=reply_timeout))
+
+    look_again = partial(look, named, reply_timeout=reply_timeout)
+    return ArmSource(where=None, look=look_again, open=open_port)
+
+
+def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
+    try:
+        calibrator = Calibrator(share)
+        return SetupTarget(
+            where=share.settings.port,
+            calibration=CalibrationOperation(calibrator),
+            motors=calibrator.motors,
+            chain=calibrator.chain,
+            set_torque=lambda on: calibrator.hold() if on else calibrator.let_go(),
+            rig=rig or share,
+        )
+    except BaseException:
+        share.close()
+        raise
+
+
+def known_arm(source: RigLike | Machine) -> ArmSource | None:
+    """The arm of a page or machine; None if it is a simulated one, which needs no setup."""
+    if isinstance(source, HardwareRig):
+        where, make = source.settings.port, partial(_open_share, source)
+    elif isinstance(source, Machine):
+        where, make = source.connection.to, partial(_of_machine, source)
+    else:
+        return None
+
+    def seen() -> PortsSeen:
+        now = source.connection
+        findings = Findings(port=now.to, adapter="connected", port_trouble=now.problem or "")
+        return PortsSeen(nothing=findings)
+
+    return ArmSource(where=where, look=seen, open=lambda _chosen, _name: make())
+
+
+def _open_share(rig: HardwareRig) -> SetupTarget:
+    settings = rig.settings
+    file = settings.fallback_file or settings.calibration_file
+    if file is None:
+        (candidate,) = look((settings.port,)).candidates
+        file = calibration_file(candidate.report)
+    asked = ServoSettings(
+        port=settings.port, baudrate=settings.baudrate, timeout=None, fallback_file=file
+    )
+    return _opened(open_hardware(asked), rig)
+
+
+def _of_machine(machine: Machine) -> SetupTarget:
+    send = partial(machine.do_command, machine.calibration_sensor())
+    rig = machine if isinstance(machine, MachineRig) else None
+    return SetupTarget(
+        where=machine.connection.to,
+        calibration=RemoteOperation(send, "calibration"),
+        motors=RemoteOperation(send, "motors"),
+        chain=RemoteOperation(send, "chain"),
+        set_torque=_without_arm if rig is None else rig.arm.set_torque,
+        rig=rig,
+        is_remote=True,
+    )
+
+
+def _without_arm(_: bool) -> None:
+    raise CalibrationError(
+        None,
+        "the machine has no arm yet, so its joints can neither be held nor let go of",
+        "add the arm to the machine's configuration",
+    )
+
 
 SETTLED = 0.4
 """How long readings must be missing before the text changes [s]; chosen. A search for motors takes

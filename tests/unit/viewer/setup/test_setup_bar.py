@@ -10,8 +10,7 @@ from typing import cast
 import pytest
 from so101_viewer.page import cards
 from so101_viewer.setup.part import StepWizard
-from so101_viewer.setup.setup_context import SETTLED, TorqueWatch, torque
-from so101_viewer.setup.setup_target import SetupTarget
+from so101_viewer.setup.setup_context import SETTLED, SetupTarget, TorqueWatch, torque
 from so101_viewer.setup_app import reasons
 
 from so101_motion.calib.motors.setup_view import SetupProgress
