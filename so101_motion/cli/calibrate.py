@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
+from so101_motion.cli import port_choice
 from so101_motion.cli.calibration import facts
 from so101_motion.cli.completion import completed_files
 from so101_motion.cli.options import DRY_RUN, EVENTS, JSON, flag, option, verb
 from so101_motion.cli.param_types import port_option
-from so101_motion.cli.shared import INTERRUPTED, STOPPED, print_json
+from so101_motion.cli.shared import INTERRUPTED, STOPPED, aside, print_json, quietly
 from so101_motion.cli.sources import MACHINE, MachineSource, chosen_among
 from so101_motion.common.errors import CalibrationError, So101Error
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -69,9 +70,7 @@ def calibrate(
         return
     from so101_motion.calib.record.record import JOINTS
     from so101_motion.calib.record.zero_report import explain_stored
-    from so101_motion.cli import port_choice
     from so101_motion.cli.operation_terminal import OperationTerminal
-    from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Terminal
     from so101_motion.setup.calibration_operation import CalibrationOperation
     from so101_motion.setup.calibrator import Calibrator
@@ -115,11 +114,11 @@ def _print_dry_run(
         return
     click.echo(f"on {report.port.name}, would release: {', '.join(wanted)}")
     click.echo("and write into the servo of each: homing_offset, min_position, max_position")
-    aside = "; its present content would be kept as a version" if before else ""
-    click.echo(f"and save to {path}{aside}")
+    kept_too = "; its present content would be kept as a version" if before else ""
+    click.echo(f"and save to {path}{kept_too}")
     if silent:
-        click.echo(f"error: no answer from: {', '.join(silent)}", err=True)
-    click.echo("nothing was written", err=True)
+        aside(f"error: no answer from: {', '.join(silent)}")
+    aside("nothing was written")
 
 
 def _before(path: Path) -> Calibration:
@@ -134,7 +133,6 @@ def _before(path: Path) -> Calibration:
 
 def _on_machine(source: MachineSource, events: TextIO | None) -> None:
     from so101_motion.cli.operation_terminal import OperationTerminal
-    from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Terminal, sentence
     from so101_motion.common.remote_operation import RemoteOperation
     from so101_motion.viam.client import Machine
@@ -152,7 +150,7 @@ def _on_machine(source: MachineSource, events: TextIO | None) -> None:
             view = operation.view
         click.echo(sentence(view.text))
         if view.note:
-            click.echo(view.note, err=True)
+            aside(view.note)
 
 
 def _go_through(walk: OperationTerminal, terminal: Terminal) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from so101_motion.cli import port_choice
 from so101_motion.cli.completion import completed_files
 from so101_motion.cli.options import DRY_RUN, JSON, argument, flag, option, verb
 from so101_motion.cli.param_types import IN_FILE, port_option
@@ -17,7 +18,10 @@ from so101_motion.cli.shared import (
     CHECK_FAILED,
     STOPPED,
     Verbs,
+    answer,
+    aside,
     print_json,
+    quietly,
 )
 from so101_motion.common.errors import CalibrationError, OtherCalibration
 from so101_motion.common.units import to_deg
@@ -27,7 +31,6 @@ if TYPE_CHECKING:
     from so101_motion.calib.record.compare import Difference
     from so101_motion.calib.record.record import Calibration
     from so101_motion.calib.record.store import Stored
-    from so101_motion.calib.record.zero_report import ZeroReport
     from so101_motion.setup.discovery import PortReport
 
 
@@ -61,7 +64,12 @@ def show(
     kept = store.versions(stored.path)
     explained = explain_stored(stored)
     if as_json:
-        print_json("calibration", {**facts(stored), **_zero_facts(explained, kept)})
+        meaning = [
+            {"joint": m.joint, "by": m.by, "jaws_mm": m.jaws_mm, "sentence": m.sentence}
+            for m in explained
+        ]
+        dated = [{"number": each.number, "kept_at": each.kept_at.isoformat()} for each in kept]
+        print_json("calibration", {**facts(stored), "meaning": meaning, "versions": dated})
         return
     click.echo(str(stored.path))
     _table(stored.calibration)
@@ -96,8 +104,7 @@ def diff(
     rows = compare.diff(calibration, there)
     missing = [joint for joint in calibration if joint not in there]
     if as_json:
-        explained = [{name: getattr(row, name) for name in row.__slots__} for row in rows]
-        print_json("calibration-diff", {"rows": explained, "missing": missing})
+        print_json("calibration-diff", {"rows": list(map(asdict, rows)), "missing": missing})
     else:
         _print_diff(rows, missing, "the servos" if other is None else other)
     if missing or stored.refused or any(row.differs for row in rows):
@@ -132,15 +139,12 @@ def export(
     path = out if lerobot is None else format_of_lerobot.path_for(lerobot, kind=kind)
     if path is None or dry_run:
         if path is not None:
-            click.echo(f"would be written to {path}:", err=True)
+            aside(f"would be written to {path}:")
         click.echo(format_of_lerobot.text(calibration).decode(), nl=False)
         return
     format_of_lerobot.export(calibration, path)
     click.echo(f"written to {path}")
-    click.echo(
-        "LeRobot's zero is the middle of each travel, so the zeros of this file are not written",
-        err=True,
-    )
+    aside("LeRobot's zero is the middle of each travel, so the zeros of this file are not written")
 
 
 @verb(calibration, "import")
@@ -187,7 +191,7 @@ def import_(
     _print(told, f"saved to {stored.path}", as_json)
     if as_json:
         return
-    click.echo(f"next: so101 calibration show {stored.path}", err=True)
+    aside(f"next: so101 calibration show {stored.path}")
 
 
 @verb(calibration)
@@ -207,7 +211,6 @@ def restore(
     "so101 calibration show FILE" lists the versions.
     """
     from so101_motion.calib.record import store
-    from so101_motion.cli import port_choice
 
     path = store.resolve(file)
     if dry_run:
@@ -227,10 +230,7 @@ def restore(
     ):
         _write(stored, report)
         return
-    click.echo(
-        f"the servos are as before; to store it in them: so101 calibration write {stored.path}",
-        err=True,
-    )
+    aside(f"the servos are as before; to store it in them: so101 calibration write {stored.path}")
 
 
 def _arm_with(path: Path) -> PortReport | None:
@@ -251,7 +251,6 @@ def write(
     Held joints stay held where they are; one that is outside its new range goes limp.
     """
     from so101_motion.calib.record import store
-    from so101_motion.cli import port_choice
 
     stored = store.read(store.resolve(file))
     report = port_choice.find_to_examine(port)
@@ -274,12 +273,9 @@ def verify(
     has no stops, so it is not checked.
     """
     path, rows = verified(file, port, yes)
-    if as_json:
-        explained = [{name: getattr(row, name) for name in row.__slots__} for row in rows]
-        print_json("calibration-verify", {"file": str(path), "joints": explained})
-    else:
-        for row in rows:
-            click.echo(f"{row.joint}: {row.sentence}")
+    content = {"file": str(path), "joints": list(map(asdict, rows))}
+    told = "\n".join(f"{row.joint}: {row.sentence}" for row in rows)
+    answer(as_json, "calibration-verify", content, told)
     if not all(row.agrees for row in rows):
         raise SystemExit(CHECK_FAILED)
 
@@ -312,9 +308,8 @@ def accept(
 def ask_and_write(other: OtherCalibration, port: str) -> None:
     """Ask whether a calibration file is to be stored in servos that hold another, and do it."""
     from so101_motion.calib.record import store
-    from so101_motion.cli import port_choice
 
-    click.echo(str(other), err=True)
+    aside(str(other))
     _agree(f"Store it in the servos now? What they hold is kept. {_GO_LIMP}")
     _write(store.read(other.file), port_choice.look_at(port))
 
@@ -328,20 +323,19 @@ def _agree(question: str) -> None:
     except click.Abort:
         raise click.UsageError("there is no answer; give --yes to write without asking") from None
     if not agreed:
-        click.echo("nothing was written", err=True)
+        aside("nothing was written")
         raise SystemExit(STOPPED)
 
 
 def _write(stored: Stored, report: PortReport) -> None:
     from so101_motion.calib.procedure.eeprom import write_calibration
-    from so101_motion.cli import port_choice
 
     with port_choice.lent_bus(report, "writing a calibration") as (_, lease):
         kept = lease.call(lambda bus: write_calibration(bus, stored))
-    click.echo(f"the servos on {report.port.name} hold {stored.path}", err=True)
+    aside(f"the servos on {report.port.name} hold {stored.path}")
     if kept is not None:
         undo = f"so101 calibration write {kept} --port {report.port.name}"
-        click.echo(f"what they held before is kept; to put it back: {undo}", err=True)
+        aside(f"what they held before is kept; to put it back: {undo}")
 
 
 def facts(stored: Stored) -> dict[str, Any]:
@@ -366,9 +360,7 @@ def verified(
     """Have the joints led to their stops; the calibration file and the comparison of each joint."""
     from so101_motion.calib.procedure.verification import Verification
     from so101_motion.calib.record import store
-    from so101_motion.cli import port_choice
     from so101_motion.cli.operation_terminal import OperationTerminal
-    from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Quit, Terminal
 
     report = port_choice.find_arm(port)
@@ -416,21 +408,7 @@ def _list_files(as_json: bool) -> None:
         click.echo(str(one.path))
         echo(one.problem or f"{one.origin}{role}, {joints} joints", indent="  ")
     if not found:
-        click.echo("no calibration file was found; so101 calibrate makes one", err=True)
-
-
-def _zero_facts(
-    explained: Iterable[ZeroReport], kept: Iterable[Any]
-) -> dict[str, list[dict[str, object]]]:
-    return {
-        "meaning": [
-            {"joint": m.joint, "by": m.by, "jaws_mm": m.jaws_mm, "sentence": m.sentence}
-            for m in explained
-        ],
-        "versions": [
-            {"number": version.number, "kept_at": version.kept_at.isoformat()} for version in kept
-        ],
-    }
+        aside("no calibration file was found; so101 calibrate makes one")
 
 
 def _print(stored: Stored, heading: str, as_json: bool, **more: object) -> None:
@@ -471,12 +449,12 @@ def _print_dry_run(wanted: Stored, as_json: bool) -> None:
         return
     for row in rows:
         if row.differs:
-            click.echo(f"  {row.joint}: {row.field} {row.held} -> {row.filed}", err=True)
+            aside(f"  {row.joint}: {row.field} {row.held} -> {row.filed}")
     if not now:
-        click.echo("there is no usable file yet", err=True)
+        aside("there is no usable file yet")
     elif not any(row.differs for row in rows):
-        click.echo("the file is the same now", err=True)
-    click.echo("nothing was written", err=True)
+        aside("the file is the same now")
+    aside("nothing was written")
 
 
 def _notes(stored: Stored) -> None:
@@ -498,8 +476,6 @@ def _print_diff(rows: tuple[Difference, ...], missing: list[str], there: str) ->
 
 def _read_registers(port: str | None) -> Mapping[str, Mapping[str, int]]:
     from so101_motion.calib.motors.arm_identification import look
-    from so101_motion.cli import port_choice
-    from so101_motion.cli.shared import quietly
 
     report = port_choice.find_arm(port)
     with quietly(), port_choice.lent_bus(report, "a comparison") as (_, lease):

@@ -12,9 +12,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion import __version__
+from so101_motion.cli import port_choice
 from so101_motion.cli.options import JSON, flag, option, verb
 from so101_motion.cli.param_types import OutFile, port_option
-from so101_motion.cli.shared import CHECK_FAILED, print_json, write_report
+from so101_motion.cli.shared import (
+    CHECK_FAILED,
+    aside,
+    busy_message,
+    print_json,
+    quietly,
+    write_report,
+)
 from so101_motion.cli.sources import CALIBRATION, MACHINE, MachineSource, chosen_among
 from so101_motion.common.errors import CalibrationError, MachineRefused, PortUnavailable, So101Error
 from so101_motion.common.units import to_deg
@@ -49,7 +57,6 @@ def doctor(
     so101 doctor --port /dev/ttyACM0 --report doctor.md
     so101 doctor --machine my-arm.local:8080
     """  # noqa: D301
-    from so101_motion.cli.shared import busy_message, quietly
     from so101_motion.setup.checkup import check_up, is_healthy
 
     chosen = chosen_among({"--sim": sim or None, "--port": port, "--machine": machine})
@@ -79,11 +86,10 @@ def doctor(
     if not is_healthy(checks):
         raise SystemExit(CHECK_FAILED)
     if not as_json:
-        click.echo("ready to move", err=True)
+        aside("ready to move")
 
 
 def _diagnose_machine(machine: MachineSource, as_json: bool) -> None:
-    from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import echo
 
     with quietly(), closing(machine.open()) as rig:
@@ -107,7 +113,7 @@ def _diagnose_machine(machine: MachineSource, as_json: bool) -> None:
         found = (
             "finds no problem with its servos" if answer else "answers, and has no servos to check"
         )
-        click.echo(f"the {machine.what} {found}", err=True)
+        aside(f"the {machine.what} {found}")
 
 
 # Checks
@@ -127,20 +133,17 @@ def _installed(*, is_whole: bool) -> Findings:
 
 def examined(port: str | None, calibration: Path | None) -> Findings:
     """Check installation, port, servos and calibration, as the verb does; nothing moves."""
-    from so101_motion.cli.shared import busy_message, quietly
-
     with quietly(), busy_message("examining"):
         return _with_port(_installed(is_whole=False), port, calibration)
 
 
 def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Findings:
     from so101_motion.calib.record import store
-    from so101_motion.cli import port_choice as finding
     from so101_motion.drivers.port.port_list import adapters_without_port
     from so101_motion.setup.port_selection import about
 
     try:
-        report = finding.find_to_examine(port)
+        report = port_choice.find_to_examine(port)
     except PortUnavailable as error:
         lost = adapters_without_port()
         return replace(seen, port=port, port_trouble=error.reason, lost_adapters=lost)
@@ -174,11 +177,10 @@ def _with_file(seen: Findings, file: Path | None) -> Findings:
 
 
 def _with_arm(seen: Findings, report: PortReport) -> Findings:
-    from so101_motion.cli.port_choice import lent_bus
     from so101_motion.setup.checkup import examine
 
     try:
-        with lent_bus(report, "a check-up") as (rig, lease):
+        with port_choice.lent_bus(report, "a check-up") as (rig, lease):
             servos, bus_quality = examine(lease)
             seen = replace(
                 seen,
@@ -241,7 +243,7 @@ def _print_next(seen: Findings) -> None:
 
     left = FULL.next_open(SetupState.found(seen))
     if left is not None:
-        click.echo(f"next step of the setup: {left.title} (so101 setup --web)", err=True)
+        aside(f"next step of the setup: {left.title} (so101 setup --web)")
 
 
 def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:

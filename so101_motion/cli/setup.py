@@ -8,13 +8,19 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
+from so101_motion.cli import port_choice
 from so101_motion.cli.options import DRY_RUN, EVENTS, JSON, flag, option, verb
 from so101_motion.cli.param_types import Finite, port_option
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     STOPPED,
+    aside,
     have_agreed,
+    import_preview,
+    leaving,
     print_json,
+    quietly,
+    tell_torque,
 )
 from so101_motion.cli.sources import MACHINE, MachineSource, chosen_among
 from so101_motion.cli.view import PAGE, Page, keep_open
@@ -80,8 +86,6 @@ def setup(
     if machine is not None:
         raise click.UsageError("the motors of a machine are set up in the browser: add --web")
     from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SetupProgress
-    from so101_motion.cli import port_choice
-    from so101_motion.cli.shared import leaving, quietly
     from so101_motion.cli.terminal import Quit, Terminal
     from so101_motion.setup.calibrator import Calibrator
     from so101_motion.setup.port_selection import own_folder
@@ -139,7 +143,7 @@ def _print_dry_run(
     click.echo("would write, one after the other:" if plan else "would only verify the motors")
     for step in plan:
         click.echo(f"  alone on the cable, the motor of {step['joint']}: id {step['servo_id']}")
-    click.echo("nothing was written", err=True)
+    aside("nothing was written")
 
 
 def _walk(
@@ -177,8 +181,6 @@ def _walk(
 
 def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> None:
     """Serve the setup page until Ctrl-C, which undoes a running calibration on a port."""
-    from so101_motion.cli.shared import import_preview, quietly, tell_torque
-
     viewer = import_preview()
     with ExitStack() as stack:
         stack.enter_context(quietly())
@@ -209,16 +211,16 @@ def _conclude(port: str, view: SetupView, checked: Verification | None, as_json:
     else:
         click.echo(sentence)
     for note in checked.notes if checked is not None else ():
-        click.echo(f"note: {note}", err=True)
+        aside(f"note: {note}")
     if checked is None:
-        click.echo("next: so101 doctor, once the whole arm is on the cable", err=True)
+        aside("next: so101 doctor, once the whole arm is on the cable")
         return
     if checked.ok:
-        click.echo("next: put the arm together, then so101 calibrate", err=True)
+        aside("next: put the arm together, then so101 calibrate")
         return
     for check in checked.motors.values():
         if check.error:
-            click.echo(f"error: {check.error}\n  try: {check.fix}", err=True)
+            aside(f"error: {check.error}\n  try: {check.fix}")
     raise SystemExit(CHECK_FAILED)
 
 
