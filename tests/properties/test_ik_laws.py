@@ -78,31 +78,6 @@ def test_whatever_is_asked_the_answer_is_inside_and_true(p_base, rpy, q_seed, fr
     assert arrived != isinstance(found, Unreachable)
 
 
-@settings(max_examples=60)
-@given(q=inside, q_seed=anywhere, frame=frames, metric=metrics)
-def test_candidates_all_arrive_and_differ(q, q_seed, frame, metric):
-    goal = PoseGoal(T_base_tool=MODEL.frame(q, frame), metric=metric, frame=frame)
-    found = list(SOLVER.candidates(goal, q_seed))
-    for solution in found:
-        assert_inside(solution.q)
-        off, turn = miss(goal, solution.q)
-        assert off <= goal.position_tolerance
-        assert turn <= goal.approach_tolerance + 1e-9
-    qs = np.array([solution.q for solution in found])
-    apart = np.linalg.norm(qs[:, None] - qs[None], axis=2)
-    assert np.all(apart[~np.eye(len(qs), dtype=bool)] > 1e-6)
-
-
-@settings(max_examples=100)
-@given(q=inside, other=inside, frame=frames)
-def test_a_refused_point_is_farther_from_no_posture_than_said(q, other, frame):
-    p_far = MODEL.frame(q, frame).p * 1.5
-    found = answer(PoseGoal.at_point(p_far, frame=frame), np.zeros(5))
-    for configuration in (q, other):
-        away = np.linalg.norm(MODEL.frame(configuration, frame).p - p_far)
-        assert found.error_position <= max(away, 1e-4) + 1e-7
-
-
 @settings(max_examples=100)
 @given(q=anywhere, frame=st.sampled_from(["tool", "jaw_tip", "wrist_link", "upper_arm_link"]))
 def test_the_jacobian_is_the_derivative_of_the_pose(q, frame):

@@ -269,7 +269,9 @@ def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=True)
     collision = CollisionModel(MODEL, scene)
-    start, goal = random_configuration(rng), free_configuration(rng, collision, 0.0)
+    beyond = float(rng.choice([0.0, 0.1]))
+    start = rng.uniform(MODEL.lower - beyond, MODEL.upper + beyond)
+    goal = free_configuration(rng, collision, 0.0)
     assume(goal is not None)
     request = PlanRequest(
         q_start=start, goal=JointGoal(q=goal), limits=LIMITS, scene=scene, time_budget=2.0
@@ -285,8 +287,13 @@ def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
         assert frozenset((refusal.first, refusal.second)) in things
         return
     distances = np.array([collision.distances(q) for q in plan.trajectory.q])
+    # Pairs in contact only part, by more and more; and no other pair comes into contact.
     kept = np.maximum.accumulate(np.minimum(distances, 0.0), axis=0)
     assert np.all(distances >= kept - 1e-3)
+    outside = np.maximum(MODEL.lower - plan.trajectory.q, plan.trajectory.q - MODEL.upper)
+    excess = np.maximum(outside, 0.0)
+    assert np.all(np.diff(excess, axis=0) <= 1e-9)
+    assert not np.any(excess[-1])
 
 
 @given(seed=seeds)

@@ -6,7 +6,7 @@ import pytest
 from so101_motion.common.errors import Unreachable
 from so101_motion.common.geometry import SE3, rot_z
 from so101_motion.planning.collision.scene import FLOOR_Z
-from so101_motion.planning.goals import ApproachGoal, GoalMetric, LineGoal, PoseCloud, PoseGoal
+from so101_motion.planning.goals import ApproachGoal, GoalMetric, LineGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
@@ -65,40 +65,6 @@ def test_from_above_every_place_and_yaw_is_reached_and_left_again(model, planner
             metric=GoalMetric.POSITION_AND_APPROACH,
         )
         planner.plan(request(down.q_goal, up))
-
-
-def turned(T, other):
-    return abs(np.arctan2((T.R.T @ other.R)[1, 0], (T.R.T @ other.R)[0, 0]))
-
-
-def test_the_whole_pose_is_had_but_for_the_gap_of_the_roll(model, planner):
-    # The roll turns through 320 degrees; what is left of a full circle no configuration can have.
-    refused = 0
-    for radius, azimuth in PLACES[4:]:
-        for yaw in YAWS:
-            T = over(model, radius, azimuth, yaw, HOVER)
-            goal = PoseGoal(T_base_tool=T, frame="jaw_tip", metric=GoalMetric.FULL_POSE)
-            try:
-                plan = planner.plan(request(np.zeros(5), goal))
-            except Unreachable:
-                refused += 1
-            else:
-                assert turned(T, model.frame(plan.q_goal, "jaw_tip")) < np.radians(1.0)
-    assert refused <= 0.2 * 8 * len(YAWS)
-
-
-def test_with_a_tolerance_for_the_turn_every_yaw_is_reached(model, planner):
-    for radius, azimuth in PLACES[::3]:
-        for yaw in YAWS:
-            goal = PoseGoal(
-                T_base_tool=over(model, radius, azimuth, yaw, HOVER),
-                frame="jaw_tip",
-                cloud=PoseCloud(theta=np.pi),
-            )
-            plan = planner.plan(request(np.zeros(5), goal))
-            tip = model.frame(plan.q_goal, "jaw_tip")
-            assert tip.p == pytest.approx(goal.T_base_tool.p, abs=1.1e-4)
-            assert tip.R[2, 2] < -0.999
 
 
 def test_an_approach_that_cannot_be_followed_says_why(model, planner):

@@ -196,6 +196,7 @@ def test_the_same_request_gives_the_same_bytes(model, plan):
         lambda: plan(JointGoal(q=goal), start, seed=5),
         lambda: plan(PoseGoal(T_base_tool=model.frame(GOAL))),
         lambda: plan(PathGoal(waypoints=WAYPOINTS)),
+        lambda: plan(LineGoal(T_base_tool=SE3.from_translation((0.30, 0.05, 0.20)))),
         lambda: plan(JointGoal(q=GOAL), RESTING),
     )
     for make in requests:

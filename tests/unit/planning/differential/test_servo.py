@@ -118,17 +118,6 @@ def test_standing_still_is_standing_still() -> None:
     assert all(np.array_equal(step.q, READY) and step.share == 1.0 for step in steps)
 
 
-def test_it_comes_to_rest_along_the_path_it_announced() -> None:
-    moving = servo()
-    before = run(moving, twist(0.1, 0.1, -0.05), 40)[-2].q
-    path = moving.path_to_rest()
-    assert np.array_equal(path[:2], [before, moving.q])
-    steps = run(moving, STILL, len(path) - 2)
-    assert np.allclose([step.q for step in steps], path[2:], atol=1e-12)
-    run(moving, STILL, 1)
-    assert not moving.qd.any()
-
-
 def test_a_tool_that_is_let_go_of_stops_on_its_line() -> None:
     moving, start = servo(limits=AS_SET), tool(READY).p
     run(moving, twist(0.0, 0.08, 0.0), 100)
@@ -225,13 +214,6 @@ def test_a_start_outside_the_limits_may_come_in_and_not_go_further_out() -> None
     assert min(ends) < MODEL.upper[4]
 
 
-def test_the_same_targets_give_the_same_motion() -> None:
-    first, second = servo(), servo()
-    for k in range(60):
-        target = twist(0.1 * np.sin(k), 0.05, -0.1)
-        assert np.array_equal(first.step(target).q, second.step(target).q)
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_twist_must_be_finite(bad: float) -> None:
     with pytest.raises(ValueError, match="linear velocity must be finite"):
@@ -246,22 +228,6 @@ print("osqp" in sys.modules, "scipy" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]
-
-
-def test_a_wide_margin_around_obstacles_does_not_bind_the_links_among_themselves() -> None:
-    ahead = tool(READY).p + np.array([0.25, 0.0, 0.0])
-    wall = Obstacle(
-        name="wall",
-        shape=Box(size=np.array([0.02, 0.6, 0.8])),
-        T_base_obstacle=SE3.from_translation(ahead),
-    )
-    scene = Scene(obstacles=(wall,), margin=0.05)
-    moving, judge = servo(scene=scene), CollisionModel(MODEL, scene)
-    steps = run(moving, twist(x=0.1), 300)
-    assert max(step.share for step in steps) == 1.0
-    walls = [k for k, pair in enumerate(judge.pairs) if "wall" in pair]
-    closest = min(judge.distances(step.q)[walls].min() for step in steps)
-    assert 0.05 <= closest < 0.06
 
 
 def test_it_stops_where_what_it_carries_becomes_too_heavy_and_says_so() -> None:

@@ -1,6 +1,5 @@
 import math
 import pickle
-import xml.etree.ElementTree as ET
 from itertools import pairwise
 
 import numpy as np
@@ -29,18 +28,6 @@ def solver(model):
     return IkSolver(model)
 
 
-@pytest.fixture
-def tilted(tmp_path):
-    """An arm whose wrist axis is not parallel to the elbow's: no closed form."""
-    path = tmp_path / "tilted.urdf"
-    robot = ET.parse(URDF_PATH)
-    for joint in robot.getroot().findall("joint"):
-        if joint.get("name") == "wrist_flex":
-            joint.find("origin").set("rpy", "0.05 0 -1.5707963267948966")
-    robot.write(path)
-    return RobotModel.load(path)
-
-
 def configurations(model, n, seed=0):
     return np.random.default_rng(seed).uniform(model.lower, model.upper, (n, 5))
 
@@ -59,14 +46,6 @@ def assert_arrived(model, solution, goal):
 
 @pytest.mark.parametrize("metric", GoalMetric)
 @pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
-def test_every_pose_of_the_arm_is_reached_from_home(model, solver, metric, frame):
-    for q in configurations(model, 150):
-        goal = goal_at(model, q, metric, frame)
-        assert_arrived(model, solver.solve(goal, HOME), goal)
-
-
-@pytest.mark.parametrize("metric", GoalMetric)
-@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
 def test_a_seed_that_is_there_already_stays(model, solver, metric, frame):
     for q in configurations(model, 50, seed=1):
         solution = solver.solve(goal_at(model, q, metric, frame), q)
@@ -76,13 +55,6 @@ def test_a_seed_that_is_there_already_stays(model, solver, metric, frame):
 def test_position_only_keeps_the_roll_of_the_seed(model, solver):
     for q in configurations(model, 50, seed=2):
         assert solver.solve(goal_at(model, q), Q).q[4] == Q[4]
-
-
-def test_position_only_is_no_farther_from_the_seed_than_what_made_the_target(model, solver):
-    for q in configurations(model, 100, seed=3):
-        q[4] = Q[4]
-        solution = solver.solve(goal_at(model, q), Q)
-        assert np.linalg.norm(solution.q - Q) <= np.linalg.norm(q - Q) + 0.05
 
 
 def test_a_full_pose_is_met_exactly_where_the_joints_can(model, solver):
@@ -216,15 +188,6 @@ def test_a_solution_at_a_limit_names_it(model, solver):
     assert solver.solve(goal_at(model, Q, APPROACH), Q).limit is None
 
 
-@pytest.mark.parametrize("metric", GoalMetric)
-def test_seeds_outside_the_limits_are_fine(model, solver, metric):
-    resting = np.radians([0.0, -105.0, 91.0, 77.0, 0.0])
-    for q_seed in (resting, np.full(5, 4.0), np.full(5, -4.0), np.array([9.0, 0, 0, 0, -9.0])):
-        for frame in ("tool", "jaw_tip"):
-            goal = goal_at(model, Q, metric, frame)
-            assert_arrived(model, solver.solve(goal, q_seed), goal)
-
-
 def test_a_held_object_is_solved_for_like_the_tool(model):
     held = model.with_frame("cup", SE3.from_rpy((0.3, -0.2, 1.0), (0.02, -0.04, 0.12)))
     solver = IkSolver(held)
@@ -251,11 +214,6 @@ def test_an_object_far_off_the_roll_axis_still_gets_its_nearest_point(model):
             solver.solve(PoseGoal.at_point(p_base, frame="rod"), HOME)
         nearest = np.linalg.norm(sample - p_base, axis=1).min()
         assert caught.value.error_position <= nearest
-
-
-def test_an_arm_that_is_built_otherwise_is_refused(tilted):
-    with pytest.raises(ConfigError, match="not built like the SO-101"):
-        IkSolver(tilted)
 
 
 def test_a_rounded_urdf_is_polished_to_a_nanometre(tmp_path):

@@ -17,56 +17,6 @@ def model():
     return RobotModel.load()
 
 
-def rotation_of(w, x, y, z):
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-# Poses that the published module devrel:so101 computes for its tool frame, in mm.
-@pytest.mark.parametrize(
-    ("q", "p_mm", "wxyz"),
-    [
-        (
-            (0.0, 0.0, 0.0, 0.0, 0.0),
-            (293.234020, -0.176767, 234.370327),
-            (0.707110019, -2.596e-6, 0.707103543, 4.472e-6),
-        ),
-        (
-            (0.3, -0.4, 0.5, -0.2, 0.6),
-            (237.389473, -61.605307, 228.993859),
-            (0.667743411, -0.100258049, 0.663345822, -0.322551364),
-        ),
-        (
-            (-0.5, 0.6, -0.3, 0.4, -0.6),
-            (297.116472, 140.898879, 119.439278),
-            (0.359572593, 0.045313285, 0.905567081, 0.220459789),
-        ),
-        (
-            (math.pi / 2, 0.0, 0.0, 0.0, 0.0),
-            (38.658998, -254.399186, 234.369652),
-            (0.500004125, 0.499995875, 0.500000873, -0.499999127),
-        ),
-    ],
-)
-def test_tool_is_where_the_published_module_puts_it(model, q, p_mm, wxyz):
-    T_base_tool = model.frame(q)
-    np.testing.assert_allclose(T_base_tool.p * 1000.0, p_mm, atol=0.1)
-    assert rotation_angle(T_base_tool.R.T @ rotation_of(*wxyz)) < math.radians(0.02)
-
-
-def test_jaw_tip_at_zero_is_the_official_gripper_frame(model):
-    T_base_tip = model.frame(np.zeros(5), "jaw_tip")
-    np.testing.assert_allclose(T_base_tip.p, [0.391361, -0.000009, 0.226470], atol=1e-5)
-    np.testing.assert_allclose(
-        T_base_tip.quaternion_wxyz(), [0.70690, 0.01721, 0.70689, 0.01721], atol=1e-4
-    )
-
-
 def test_limits_come_from_the_urdf_and_stop_the_elbow_where_the_arm_does(model):
     assert math.degrees(model.upper[2]) == pytest.approx(90.8, abs=0.01)
     np.testing.assert_array_equal(model.limits, np.column_stack([model.lower, model.upper]))

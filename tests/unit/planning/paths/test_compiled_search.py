@@ -9,7 +9,6 @@ from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.common.errors import NoPath
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.checkpoint import Abandoned
 from so101_motion.planning.collision.apart import ROOM, placement
 from so101_motion.planning.collision.batch_check import Couple, LineCheck
 from so101_motion.planning.collision.collision import CollisionModel
@@ -96,22 +95,6 @@ def test_a_search_that_fails_says_what_was_in_the_way(model):
     assert "wall 0" in caught.value.blockers
 
 
-def test_a_search_that_nobody_wants_any_more_ends(model):
-    wanted = True
-
-    def give_up():
-        if not wanted:
-            raise Abandoned
-
-    collision = CollisionModel(model, POST, give_up)
-    finder = PathFinder(model, collision)
-    wanted = False
-    with pytest.raises(Abandoned):
-        finder.find(LEFT, [RIGHT], 10.0)
-    wanted = True
-    assert len(finder.find(LEFT, [RIGHT], 10.0).waypoints) > 2
-
-
 def test_a_search_asks_as_often_when_its_trees_are_large(model):
     asked = 0
 
@@ -130,12 +113,6 @@ def test_a_search_asks_as_often_when_its_trees_are_large(model):
         assert search.run(Deadline(60.0), most=2_000) is None
         apart.append((collision.batch.tally()[0] - before[0]) / (asked - before[1]))
     assert apart[1] < 0.8 * apart[0]  # configurations between two asks; comparing nodes takes long
-
-
-def test_a_deadline_that_has_passed_ends_it_at_once(model):
-    assert Deadline(-1.0).has_passed()
-    with pytest.raises(NoPath):
-        PathFinder(model, CollisionModel(model, POST)).find(LEFT, [RIGHT], -1.0)
 
 
 def two_arms(facing, *, spacing=0.01, room=ROOM):

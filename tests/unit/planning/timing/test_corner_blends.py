@@ -46,9 +46,3 @@ def test_parts_between_stops_keep_their_corners():
     parts = list(between_stops(POINTS, np.array([0.1, 0.0, 0.05])))
     assert [part[:, 0].tolist() for part, _ in parts] == [[0.0, 1.0, 1.0], [1.0, 2.0, 3.0]]
     assert [cut.tolist() for _, cut in parts] == [[0.1], [0.05]]
-
-
-def test_with_a_stop_at_every_corner_each_part_is_a_line():
-    parts = list(between_stops(POINTS, np.zeros(3)))
-    assert [len(part) for part, _ in parts] == [2, 2, 2, 2]
-    assert all(len(cut) == 0 for _, cut in parts)

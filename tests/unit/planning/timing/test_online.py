@@ -24,23 +24,6 @@ def tour() -> Trajectory:
     return retime(blended_path(points, 0.03), LIMITS, DT)
 
 
-def nearest(trajectory: Trajectory, q: np.ndarray) -> float:
-    """How far the worst of ``q`` is from the nearest instant of the motion, worst joint, [rad]."""
-    t = np.arange(0.0, (len(trajectory) - 1) * trajectory.dt, 5e-4)
-    dense = trajectory.at(t)[0]
-    return max(np.abs(dense - one).max(axis=1).min() for one in q)
-
-
-def test_point_to_point_is_a_straight_line_from_rest_to_rest() -> None:
-    trajectory = online.point_to_point(START, GOAL, LIMITS, DT)
-    assert np.array_equal(trajectory.q[0], START)
-    assert np.array_equal(trajectory.q[-1], GOAL)
-    assert not trajectory.qd[[0, -1]].any()
-    done = (trajectory.q - START) @ (GOAL - START) / np.sum((GOAL - START) ** 2)
-    assert np.allclose(trajectory.q, START + np.outer(done, GOAL - START), atol=1e-13)
-    assert np.all(np.diff(done) >= 0.0)
-
-
 def test_point_to_point_uses_the_strictest_limit_in_full() -> None:
     trajectory = online.point_to_point(START, GOAL, LIMITS, 1e-3)
     report = verify.check(trajectory, LIMITS)
@@ -61,15 +44,6 @@ def test_point_to_point_stays_straight_when_joints_have_different_limits() -> No
     report = verify.check(trajectory, limits)
     assert report.velocity[0] == pytest.approx(1.0, abs=1e-3)
     assert report.jerk[2] == pytest.approx(1.0, abs=1e-3)
-
-
-@pytest.mark.parametrize("n", [1, 2, 5, 6])
-def test_any_number_of_joints_can_move(n: int) -> None:
-    limits = MotionLimits.uniform(velocity=1.0, acceleration=5.0, jerk=50.0, n=n)
-    assert online.point_to_point(np.zeros(n), np.ones(n), limits, DT).q.shape[1] == n
-    moving = np.full(n, 0.3)
-    assert online.from_state(np.zeros(n), moving, 0 * moving, moving, limits, DT).n == n
-    assert online.stop(np.zeros(n), moving, 0 * moving, limits, DT).n == n
 
 
 def test_a_path_of_no_length_is_one_sample_at_the_goal() -> None:
@@ -96,17 +70,6 @@ def test_the_last_sample_is_at_most_one_step_after_the_end() -> None:
     ):
         last = (len(trajectory) - 1) * DT
         assert last - DT < trajectory.duration <= last + 1e-9
-
-
-def test_retargeting_continues_from_the_state_it_is_given() -> None:
-    qd, qdd = np.array([1.0, -0.5, 0.2, 0.0, 0.9]), np.array([1.0, 2.0, -3.0, 0.0, 0.0])
-    trajectory = online.from_state(START, qd, qdd, GOAL, LIMITS, 1e-3)
-    assert np.allclose(trajectory.q[0], START, atol=1e-15)
-    assert np.allclose(trajectory.qd[0], qd, atol=1e-15)
-    assert np.allclose(trajectory.qdd[0], qdd, atol=1e-15)
-    assert np.array_equal(trajectory.q[-1], GOAL)
-    assert not trajectory.qd[-1].any()
-    assert verify.limit_report(trajectory, LIMITS).worst <= 1.001
 
 
 def test_too_fast_a_state_brakes_first() -> None:
@@ -136,17 +99,6 @@ def test_a_stop_at_rest_is_over_at_once() -> None:
     trajectory = online.stop(START, np.zeros(5), np.zeros(5), LIMITS, DT)
     assert trajectory.duration == 0.0
     assert np.array_equal(trajectory.q[-1], START)
-
-
-def test_a_stop_on_the_path_never_leaves_it(tour: Trajectory) -> None:
-    for t in np.linspace(0.0, tour.duration, 40):
-        stopped = online.stop_on_path(tour, t, HARD, DT)
-        assert np.allclose(stopped.q[0], tour.sample(t).q, atol=1e-9)
-        assert nearest(tour, stopped.q) < 1e-3  # as far as 1.5 rad/s gets in a dense step
-        assert not stopped.qd[-1].any()
-        report = verify.limit_report(stopped, HARD)
-        assert max(report.velocity.max(), report.acceleration.max()) <= 1.001
-        assert report.jerk.max() <= 1.02
 
 
 def test_a_stop_on_the_path_begins_with_the_speed_it_finds(tour: Trajectory) -> None:

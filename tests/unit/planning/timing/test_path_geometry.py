@@ -23,19 +23,6 @@ def distance_to_polyline(q: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.array([np.abs(dense - one).max(axis=1).min() for one in q])
 
 
-def test_a_spline_passes_through_every_waypoint() -> None:
-    path = spline_path(WAYPOINTS)
-    assert np.allclose(path.evaluate(path.knots).q, WAYPOINTS, atol=1e-14)
-    assert path.n == 5
-    assert path.length == pytest.approx(np.linalg.norm(np.diff(WAYPOINTS, axis=0), axis=1).sum())
-
-
-def test_a_spline_has_no_jump_in_slope_or_curvature() -> None:
-    before, after = sides_of_knots(spline_path(WAYPOINTS))
-    for left, right in zip(before, after, strict=True):
-        assert np.allclose(left, right, atol=1e-11)
-
-
 def test_a_spline_is_the_natural_one() -> None:
     interpolate = pytest.importorskip("scipy.interpolate")
     path = spline_path(WAYPOINTS)

@@ -47,15 +47,6 @@ def test_near_the_end_the_motion_is_played_out() -> None:
     assert stopped.duration == pytest.approx(0.05)
 
 
-def test_no_scaling_is_found_where_the_limits_are_below_the_motion() -> None:
-    t = np.arange(301)[:, None] * 0.01
-    weaving = Trajectory(
-        dt=0.01, q=np.sin(5 * t), qd=5 * np.cos(5 * t), qdd=-25 * np.sin(5 * t), duration=3.0
-    )
-    feeble = MotionLimits.uniform(velocity=10.0, acceleration=20.0, jerk=500.0, n=1)
-    assert time_scaling.shortest_slowdown(weaving, 0.3, feeble, 0.01) is None
-
-
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**31), share=st.floats(0.02, 0.98))
 def test_a_motion_rests_on_its_path_and_goes_on(seed, share) -> None:

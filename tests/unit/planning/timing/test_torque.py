@@ -158,11 +158,6 @@ def test_a_path_through_a_reach_that_is_too_heavy_is_refused() -> None:
         PLANNER.plan(request(PathGoal(waypoints=np.array(beyond), tolerance=0.1), 0.15))
 
 
-def test_a_point_that_is_too_heavy_to_reach_out_to_is_refused() -> None:
-    with pytest.raises(Overloaded, match="at the goal"):
-        PLANNER.plan(request(PoseGoal(T_base_tool=MODEL.frame(STRETCHED)), 0.25))
-
-
 def test_what_the_scene_attaches_weighs_as_well() -> None:
     ball = Attached(
         name="ball",
