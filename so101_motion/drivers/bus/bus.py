@@ -147,7 +147,12 @@ class Bus:
 
     def ping(self, servo_id: int) -> Fault:
         """Ping a servo; return its status byte. Raises as ``read`` does."""
-        return Fault(self._ask(servo_id, Instruction.PING, b"", 0, "a ping").faults)
+        for tried in range(1 + RETRIES):
+            answer = self._once(servo_id, Instruction.PING, b"", 0, tried)
+            if isinstance(answer, Answer):
+                return Fault(answer.faults)
+            self.counters[servo_id].retries += 1
+        raise self._failure(servo_id, answer, "a ping")
 
     def read(self, servo_id: int, register: Register) -> int:
         """Read a register.
@@ -345,16 +350,6 @@ class Bus:
         self.port.write(sync_write_packet(start, data))
 
     # How
-
-    def _ask(
-        self, servo_id: int, instruction: Instruction, params: bytes, count: int, what: str
-    ) -> Answer:
-        for tried in range(1 + RETRIES):
-            answer = self._once(servo_id, instruction, params, count, tried)
-            if isinstance(answer, Answer):
-                return answer
-            self.counters[servo_id].retries += 1
-        raise self._failure(servo_id, answer, what)
 
     def _once(
         self, servo_id: int, instruction: Instruction, params: bytes, count: int, tried: int = 0

@@ -135,7 +135,8 @@ class Trim:
 
     Without ``per_kg``, the torque that each kilogram in the gripper adds, no such load is learnt.
     ``carried`` is the estimated mass in the gripper [kg], ``lags`` the uncompensated lag of each
-    joint now [rad].
+    joint now [rad], ``weights`` the torques that hold the joints where they will be when the last
+    goal acts [N m], ``ways`` which way and how fully friction is overcome, -1 to 1.
     """
 
     def __init__(self, gravity: Gravity, per_kg: Gravity | None = None) -> None:
@@ -143,9 +144,9 @@ class Trim:
         self.lags = [0.0] * 6
         self._per_kg = [0.0] * 6  # [N m/kg] in the commanded pose
         self.models = [ServoModel() for _ in range(6)]
-        self._weight = [0.0] * 6  # [N m]
+        self.weights = [0.0] * 6
         self._qd: Sequence[float] = (0.0,) * 6  # commanded [rad/s]
-        self._way = [0.0] * 6  # which way friction is overcome, -1 to 1
+        self.ways = [0.0] * 6  # which way friction is overcome, -1 to 1
         self._torque = [0.0] * 6  # what weight and friction take [N m]
         self._without_speed = [0.0] * 6  # and what that adds to the goal at rest [rad]
         self._known = [0.0] * 6  # as far as it can be the arm's weight
@@ -180,16 +181,6 @@ class Trim:
             )
             for model, weight, side, speed in zip(self.models, weights, way, qd, strict=False)
         ]
-
-    @property
-    def ways(self) -> Sequence[float]:
-        """Which way and how fully friction is overcome, -1 to 1."""
-        return self._way
-
-    @property
-    def weights(self) -> Sequence[float]:
-        """Holding torques of the joints where they will be when the last goal acts [N m]."""
-        return self._weight
 
     def per_kg(self, q: Sequence[float]) -> list[float]:
         """What each kilogram in the gripper adds to the six joints at ``q`` [rad], in [N m/kg]."""
@@ -230,12 +221,12 @@ class Trim:
         """
         found = []
         for i in range(_JAW):
-            own = self._weight[i] - self.carried * self._per_kg[i]
+            own = self.weights[i] - self.carried * self._per_kg[i]
             full = own + CARRIES * self._per_kg[i]
             unsure = 0.0 if i in _UPRIGHT else UNSURE + 0.05 * abs(own)
             low, high = min(own, full) - unsure, max(own, full) + unsure
-            is_lifted = -low < WEIGHTLESS and self._way[i] >= 1.0
-            is_lowered = high < WEIGHTLESS and self._way[i] <= -1.0
+            is_lifted = -low < WEIGHTLESS and self.ways[i] >= 1.0
+            is_lowered = high < WEIGHTLESS and self.ways[i] <= -1.0
             is_kept = max(low, -high) > 0.0 or max(-low, high) < WEIGHTLESS
             if not (is_lifted or is_lowered or is_kept):
                 found.append(i)
@@ -270,8 +261,8 @@ class Trim:
             step = goal[i] - before[i]
             foreseen = ways[i]
             if foreseen is None:
-                foreseen = limited(self._way[i] + step / ENGAGING, 1.0)
-            self._way[i] = foreseen
+                foreseen = limited(self.ways[i] + step / ENGAGING, 1.0)
+            self.ways[i] = foreseen
             self._gives_way[i] = self._gives_way[i] and not step
         q = [at + v * ahead for at, v in zip(goal, qd, strict=False)]
         self._take_up(goal, [*q, goal[_JAW]], now)
@@ -281,7 +272,7 @@ class Trim:
 
     def give_way(self, i: int) -> None:
         """Stop pushing with joint ``i``, which is blocked, until its command changes."""
-        self._gives_way[i], self._way[i] = True, 0.0
+        self._gives_way[i], self.ways[i] = True, 0.0
         self._find(i)
 
     def lag(self, i: int, qd: float, qdd: float) -> float:
@@ -300,14 +291,14 @@ class Trim:
         self.carried, self._gives_way, self._qd = 0.0, [False] * 6, (0.0,) * 6
         self._take_up(goal, goal, now)
         for i, off in enumerate(sag[:_JAW]):
-            self._way[i] = self._rest[i] = 0.0
+            self.ways[i] = self._rest[i] = 0.0
             self._find(i)
             if off is None:
                 continue
             model, most = self.models[i], self.models[i].largest_sag
             off = limited(off, most)
-            friction = model.friction(self._weight[i], 0.0)
-            self._way[i] = limited(model.torque(off - self._known[i]) / friction, 1.0)
+            friction = model.friction(self.weights[i], 0.0)
+            self.ways[i] = limited(model.torque(off - self._known[i]) / friction, 1.0)
             for _ in range(3):  # friction grows with what is not known of the load
                 self._find(i)
                 self._rest[i] = off - self._known[i]
@@ -344,7 +335,7 @@ class Trim:
                 demand = model.distance(self._torque[i], self._qd[i]) + self._rest[i] + error
                 if demand * error > 0.0 and model.drive(demand) >= model.most_drive:
                     continue  # it can do no more; what was learnt then would throw it past its goal
-                bears = min(abs(self._weight[i]) / BEARING, 1.0)
+                bears = min(abs(self.weights[i]) / BEARING, 1.0)
                 gain = GAIN_KNOWN if model.is_known else GAIN_MOVING
                 steps[i] = bears * gain * dt * error
         if any(steps):
@@ -352,13 +343,13 @@ class Trim:
 
     def _turn_over(self, i: int, error: float, dt: float) -> float:
         """Turn the friction of joint ``i`` over; return what to learn once that is done [rad]."""
-        model, way = self.models[i], self._way[i]
+        model, way = self.models[i], self.ways[i]
         side = 1.0 if error > 0.0 else -1.0
         if way * side >= 1.0:
             return GAIN * dt * error
-        load = self._weight[i] + model.torque(self._rest[i])
+        load = self.weights[i] + model.torque(self._rest[i])
         turn = model.torque(TURNING * dt) / model.friction(load, side)
-        self._way[i] = limited(way + side * turn, 1.0)
+        self.ways[i] = limited(way + side * turn, 1.0)
         self._find(i)
         return 0.0
 
@@ -373,7 +364,7 @@ class Trim:
         self.carried = limited(before + more / (heaviness + _DOUBT**2), HEAVIEST)
         for i in range(_JAW):
             change = (self.carried - before) * self._per_kg[i]
-            self._weight[i] += change
+            self.weights[i] += change
             steps[i] -= change / self.models[i].stiffness
             steps[i] *= shares[i]
         for i in range(_JAW):
@@ -387,14 +378,14 @@ class Trim:
 
     def _take_up(self, goal: list[float], q: Sequence[float], now: float) -> None:
         self._goal, self._since, self._arrived = goal, now, [False] * 6
-        self._weight, self._per_kg = self._weights(q)
+        self.weights, self._per_kg = self._weights(q)
 
     def _weights(self, q: Sequence[float]) -> tuple[list[float], list[float]]:
         own, per_kg = self._gravity(np.array(q)).tolist(), self.per_kg(q)
         return [w + self.carried * u for w, u in zip(own, per_kg, strict=True)], per_kg
 
     def _find(self, i: int) -> None:
-        model, way, torque = self.models[i], self._way[i], self._weight[i]
+        model, way, torque = self.models[i], self.ways[i], self.weights[i]
         if way:
             load = torque + self._rest[i] * model.stiffness
             torque += way * model.friction(load, way, self._qd[i])

@@ -75,7 +75,6 @@ class ServoCondition:
         max_acceleration: Cap of its acceleration, in units of register 41.
         torque_limit: Its torque limit now, in thousandths of full drive.
         crawls: Whether its caps have been set to a crawl, because its goal is outside its limits.
-        changed: Names of the registers that had to be changed.
     """
 
     torque: bool
@@ -86,7 +85,6 @@ class ServoCondition:
     max_acceleration: int
     torque_limit: int
     crawls: bool
-    changed: tuple[str, ...]
 
 
 def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCondition:
@@ -119,7 +117,7 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
             bus.write(servo_id, reg.GOAL_POSITION, here)
         bus.write(servo_id, reg.TORQUE_ENABLE, 1)  # without a goal it holds what it finds
     ram = {reg.TORQUE_LIMIT: full, **ram, **(CRAWL if crawls else {})}
-    changed += _fill(bus, servo_id, ram, anew=changed)
+    _fill(bus, servo_id, ram, anew=changed)
     return ServoCondition(
         torque=torque,
         goal_ticks=None if goal is None else Ticks(here),
@@ -131,7 +129,6 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
         max_acceleration=agreed(lambda: bus.read(servo_id, reg.MAX_ACCELERATION)),
         torque_limit=ram[reg.TORQUE_LIMIT],
         crawls=crawls,
-        changed=changed,
     )
 
 
