@@ -21,12 +21,6 @@ from so101_motion.rig.hardware_rig import open_hardware
 NOBODY = {"servo_ids": None, "gripper_id": None}
 
 
-@pytest.fixture
-def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path) as bench:
-        yield bench
-
-
 def memory(bench, joint):
     return bench.world.servo(joint).memory
 

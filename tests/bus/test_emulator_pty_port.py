@@ -161,12 +161,6 @@ def test_late_reply_comes_after_the_answer_to_the_next_question(make_emulator):
         assert replies == bytes.fromhex("FF FF 02 02 00 FB") + PONG
 
 
-def test_duplicated_reply_arrives_twice(make_emulator):
-    emulator = make_emulator(wire=WireFaults(duplicate=1.0))
-    with open_port(emulator) as port:
-        assert ask(port, PING, 12) == PONG * 2
-
-
 def test_client_that_never_reads_blocks_nobody(make_emulator):
     emulator = make_emulator()
     with open_port(emulator) as deaf:
@@ -184,17 +178,6 @@ def test_faults_that_silence_a_servo_begin_and_end_on_request(make_emulator, clo
         assert is_silent(port, PING)
         emulator.end(fault)
         clock.advance(1.0)  # time to boot
-        assert ask(port, PING, 6) == PONG
-
-
-def test_servo_is_hot_until_it_has_cooled_down(make_emulator, clock):
-    emulator, fault = make_emulator(), parse_fault("hot:1=80")
-    with open_port(emulator) as port:
-        emulator.begin(fault)
-        clock.advance(0.1)
-        assert ask(port, PING, 6) == bytes.fromhex("FF FF 01 02 04 F8")
-        emulator.end(fault)
-        clock.advance(600.0)
         assert ask(port, PING, 6) == PONG
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from grpclib import GRPCError
-from harness.emulated_rig import ModelBench, arm_client, hardware_bench
+from harness.emulated_rig import ModelBench, arm_client
 from harness.retarget import retarget
 
 from so101_motion.common.compliance import Compliance
@@ -24,12 +24,6 @@ def lead(bench, script=LEAD):
 def limits(bench):
     servos = [bench.world.servo(place) for place in range(1, 7)]
     return [servo.memory.raw(emu.TORQUE_LIMIT) for servo in servos]
-
-
-@pytest.fixture
-def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path) as bench:
-        yield bench
 
 
 @pytest.fixture
@@ -54,18 +48,6 @@ def test_the_arm_goes_where_it_is_led_and_is_seen_there(bench, rig):
     )
     assert after[1:5] == pytest.approx(before[1:5], abs=0.5), "it carries itself"
     assert rig.arm.state.q_ref == pytest.approx(rig.arm.state.q)
-
-
-def test_holding_again_ends_it_where_it_is_and_with_all_its_strength(bench, rig):
-    lead(bench)
-    bench.advance(3.0)
-    rig.arm.set_manual(False)
-    here = bench.q_deg
-    bench.advance(1.0)
-
-    assert rig.arm.state.mode is Mode.HOLDING
-    assert limits(bench) == [1000] * 5 + [500]
-    assert bench.q_deg == pytest.approx(here, abs=0.5)
 
 
 def test_a_stop_and_a_motion_end_it(bench, rig):

@@ -1,4 +1,3 @@
-import json
 from datetime import timedelta
 
 import numpy as np
@@ -67,21 +66,6 @@ async def test_a_streamed_trajectory_is_played(bench, client):
 
     assert len(updates) >= 1
     assert (await positions(client))[0] == pytest.approx(start[0] + 20.0, abs=0.6)
-
-
-async def test_after_the_cable_was_out_the_next_move_works(bench, client):
-    bench.emulator.unplug()
-    await bench.pass_time(1.0)
-    with pytest.raises(GRPCError) as caught:
-        await client.move_to_joint_positions(joints(*HOME))
-    assert caught.value.status is Status.UNAVAILABLE
-    assert (await client.get_status())["connected"] is False
-    bench.emulator.plug()
-    await bench.pass_time(3.0)
-    await bench.in_time(client.move_to_joint_positions(joints(*HOME)))
-
-    status = await client.get_status()
-    assert (status["connected"], status["port_losses"]) == (True, 1)
 
 
 # What it says of itself
@@ -203,25 +187,6 @@ async def test_the_calibration_is_reported_with_its_source(bench, client):
     assert answer["source"]["shoulder_pan"] == "registers"
     assert answer["zero"]["shoulder_pan"] == {"by": "middle", "middle_deg": 0.0}
     assert "gripper" not in answer["zero"]
-
-
-async def test_a_joint_whose_numbers_in_the_file_are_impossible_costs_no_other(bench):
-    file = bench.port.parent / "arm.json"
-    entry = {"drive_mode": 0, "homing_offset": 0, "range_max": 3430}
-    pan, elbow = {**entry, "id": 1, "range_min": 780}, {**entry, "id": 3, "range_min": 4000}
-    file.write_text(json.dumps({"shoulder_pan": pan, "elbow_flex": elbow}))
-    arm = bench.new_arm(calibration_file=str(file))
-    await bench.pass_time(1.0)
-    async with arm_client(arm) as client:
-        told = await ask(client, bench, command="get_calibration")
-        assert (told["source"]["shoulder_pan"], told["source"]["elbow_flex"]) == (
-            "file", "registers",
-        )  # fmt: skip
-        answer = await ask(client, bench, command="diagnose")
-        assert answer["success"] is True
-        assert "elbow_flex is not taken from the calibration" in answer["findings"][0]
-    memory = bench.world.servo("shoulder_pan").memory
-    assert (memory.raw(emu.MIN_POSITION), memory.raw(emu.MAX_POSITION)) == (780, 3430)
 
 
 async def test_reloading_reads_the_very_file_that_was_configured(bench, monkeypatch):

@@ -19,12 +19,6 @@ from so101_motion.rig.hardware_rig import open_so101
 from so101_motion.tasks.teleop.local_arms import middles_of
 
 
-@pytest.fixture
-def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path) as bench:
-        yield bench
-
-
 def memory(bench, joint):
     return bench.world.servo(joint).memory
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from harness.emulated_rig import hardware_bench
 from harness.held_calibration import forget_limits
 
 from so101_motion.calib.record import record, store
@@ -15,12 +14,6 @@ from so101_motion.drivers.emulator.hand import Hand, parse_script
 CRAWL_DEG = 14.0
 """Faster than this nobody comes in [deg/s]: 8 by our caps, 8.8 is the slowest the servos can, and
 they break loose with a jerk. Less than the planner allows for leaving a bad start."""
-
-
-@pytest.fixture
-def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path) as bench:
-        yield bench
 
 
 def filed(bench, **ends):

@@ -62,3 +62,12 @@ def test_a_path_is_followed_on_a_bad_wire(tmp_path, planning_process):
         health = rig.servos.health
         bench.emulator.bus.faults.loss = bench.emulator.bus.faults.corrupt = 0.0
     assert sum(one.lost + one.corrupt for one in health) > 20
+
+
+@pytest.mark.parametrize("fault", ["late", "duplicate", "request_loss"])
+def test_a_path_is_followed_when_replies_or_requests_go_astray(tmp_path, planning_process, fault):
+    with hardware_bench(tmp_path) as bench:
+        rig = opened(bench, 50, 100)
+        setattr(bench.emulator.bus.faults, fault, 0.05)
+        assert_followed(follow(bench, rig, *random_plan(rig, 5, waypoints=1)))
+        setattr(bench.emulator.bus.faults, fault, 0.0)

@@ -3,8 +3,6 @@
 import math
 
 import numpy as np
-import pytest
-from harness.emulated_rig import hardware_bench
 
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program import Solo, files, rehearse, start_program
@@ -28,12 +26,6 @@ TASK = task_from(
     }
 )
 REGION = Region(x=(-0.04, 0.04), y=(0.0, 0.0), turn=(0.0, 0.0), spacing=0.04)
-
-
-@pytest.fixture
-def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path) as bench:
-        yield bench
 
 
 def test_the_best_run_and_come_where_they_should(bench, tmp_path):

@@ -5,17 +5,10 @@ from concurrent.futures import Future, wait
 
 import numpy as np
 import pytest
-from harness.emulated_rig import hardware_bench
 from harness.lerobot_data import swing, write_data_set
 
 from so101_motion.tasks.datasets import open_data_set, plan_episode, replay_episode, units_of
 from so101_motion.tasks.datasets.replay import calibration_of
-
-
-@pytest.fixture
-def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path) as bench:
-        yield bench
 
 
 def in_time(bench, call):

@@ -2,17 +2,12 @@
 
 With ``ManualClock`` a thread goes on as soon as it is woken, at the same time as the one that woke
 it, so what a test sees may differ from run to run. On a ``TurnClock`` a woken thread waits until
-the clock is advanced: the same seed gives the same run, however busy the machine is. A
-``SettledClock`` waits until emulated servos have heard what was sent to them.
+the clock is advanced: the same seed gives the same run, however busy the machine is.
 """
 
 import threading
 import time
 from contextlib import contextmanager
-
-from referee import all_is_heard
-
-from so101_motion.common.clock import ManualClock
 
 _EPSILON = 1e-9
 _PATIENCE = 60.0  # [s] on the wall clock, for a thread that neither waits nor ends
@@ -100,15 +95,3 @@ class TurnClock:
             yield
         finally:
             time.monotonic, time.time = real
-
-
-class SettledClock(ManualClock):
-    """Time passes only when the servos have heard every goal.
-
-    Nobody answers a goal. Without this a servo would obey one that is sent last in a cycle in that
-    very cycle or in the next, as the threads happen to run, and friction makes much of that.
-    """
-
-    def wait(self, until, wake):
-        all_is_heard()
-        super().wait(until, wake)

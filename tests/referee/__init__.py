@@ -15,7 +15,6 @@ from referee.official import (
     Caps,
     Finding,
     Referee,
-    all_is_heard,
     match_of,
     refereed,
 )
@@ -27,7 +26,6 @@ __all__ = [
     "CommandCaps",
     "Finding",
     "Referee",
-    "all_is_heard",
     "match_of",
     "refereed",
 ]

@@ -1,8 +1,6 @@
 """The referee itself: watches emulators, passes what it sees to the judges, keeps the findings."""
 
 import math
-import re
-import threading
 import time
 import weakref
 from contextlib import contextmanager
@@ -43,21 +41,7 @@ class Finding:
         return f"{self.rule} at {self.t:.3f} s, servo {self.place}: {self.text}"
 
 
-_GOALS = re.compile(rb"\xff\xff\xfe.\x83\x2a", re.DOTALL)
-"""How a packet with goals for several servos begins; of a chunk one byte less is kept."""
-
-_LOST = 1.0
-"""Goals that are not heard for so long are lost [s], as when the port went away."""
-
 _matches = weakref.WeakKeyDictionary()
-_here = threading.local()  # the match whose goals this thread has sent
-
-
-def all_is_heard():
-    """Wait until the servos have heard the goals that this thread has sent."""
-    match, _here.match = getattr(_here, "match", None), None
-    if match is not None:
-        match.is_heard()
 
 
 def match_of(emulator):
@@ -122,8 +106,6 @@ class Match:
         self._referee = referee
         self._writes = Writes()
         self._commands, self._asked = [], 0
-        self._sent, self._heard, self._tail = 0, 0, b""
-        self._hearing = threading.Condition()
         world = emulator.world
         # Real time: what left the driver on time may be heard late, together with its successor.
         self._jitter = 0.15 if emulator.now is time.monotonic else 0.0
@@ -164,8 +146,6 @@ class Match:
         servos = self.emulator.world.servos
 
         def sent(command):
-            if not command.is_seed:
-                self._sent, _here.match = self._sent + 1, self
             angles = (*command.q_cmd, command.q_jaw_cmd)
             for i, (q, judge, caps) in enumerate(zip(angles, judges, caps_of(), strict=True)):
                 led_by_hand = command.is_guided and i < 5
@@ -180,19 +160,6 @@ class Match:
                 judge.sent(command.t, math.degrees(q), caps, off_joint)
 
         return sent
-
-    def is_heard(self):
-        """Wait until all goals that were sent have been heard, or are lost."""
-        with self._hearing:
-            self._hearing.wait_for(lambda: self._heard >= self._sent, _LOST)
-            self._sent = self._heard
-
-    def _hear(self, data):
-        with self._hearing:
-            data = self._tail + data
-            self._heard += len(_GOALS.findall(data))
-            self._tail = data[-5:]
-            self._hearing.notify_all()
 
     def requested(self, future, channels):
         """Hear of a request as it is made, and of the channels that it stops, if it is a stop.
@@ -231,7 +198,6 @@ class Match:
 
     def observe(self, now, data):
         """A client wrote ``data``; the world has caught up and has not yet obeyed."""
-        self._hear(data)
         self._widen()
         world, pushed = self.emulator.world, self.emulator.world.hand.busy
         for wire, motion, caps in zip(self._wire, self._motion, self.caps, strict=True):

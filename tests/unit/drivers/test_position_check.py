@@ -90,10 +90,5 @@ def test_an_answer_that_may_be_late_is_given_the_time_it_took(belief):
     for k, off in enumerate((1.0, 3.0, 5.0, 7.0), start=1):
         assert judge(belief, 1000 + off * DEG, 0.01 * k)
     far = round(1000 + 12.0 * DEG + CLOSE)
+    assert not belief.judge(0, far, 0.05, 0.05), "in time it is not believed"
     assert belief.judge(0, far, 0.05, 0.06)
-
-
-def test_the_same_answer_in_time_is_not_believed(belief):
-    for k, off in enumerate((1.0, 3.0, 5.0, 7.0), start=1):
-        assert judge(belief, 1000 + off * DEG, 0.01 * k)
-    assert not judge(belief, 1000 + 12.0 * DEG + CLOSE, 0.05)

@@ -161,3 +161,17 @@ def test_driven_joints_refuse_a_goal_that_is_further_away_than_their_caps_allow(
         arm.write(Q, 0.4)
     clock.advance(1.0)
     np.testing.assert_array_equal(arm.read().q, np.zeros(5))
+
+
+def test_a_simulated_arm_shows_its_commands_too(clock):
+    seen = []
+    arm = SimArm(clock)
+    arm.on_command = seen.append
+    arm.write(np.zeros(5), 0.1)
+    arm.set_torque(True)
+    clock.advance(0.01)
+    arm.write(np.full(5, 0.002), 0.1)
+    assert [(one.t, one.q_cmd, one.q_jaw_cmd, one.is_seed) for one in seen] == [
+        (0.0, (0.0,) * 5, 0.1, True),
+        (0.01, (0.002,) * 5, 0.1, False),
+    ]

@@ -21,22 +21,10 @@ def test_a_register_reads_as_the_servo_holds_it(bus):
     assert bus.read(2, reg.MAX_ACCELERATION) == 100
 
 
-def test_one_sync_read_brings_all_positions(port, bus):
-    assert positions(bus) == dict.fromkeys(IDS, 2048)
-    assert len(port.sent) == 1
-
-
 def test_answers_may_arrive_byte_by_byte(port, bus):
     port.chunk = 1
     assert positions(bus) == dict.fromkeys(IDS, 2048)
     assert bus.read(3, POSITION) == 2048
-
-
-def test_packets_are_those_of_the_manual(port, bus):
-    bus.ping(1)
-    bus.sync_write(reg.GOAL_POSITION.address, {1: b"\x00\x08", 2: b"\x01\x08"})
-    assert port.sent[0] == bytes.fromhex("FF FF 01 02 01 FB")
-    assert port.sent[1] == bytes.fromhex("FF FF FE 0A 83 2A 02 01 00 08 02 01 08 34")
 
 
 def test_a_sync_write_reaches_every_servo_and_nobody_answers(port, bus):
@@ -97,13 +85,6 @@ def test_answers_that_stay_garbled_are_an_error_with_the_bytes(port, bus):
         bus.read(3, POSITION)
     assert info.value.raw
     assert bus.counters[3].corrupt == 1 + RETRIES
-
-
-def test_lost_answers_are_asked_for_again(port, bus):
-    port.faults.loss = 0.3
-    for _ in range(50):
-        assert bus.read(1, POSITION) == 2048
-    assert bus.counters[1].retries > 5
 
 
 def test_status_bits_never_cost_a_reading_and_are_latched(port, bus):
@@ -171,11 +152,6 @@ def test_an_id_that_is_taken_is_refused(bus):
     with pytest.raises(ServoFault, match="servo 5 already"):
         bus.change_id(6, 5)
     assert bus.scan() == list(IDS)
-
-
-def test_a_scan_finds_all_servos(port, bus):
-    port.world.disconnect(2)
-    assert bus.scan() == [1, 3, 4, 5, 6]
 
 
 def test_every_kind_of_question_reports_that_the_port_is_gone_and_works_after(port, bus):

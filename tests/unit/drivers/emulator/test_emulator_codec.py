@@ -48,22 +48,16 @@ ROWS = [
 ]
 
 
+@pytest.mark.parametrize("chunk", [100, 1])
 @pytest.mark.parametrize(("data", "state", "events"), ROWS)
-def test_listener_follows_its_table(data, state, events):
-    listener = Listener()
-    heard = listener.hear(bytes.fromhex(data))
+def test_listener_follows_its_table_however_bytes_are_cut(data, state, events, chunk):
+    listener, data = Listener(), bytes.fromhex(data)
+    pieces = [data[i : i + chunk] for i in range(0, len(data), chunk)]
+    heard = [each for piece in pieces for each in listener.hear(piece)]
     assert listener.state is state
     assert [(i.servo_id, i.code, i.params) for i in heard] == [
         (servo_id, code, bytes.fromhex(params)) for servo_id, code, params in events
     ]
-
-
-@pytest.mark.parametrize(("data", "state", "events"), ROWS)
-def test_listener_hears_the_same_byte_by_byte(data, state, events):
-    listener = Listener()
-    heard = [i for byte in bytes.fromhex(data) for i in listener.hear(bytes((byte,)))]
-    assert listener.state is state
-    assert [(i.servo_id, i.code) for i in heard] == [event[:2] for event in events]
 
 
 def test_instruction_knows_where_in_the_chunk_it_ended():

@@ -47,14 +47,6 @@ def test_unplugged_servo_is_silent_and_limp_and_comes_back_rebooted(bench):
     assert bench.read(3, reg.TORQUE_ENABLE) == 0
 
 
-def test_spontaneous_reboot_looks_like_an_ordered_one(bench):
-    bench.write(4, reg.TORQUE_ENABLE, 1)
-    bench.world.reboot(4)
-    assert bench.ask(4, Code.PING) == []
-    bench.advance(1.0)
-    assert bench.read(4, reg.TORQUE_ENABLE) == 0
-
-
 def test_a_torque_of_one_and_a_half_newton_metres_is_held_at_forty_eight_degrees():
     motor = Motor(STS3215_12V)
     motor.advance(3600.0, duty=1.47 / STS3215_12V.torque_per_volt / 12.0, volts=12.0, velocity=0.0)

@@ -67,6 +67,8 @@ def test_same_seed_gives_the_same_faults(make_bench):
         (" loss=0.05 ", FaultEvent(kind="loss", value=0.05)),
         ("twin:2=1", FaultEvent(kind="twin", servo="2", value=1.0)),
         ("object=0.02+3", FaultEvent(kind="object", value=0.02, duration=3.0)),
+        ("sweep", FaultEvent(kind="sweep")),
+        ("sweep=200", FaultEvent(kind="sweep", value=200.0)),
     ],
 )
 def test_faults_are_read_from_text(text, event):
@@ -86,6 +88,8 @@ def test_faults_are_read_from_text(text, event):
         "unplug:3",
         "hot:3=4.5.6",
         "loss=x",
+        "only",
+        "pose=3",
     ],
 )
 def test_nonsense_is_refused_with_the_text_in_the_message(text):

@@ -5,9 +5,8 @@ import math
 import pytest
 
 from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.emulator.faults import FaultEvent, parse_fault
+from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.planning.kinematics.model import RobotModel
 
 
@@ -80,12 +79,3 @@ def test_a_hand_leads_every_joint_to_both_its_stops(make_kit, fault, seconds):
     for servo in kit.world.servos:
         stops = (servo.joint.lower, servo.joint.upper)
         assert seen[servo.joint.name] == pytest.approx(stops, abs=math.radians(1.0))
-
-
-def test_a_sweep_may_have_a_speed_and_what_plugs_in_needs_a_servo():
-    assert parse_fault("sweep") == FaultEvent(kind="sweep")
-    assert parse_fault("sweep=200") == FaultEvent(kind="sweep", value=200.0)
-    with pytest.raises(ConfigError, match="needs a servo"):
-        parse_fault("only")
-    with pytest.raises(ConfigError, match="has no value"):
-        parse_fault("pose=3")

@@ -3,7 +3,7 @@ import time
 
 import numpy as np
 import pytest
-from harness.servo_stand import ELBOW, JAW, MAPS, heavy
+from harness.servo_stand import ELBOW, MAPS, heavy
 
 from so101_motion.common.errors import NoReply
 from so101_motion.drivers.bus import registers as reg
@@ -200,10 +200,22 @@ def test_under_load_the_joints_rest_where_they_were_sent(make_stand):
     np.testing.assert_allclose(stand.q[:5], [0.0, 0.4, -0.3, 0.0, 0.0], atol=math.radians(0.3))
 
 
-def test_a_jaw_can_be_weakened(stand):
-    stand.arm.set_torque_limit("gripper", 0.4)
-    assert stand.memory(JAW, reg.TORQUE_LIMIT) == 400
-    assert stand.memory(1, reg.TORQUE_LIMIT) == 1000
+def test_goals_that_make_up_for_weight_are_shown_beside_the_bare_command(make_stand, clock):
+    stand, seen = make_stand(), []
+    arm = stand.connect(gravity=lambda q: np.array([0.0, -0.9, 0.0, 0.0, 0.0, 0.0]))
+    arm.on_command = seen.append
+    reading = arm.read()
+    arm.write(reading.q, reading.q_jaw)
+    arm.set_torque(True)
+    assert [(one.is_seed, list(one.goals)) for one in seen] == [(True, [i]) for i in range(1, 7)]
+    clock.advance(0.01)
+    arm.write(np.full(5, 0.002), 0.0)
+    last = seen[-1]
+    assert (last.t, last.q_cmd, last.q_jaw_cmd) == (clock.now(), (0.002,) * 5, 0.0)
+    assert last.goals == {i: stand.port.memory(i, reg.GOAL_POSITION) for i in range(1, 7)}
+    assert last.goals[2] < last.goals[1] == 2049
+    assert not last.is_seed
+    assert not last.is_guided
 
 
 # Health

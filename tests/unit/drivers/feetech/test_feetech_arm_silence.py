@@ -101,14 +101,8 @@ def test_a_servo_that_restarted_holds_where_it_is_with_its_caps_and_says_so_once
     assert stand.memory(ELBOW, reg.GOAL_VELOCITY) == stand.memory(1, reg.GOAL_VELOCITY)
     assert stand.memory(ELBOW, reg.TORQUE_LIMIT) == 800
     np.testing.assert_allclose(stand.q[:5], 0.3, atol=0.01)
-
-
-def test_after_a_restart_the_arm_can_be_used_again(stand):
     stand.hold()
-    stand.port.world.reboot(ELBOW)
-    stand.look(3.0)
-    stand.hold()
-    np.testing.assert_allclose(stand.follow(1.5, np.full(5, 0.3)).q, 0.3, atol=0.01)
+    np.testing.assert_allclose(stand.follow(1.5, np.full(5, 0.2)).q, 0.2, atol=0.01)
 
 
 def test_a_servo_that_comes_back_too_hot_to_hold_is_named_and_the_others_are_still_read(stand):

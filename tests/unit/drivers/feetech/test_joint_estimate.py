@@ -1,9 +1,11 @@
+import numpy as np
 import pytest
 
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.protocol import Answer
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
-from so101_motion.drivers.feetech.joint_estimate import JointEstimate
+from so101_motion.drivers.feetech.gravity_compensation import SETTLE_VELOCITY
+from so101_motion.drivers.feetech.joint_estimate import WINDOW, JointEstimate, VelocityEstimate
 
 PAN, LIFT = 0, 1
 
@@ -67,3 +69,38 @@ def test_velocities_are_slopes_and_begin_anew_after_a_gap(at):
     at.forget()
     seen(at, 0.0, NOWHERE, 9.0)
     assert at.qd == [0.0] * 6
+
+
+# Velocities
+
+
+def test_nothing_known_is_no_movement():
+    slope = VelocityEstimate(3)
+    assert slope.value() == [0.0] * 3
+    slope.add(0.0, np.ones(3))
+    slope.add(0.0, np.ones(3))
+    assert slope.value() == [0.0] * 3
+
+
+def test_a_stop_is_seen_within_the_window():
+    slope = VelocityEstimate(1)
+    for k in range(100):
+        slope.add(0.01 * k, np.array([min(k, 50) * 0.01]))
+    assert slope.value() == pytest.approx([0.0])
+
+
+def test_scatter_of_a_resting_encoder_stays_below_what_counts_as_rest():
+    rng = np.random.default_rng(1)
+    slope, worst = VelocityEstimate(1), []
+    for k in range(2000):
+        slope.add(0.01 * k, rng.integers(-1, 2, 1) * RAD_PER_TICK)
+        worst.append(abs(slope.value()[0]))
+    assert np.percentile(worst[20:], 99) < SETTLE_VELOCITY
+
+
+@pytest.mark.parametrize("period", [0.0005, 0.01, 2.0 * WINDOW])
+def test_a_steady_movement_has_its_velocity_however_often_it_is_measured(period):
+    slope = VelocityEstimate(2)
+    for k in range(round(10 + 0.5 / period)):
+        slope.add(period * k, np.array([0.5, -2.0]) * period * k)
+    np.testing.assert_allclose(slope.value(), [0.5, -2.0])

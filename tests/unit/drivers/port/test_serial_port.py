@@ -7,7 +7,7 @@ import pytest
 
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.port import serial_port as port_module
-from so101_motion.drivers.port.port_list import open_error_text, programs_using
+from so101_motion.drivers.port.port_list import programs_using
 from so101_motion.drivers.port.serial_port import PortOpener, SerialPort, UsbIdentity, find_again
 
 
@@ -116,11 +116,6 @@ def test_something_that_is_no_port_is_reported(tmp_path):
         SerialPort(str(file))
 
 
-def test_forbidden_ports_say_which_group_to_join():
-    said = open_error_text("/dev/ttyACM0", PermissionError(13, "Permission denied"))
-    assert "dialout" in said
-
-
 @pytest.mark.parametrize(
     "use",
     [
@@ -165,37 +160,6 @@ def plugged(monkeypatch):
     return ports
 
 
-def test_a_port_without_a_known_adapter_is_looked_for_under_its_name(plugged):
-    assert find_again("/dev/ttyACM0", None) == "/dev/ttyACM0"
-
-
-def test_an_adapter_is_found_under_its_new_name(plugged):
-    plugged += [
-        Listed("/dev/ttyACM0", serial_number="other"),
-        Listed("/dev/ttyACM1", serial_number="5A68"),
-    ]
-    assert find_again("/dev/ttyACM0", OURS) == "/dev/ttyACM1"
-
-
-def test_an_adapter_that_kept_its_name_is_found_there(plugged):
-    plugged += [Listed("/dev/ttyACM0", serial_number="5A68")]
-    assert find_again("/dev/ttyACM0", OURS) == "/dev/ttyACM0"
-
-
-def test_another_adapter_under_the_old_name_is_not_taken(plugged):
-    plugged += [Listed("/dev/ttyACM0", serial_number="other")]
-    assert find_again("/dev/ttyACM0", OURS) is None
-
-
-def test_an_opener_remembers_which_adapter_it_opened(plugged, terminal):
-    plugged += [Listed(terminal.name, serial_number="5A68")]
-    opener = PortOpener(terminal.name)
-    opener().close()
-    plugged.clear()
-    with pytest.raises(PortUnavailable, match="not plugged in"):
-        opener()
-
-
 def test_an_opener_opens_the_same_adapter_at_another_rate(plugged, terminal):
     plugged += [Listed(terminal.name, serial_number="5A68")]
     opener = PortOpener(terminal.name, 500_000)
@@ -208,10 +172,17 @@ def test_an_opener_opens_the_same_adapter_at_another_rate(plugged, terminal):
         opener(250_000)
 
 
-def test_an_opener_learns_the_adapter_when_it_opens_the_port(plugged, terminal):
-    plugged += [Listed(terminal.name, serial_number="5A68")]
-    opener = PortOpener(terminal.name)
-    opener().close()
-    plugged[0] = Listed(terminal.name, serial_number="other")
-    with pytest.raises(PortUnavailable, match="not plugged in"):
-        opener()
+@pytest.mark.parametrize(
+    ("there", "usb", "found"),
+    [
+        ({}, None, "/dev/ttyACM0"),
+        ({"/dev/ttyACM0": "other", "/dev/ttyACM1": "5A68"}, OURS, "/dev/ttyACM1"),
+        ({"/dev/ttyACM0": "5A68"}, OURS, "/dev/ttyACM0"),
+        ({"/dev/ttyACM0": "other"}, OURS, None),
+    ],
+)
+def test_an_adapter_that_is_known_is_found_wherever_it_is_and_no_other_is(
+    plugged, there, usb, found
+):
+    plugged += [Listed(name, serial_number=number) for name, number in there.items()]
+    assert find_again("/dev/ttyACM0", usb) == found
