@@ -5,12 +5,11 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from harness.calibration_rig import LentArm
+from harness.calibration_rig import LentArm, recording
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
-from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.travel import TravelRecorder, fit, homing_offset
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
@@ -106,10 +105,7 @@ def test_every_joint_is_calibrated_wherever_its_seam_its_offset_and_its_pose_are
         arm.put(**{joint: round(lower + poses[joint] * (upper - lower))})
     at_home = {joint: arm.drive(joint).q for joint in JOINTS}
     with tempfile.TemporaryDirectory() as folder:
-        session = Session(Path(folder) / "arm.json")
-        session.start(arm)
-        session.set_homing()
-        session.start_recording()
+        session = recording(Path(folder) / "arm.json", arm)
         # At 700 ticks a sample the speed register is at its end, 7FFF. With a checksum of FF that
         # answer holds a header, and is rightly taken for one cut short; a sample is lost.
         arm.sweep_all(step=400)

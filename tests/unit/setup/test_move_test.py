@@ -105,19 +105,6 @@ def test_a_stop_ends_the_test(rig, clock, moving):
     np.testing.assert_allclose(rig.arm.state.q, q, atol=1e-3)
 
 
-def test_a_cancelled_test_ends_like_a_stopped_one(rig, clock):
-    test = make(rig)
-    outline = test.outline()
-
-    def cancel():
-        if rig.arm.is_moving:
-            test.cancel()
-
-    report = carried_out(clock, lambda: test.move_and_measure(outline), cancel)
-    assert "the arm holds" in report.ended_by
-    assert not rig.arm.is_moving
-
-
 def test_a_test_that_was_cancelled_before_it_began_does_not_move(rig, clock):
     test, start = make(rig), rig.arm.state.q
     outline = test.outline()
