@@ -313,10 +313,7 @@ class Calibrator(Session):
             homing_offset=entry.homing_offset,
             range_min=entry.range_min,
             range_max=entry.range_max,
-            recorded_min=None,
-            recorded_max=None,
             expected_deg=to_deg(expected_travel(joint) * RAD_PER_TICK),
-            verdict=None,
             sentence="its servo does not answer" if ticks is None else "",
             is_done=setup is not None and setup.source == "file",
         )

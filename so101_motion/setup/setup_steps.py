@@ -5,12 +5,13 @@ A failed check means that the user cannot go on yet: its sentence says what is m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from so101_motion.calib.motors.setup_view import SetupView, Verification
+from so101_motion.calib.motors.setup_view import SetupView
 from so101_motion.calib.procedure import view as calibration_view
 from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.procedure.view import CalibrationView
@@ -104,20 +105,19 @@ def listed(workflow: str, known: SetupState) -> dict[str, Any]:
         "workflow": wanted.name,
         "title": wanted.title,
         "minutes": wanted.minutes,
-        "steps": [_about(step, step.check(known)) for step in wanted.steps],
+        "steps": [
+            {
+                "name": step.name,
+                "title": step.title,
+                "instruction": step.instruction,
+                "minutes": step.minutes,
+                "verdict": (check := step.check(known)).verdict,
+                "message": check.sentence,
+                "fix": check.fix or None,
+            }
+            for step in wanted.steps
+        ],
         "next_step": None if left is None else left.name,
-    }
-
-
-def _about(step: SetupStep, check: Check) -> dict[str, Any]:
-    return {
-        "name": step.name,
-        "title": step.title,
-        "instruction": step.instruction,
-        "minutes": step.minutes,
-        "verdict": check.verdict,
-        "message": check.sentence,
-        "fix": check.fix or None,
     }
 
 
@@ -158,20 +158,17 @@ def _numbered(known: SetupState) -> Check:
             return warn("motors", text, "set them up later")
         return ok("motors", "all six motors have their ids")
     servos = known.seen.servos
-    if not setup.in_progress and servos is not None and _have_ids(servos):
-        return ok("motors", "the motors have their ids already")
+    if not setup.in_progress and servos is not None:
+        states = {check.status for check in servos.motors.values()}
+        # a silent one may have a loose cable
+        has_stranger = servos.unexpected_ids and "not_responding" in states
+        if "duplicate" not in states and not has_stranger:
+            return ok("motors", "the motors have their ids already")
     motor = setup.motors[joint]
     text = f"{6 - setup.step} of 6 motors are still to be set up, next {joint}"
     if motor.state == "failed":
         text = f"{joint}: {motor.sentence}"
     return fail("motors", text, setup.next_step)
-
-
-def _have_ids(servos: Verification) -> bool:
-    """Whether no servo answers without its own id; a silent one may have a loose cable."""
-    states = {check.status for check in servos.motors.values()}
-    has_stranger = servos.unexpected_ids and "not_responding" in states
-    return not ("duplicate" in states or has_stranger)
 
 
 def _complete(known: SetupState) -> Check:
@@ -198,7 +195,7 @@ def _assembled(known: SetupState) -> Check:
     return warn("assembly", text, "screw it together, then check joint by joint")
 
 
-def _reached(known: SetupState, name: str, *states: State, left: str) -> Check:
+def _reached(known: SetupState, *, name: str, states: Collection[State] = (), left: str) -> Check:
     view = known.view
     if known.saved is not None:
         return ok(name, f"calibrated: {known.saved}")
@@ -207,29 +204,17 @@ def _reached(known: SetupState, name: str, *states: State, left: str) -> Check:
     return fail(name, view.error or left, view.instruction)
 
 
-def _posed(known: SetupState) -> Check:
-    states = (State.HOMED, State.RECORDING, State.COMPLETED)
-    return _reached(known, "pose", *states, left="the homing pose is not taken yet")
-
-
 def _recorded(known: SetupState) -> Check:
     left = "the travel of the joints is not recorded yet"
     if known.view.state is State.RECORDING:
         joints = [joint for joint, view in known.view.joints.items() if not view.is_done]
         left = f"still to do: {', '.join(joints)}" if joints else "the recording goes on"
-    return _reached(known, "record", State.COMPLETED, left=left)
+    return _reached(known, name="record", states=(State.COMPLETED,), left=left)
 
 
-def _saved(known: SetupState) -> Check:
-    return _reached(known, "save", left="the calibration is not saved yet")
-
-
-def _tested(known: SetupState) -> Check:
-    return known.tested or warn(
-        "test",
-        "the arm has not been tested yet",
-        "let it make small slow motions and check them",
-    )
+_UNTESTED = warn(
+    "test", "the arm has not been tested yet", "let it make small slow motions and check them"
+)
 
 
 def _usable(known: SetupState) -> Check:
@@ -284,7 +269,12 @@ POSE = SetupStep(
     instruction="Once the arm is screwed together: hold it, let its joints go limp, and bring each"
     " about into the middle of its travel.",
     minutes=2,
-    check=_posed,
+    check=partial(
+        _reached,
+        name="pose",
+        states=(State.HOMED, State.RECORDING, State.COMPLETED),
+        left="the homing pose is not taken yet",
+    ),
 )
 
 RECORD = SetupStep(
@@ -300,7 +290,7 @@ SAVE = SetupStep(
     title="Save",
     instruction="Look at what was recorded, then store it in the motors and in a file.",
     minutes=1,
-    check=_saved,
+    check=partial(_reached, name="save", left="the calibration is not saved yet"),
 )
 
 TEST = SetupStep(
@@ -309,7 +299,7 @@ TEST = SetupStep(
     instruction="Let the arm make small slow motions, joint by joint, and check that it follows"
     " commands.",
     minutes=2,
-    check=_tested,
+    check=lambda known: known.tested or _UNTESTED,
 )
 
 CONFIGURE = SetupStep(

@@ -266,28 +266,18 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def _salvaged(path: Path) -> Stored:
-    """Read the file joint by joint, so that one wrong joint does not lose the others."""
-    try:
-        found = read(path)
-    except CalibrationError as error:
-        problem = error.reason
-    else:
-        if not found.refused:
-            return found
-        problem = "; ".join(f"{joint}: {reason}" for joint, reason in found.refused.items())
-    if not path.exists():
-        return Stored(path=path, calibration={}, zeros={}, notes=())
-    calibration: dict[str, JointCalibration] = {}
-    for joint in JOINTS:
+    """Read what can be used of the file, so that one wrong joint does not lose the others."""
+    found, problem = Stored(path=path, calibration={}, zeros={}, notes=()), ""
+    if path.exists():
         try:
-            content = json_file.read(path)
-            entry = content.get(joint) if isinstance(content, Mapping) else None
-            calibration |= record.usable({joint: entry}).calibration
-        except CalibrationError:
-            continue
-    zeros, _ = read_zeros(zero_path(path), calibration)
+            found = read(path)
+            problem = "; ".join(f"{joint}: {reason}" for joint, reason in found.refused.items())
+        except CalibrationError as error:
+            problem = error.reason
+    if not problem:
+        return found
     note = f"what was there before could not be used ({problem}); it is kept as a version"
-    return Stored(path=path, calibration=calibration, zeros=zeros, notes=(note,))
+    return replace(found, notes=(note,), refused={})
 
 
 def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) -> Stored:
