@@ -306,7 +306,6 @@ def accept(
 
 
 def ask_and_write(other: OtherCalibration, port: str) -> None:
-    """Ask whether a calibration file is to be stored in servos that hold another, and do it."""
     from so101_motion.calib.record import store
 
     aside(str(other))

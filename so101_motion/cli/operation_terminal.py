@@ -71,7 +71,6 @@ class OperationTerminal:
         return view
 
     def give_up(self) -> None:
-        """Undo everything and say what that has led to."""
         offer = self._operation.view.cancel
         if offer is None:
             self._terminal.say("cancelled: nothing was changed", style="yellow")

@@ -59,7 +59,6 @@ def find_adapter(port: str | None) -> PortReport:
 
 
 def calibration_file(given: str | None, report: PortReport) -> Path:
-    """The given file, else the one that ``port_selection`` chooses for the arm on the port."""
     from so101_motion.calib.record import store
     from so101_motion.setup import port_selection
 

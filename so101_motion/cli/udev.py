@@ -57,7 +57,6 @@ def install_udev(
 
 
 def write_rule(path: Path) -> None:
-    """Write the udev rule and activate it."""
     from so101_motion.drivers.port import port_list
     from so101_motion.files import atomic
 

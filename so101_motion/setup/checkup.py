@@ -301,7 +301,6 @@ def _settings(joint: str, facts: ServoFacts, stored: Stored | None) -> Iterator[
 
 
 def _has_no_jaw(seen: Findings) -> bool:
-    """Whether the arm is one without a jaw: its calibration names none."""
     known = seen.stored is not None and GRIPPER_JOINT in seen.stored.calibration
     return not known and all(joint in seen.facts for joint in ARM_JOINTS)
 

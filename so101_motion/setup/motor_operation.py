@@ -132,7 +132,6 @@ class MotorOperation(LocalOperation):
         }
 
     def keep_in(self, progress: SetupProgress) -> None:
-        """Keep the motors that are done for the next start, and take up those kept before."""
         self._progress = progress
         for joint in progress.done:
             motor = self._motor(joint)

@@ -527,7 +527,6 @@ class MoveTest(LocalOperation):
         self._hold()
 
     def _plan(self) -> dict[str, Any]:
-        """Plan a test from where the arm stands now; moves nothing."""
         state = self._arm.state
         self.report = None
         self._outline, self._q_planned = None, np.append(state.q_ref, state.q_jaw_ref)

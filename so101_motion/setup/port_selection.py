@@ -94,7 +94,6 @@ def calibration_file(report: PortReport, name: str = "") -> Path:
 
 
 def own_folder() -> Path:
-    """The folder of this user's calibrations."""
     try:
         return versions.root().parent
     except OSError as error:

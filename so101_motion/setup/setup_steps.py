@@ -44,7 +44,6 @@ class SetupState:
 
     @classmethod
     def of(cls, calibrator: Calibrator) -> SetupState:
-        """The state that a calibrator reports; does not look at the port."""
         now = calibrator.situation
         return cls(
             seen=Findings(
@@ -96,7 +95,6 @@ class Workflow:
 
 
 def listed(workflow: str, known: SetupState) -> dict[str, Any]:
-    """The steps of a workflow with what is left of each, ready for JSON."""
     wanted = next((each for each in WORKFLOWS if each.name == workflow), None)
     if wanted is None:
         raise ConfigError("workflow", workflow, suggest(workflow, [w.name for w in WORKFLOWS]))

@@ -58,7 +58,6 @@ class StepPage:
 
     @property
     def operation(self) -> Operation | None:
-        """The operation that does the step; None without an arm."""
         target = self._setup.target
         return None if target is None else self._of(target)
 

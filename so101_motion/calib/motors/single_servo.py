@@ -250,7 +250,6 @@ def require_alone(tuner: Tuner, joint: str) -> None:
 
 
 def read_back(tuner: Tuner, joint: str) -> ServoFacts:
-    """Read the newly assigned servo of ``joint`` back and check it."""
     servo_id = SERVO_IDS[joint]
     heard = listen(tuner)
     for _ in range(_MORE):

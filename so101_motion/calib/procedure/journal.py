@@ -63,7 +63,6 @@ def is_known(calibration_file: Path) -> bool:
 
 
 def write(calibration_file: Path, journal: Journal) -> None:
-    """Write the journal in one step."""
     content: dict[str, object] = {
         "about": _ABOUT,
         "before": {joint: _row(held) for joint, held in journal.before.items()},
@@ -82,7 +81,6 @@ def write(calibration_file: Path, journal: Journal) -> None:
 
 
 def remove(calibration_file: Path) -> None:
-    """Remove the journal, because the calibration has ended well."""
     path = path_for(calibration_file)
     try:
         path.unlink(missing_ok=True)

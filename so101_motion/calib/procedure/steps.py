@@ -86,7 +86,6 @@ INSTRUCTIONS: dict[State, str] = {
 
 
 def step(state: State, command: Command) -> Transition:
-    """The transition of ``command`` from ``state``."""
     found = TABLE.get((state, command))
     if found is None:
         names = " or ".join(f'"{offered.value}"' for offered in OFFERED[state])

@@ -149,7 +149,6 @@ class Verification(LocalOperation):
         return None if due is None else max(due, 0.0)
 
     def _release(self) -> None:
-        """Switch torque off, and begin to record."""
         self._require("ready")
         found = self._access.call(partial(find, joints=tuple(self._entries)))
         self._offsets = {joint: each.held.homing_offset for joint, each in found.items()}

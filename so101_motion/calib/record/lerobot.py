@@ -169,7 +169,6 @@ def from_lists(
 
 
 def _rows(content: Mapping[str, object]) -> dict[str, dict[str, int]]:
-    """The numbers of each joint of ours, by name."""
     names = _list(content, "motor_names", str)
     columns = {name: _list(content, name, int, len(names)) for name in _LISTS[1:5]}
     modes = _list(content, "calib_mode", str, len(names))

@@ -271,7 +271,6 @@ def without_prefix(content: Mapping[str, object]) -> Mapping[str, object]:
 
 
 def check(calibration: Calibration) -> None:
-    """Check that the record is possible for this arm."""
     parse({joint: entry.to_json() for joint, entry in calibration.items()})
 
 
@@ -294,7 +293,6 @@ def _check(joint: str, found: JointCalibration) -> None:
 
 
 def _check_id(joint: str, entry: object) -> None:
-    """Refuse the record of another arm."""
     place = SERVO_IDS[joint]
     if not isinstance(entry, Mapping) or "id" not in entry:
         return

@@ -97,7 +97,6 @@ def before(path: Path) -> ServoRecord | None:
 
 
 def restore(path: Path) -> ServoRecord:
-    """Restore the last version that differs from the file."""
     file = servos_path(path)
     with atomic.locked(path.parent):
         now = file.read_bytes() if file.exists() else b""
