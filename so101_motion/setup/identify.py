@@ -2,7 +2,7 @@
 
 From a pose with the hand up and forward, one joint after the other moves to and fro through a wide
 part of its range, slowly and faster, clear of all known obstacles; the shoulder once more with the
-wrist folded either way. From the record ``identify_figures.py`` computes the figures.
+wrist folded either way. From the record ``servo_fit.py`` computes the figures.
 """
 
 from __future__ import annotations
@@ -22,8 +22,15 @@ import numpy as np
 from so101_motion.arm.joint_caps import JERK_TIME
 from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.arm.planned_arm import PlannedArm
-from so101_motion.calib.procedure.servo_fit import Identified, Load, weights_of
-from so101_motion.calib.procedure.servo_twin import JointRecord
+from so101_motion.calib.procedure.servo_fit import (
+    Identified,
+    JointRecord,
+    Load,
+    Prediction,
+    figures,
+    gravity_of,
+    weights_of,
+)
 from so101_motion.calib.record import servo_file
 from so101_motion.calib.record.servo_file import HandLoad, ServoRecord
 from so101_motion.common.child_process import OwnProcess
@@ -41,7 +48,6 @@ from so101_motion.planning.request import Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload
 from so101_motion.rig.hardware_rig import HardwareRig
-from so101_motion.setup.identify_figures import Prediction, figures, gravity_of
 
 CHANGED = 0.25
 """Friction or torque must differ from the last time by this share to be reported. Chosen: twice as

@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from benchmarks.servo_model import Parameters, load, simulate
-from so101_motion.calib.procedure.servo_fit import TwinFit, identify, play
-from so101_motion.calib.procedure.servo_twin import JointRecord, replayed, setpoints, unrounded
+from so101_motion.calib.procedure.servo_fit import (
+    JointRecord,
+    TwinFit,
+    identify,
+    play,
+    replayed,
+    setpoints,
+    unrounded,
+)
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.setup.identify import write_recordings
 
