@@ -1,5 +1,6 @@
 """Every code block of the README and of docs/ runs as shown, on the simulated arm."""
 
+import contextlib
 import json
 import re
 import shlex
@@ -12,6 +13,7 @@ from harness.viam_machine import carried_out
 from viam.proto.app.robot import ComponentConfig
 
 from so101_motion.cli.verbs import main
+from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.viam.conversion.convert import to_result
 from so101_motion.viam.models.registered import MODELS
 
@@ -32,12 +34,17 @@ def called(page):
 
 
 def shown_commands():
-    """Every ``so101 …`` on any page, once."""
+    """Every ``so101 …`` on any page, in a block or in a sentence, once."""
     lines = [
         line for page in PAGES for block in blocks(page, "console") for line in block.split("\n")
     ]
     shown = [re.search(r"^\$ (?:\S*/)?so101 (.*?)(?:\s+#.*)?$", line) for line in lines]
-    return sorted({match[1] for match in shown if match})
+    named = [
+        re.findall(r"`so101 ([a-z][^`…]+?)`", page.read_text())
+        for page in PAGES
+        if page.parent.name != "decisions"  # which name what went away, too
+    ]
+    return sorted({match[1] for match in shown if match}.union(*named))
 
 
 @pytest.mark.slow
@@ -64,6 +71,14 @@ def test_the_machine_configurations_are_accepted(page):
             model.validate_config(ComponentConfig(name=resource["name"], attributes=struct))
 
 
+def test_what_can_be_typed_into_the_emulator_is_understood():
+    page = (ROOT / "docs" / "first-hour.md").read_text()
+    table = page[page.index("| type | to |") :]
+    for line in table.splitlines()[2:]:
+        for typed in re.findall(r"`([^`]+)`", line.split("|")[1]):
+            parse_fault(typed.removeprefix("end "))
+
+
 def test_every_make_target_that_is_shown_exists():
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
     shown = re.findall(r"make (\w+)", " ".join(blocks(ROOT / "README.md", "console")))
@@ -79,10 +94,15 @@ def test_every_command_that_is_shown_is_understood(shown):
         found = command.get_command(context, words[0])
         assert found is not None, f"no such verb: {words[0]}"
         command, context = found, click.Context(found, parent=context, info_name=words.pop(0))
-    command.make_parser(context).parse_args(list(words))
+    with contextlib.suppress(click.BadOptionUsage):  # a sentence may name an option without a value
+        command.make_parser(context).parse_args(list(words))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=called)
 def test_every_local_link_leads_somewhere(page):
-    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
+    text = page.read_text()
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text)
     assert [link for link in links if not (page.parent / link).exists()] == []
+    headings = re.sub(r"[^a-z0-9_\n]", "", text.lower())
+    within = re.findall(r"\]\(#([^)]+)\)", text)
+    assert [link for link in within if link.replace("-", "") not in headings] == []

@@ -23,7 +23,6 @@ PROCESSES = (
     "tests/unit/cli/test_cli_cell.py",  # arms that begin together must not begin late
     "tests/bus/test_eeprom_writes.py",  # verbs in a terminal, on servos that answer in real time
     "tests/bus/test_cli_guided.py",  # programs that wait 30 ms for each of the servos here
-    "tests/test_first_hour_page.py",
 )
 """Tests that start real processes and need real priorities."""
 

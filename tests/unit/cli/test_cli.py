@@ -1,48 +1,45 @@
+"""The demo, the emulator, a plan, a move and a move test: what they print, write and refuse."""
+
 import contextlib
 import json
 import re
+import signal
+import socket
 import subprocess
 import sys
 import time
 
 import pytest
-from click.testing import CliRunner
 
-from so101_motion.cli.verbs import main
+from so101_motion.cli.shared import write_report
+from so101_motion.common.errors import ConfigError
+from so101_motion.setup.move_test import MoveReport
 
-
-@pytest.fixture
-def run():
-    return CliRunner().invoke
+SO101 = [sys.executable, "-m", "so101_motion.cli"]
 
 
 @pytest.mark.slow
-def test_the_demo_in_text_shows_a_plan_and_arrives(run):
-    result = run(main, ["demo", "--text"])
+def test_the_demo_in_text_shows_a_plan_and_arrives(so101):
+    result = so101("demo --text")
     assert result.exit_code == 0, result.output
     for word in ("shoulder_pan", "wrist_roll", "deg/s", "setpoints", "arrived", "simulated"):
         assert word in result.output
 
 
-def test_a_busy_port_is_named_with_something_to_try(run):
-    import socket
-
+def test_a_busy_port_is_named_with_something_to_try(so101):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        result = run(main, ["demo", "--web-port", str(port)])
+        result = so101("demo --web-port", port)
     assert result.exit_code == 2
     assert f"127.0.0.1:{port}" in result.output
     assert "choose another port (--web-port), for example" in result.output
 
 
 @pytest.mark.slow
-def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead(tmp_path, monkeypatch):
-    import socket
-
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))  # where the key is kept
-    command = [sys.executable, "-m", "so101_motion.cli", "demo", "--no-browser"]
+def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead():
+    command = [*SO101, "demo", "--no-browser"]
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # closed a moment ago is free
         for _ in range(300):  # another program may have it for a while, or for ever
@@ -83,23 +80,18 @@ def test_ctrl_c_ends_it_without_a_traceback_while_it_is_being_imported():
     )
 
 
-def test_wrong_usage_is_exit_code_2(run):
-    assert run(main, ["demo", "--no-such-option"]).exit_code == 2
-
-
 @pytest.mark.parametrize(
-    ("option", "says"),
-    [(["--ids", "9"], "places 1 to 6"), (["--fault", "nonsense"], "must be one of dead")],
+    ("option", "says"), [("--ids 9", "places 1 to 6"), ("--fault nonsense", "must be one of dead")]
 )
-def test_an_emulation_that_cannot_be_is_refused_in_a_sentence(run, option, says):
-    result = run(main, ["emulate", *option])
+def test_an_emulation_that_cannot_be_is_refused_in_a_sentence(so101, option, says):
+    result = so101(f"emulate {option}")
     assert result.exit_code == 2
     assert says in result.output
 
 
 def test_the_emulator_prints_its_port_and_ends_on_sigterm(tmp_path):
     link = tmp_path / "arm"
-    command = [sys.executable, "-m", "so101_motion.cli", "emulate", "--link", str(link)]
+    command = [*SO101, "emulate", "--link", str(link)]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as emulator:
         assert emulator.stdout.readline().decode().strip() == str(link)
         assert link.is_symlink()
@@ -108,87 +100,118 @@ def test_the_emulator_prints_its_port_and_ends_on_sigterm(tmp_path):
     assert not link.exists()
 
 
-def test_a_plan_is_shown_and_saved_and_nothing_moves(run, tmp_path):
-    out = tmp_path / "move.csv"
-    result = run(main, ["plan", "--sim", "--xyz", "250,120,150", "--out", str(out)])
+def test_a_plan_is_shown_and_saved_as_a_table_and_as_a_film_and_nothing_moves(so101, tmp_path):
+    table, film = tmp_path / "move.csv", tmp_path / "move.html"
+    result = so101("plan --sim --xyz 250,120,150 --out", table, "--html", film)
     assert result.exit_code == 0, result.output
     assert "shoulder_pan" in result.output
-    assert out.read_text().startswith("time_s,shoulder_pan_deg")
+    header, *rows = table.read_text().splitlines()
+    assert header.startswith("time_s,shoulder_pan_deg,")
+    assert len(rows) > 10
+    page = film.read_text()
+    assert "Simulated arm" in page
+    assert "Peak speed" in page
 
 
-def test_a_plan_as_json_is_one_object_for_programs(run):
-    result = run(main, ["plan", "--sim", "--joints", "0,-45,45,60,0", "--json"])
-    content = json.loads(result.stdout)
+def test_a_plan_is_one_object_for_programs_and_may_start_anywhere(told):
+    content = told("plan --sim --joints 0,-45,45,60,0 --from 10,-40,40,60,0")
     assert content["schema"] == "so101/plan/1"
+    assert content["q_start_deg"] == pytest.approx([10, -40, 40, 60, 0])
     assert content["q_goal_deg"] == pytest.approx([0, -45, 45, 60, 0])
-    assert content["duration_s"] > 0.5
+    assert content["duration_s"] > 0.2
 
 
-def test_a_plan_may_start_anywhere(run):
-    start = "10,-40,40,60,0"
-    result = run(main, ["plan", "--sim", "--from", start, "--pose", "home", "--json"])
-    assert json.loads(result.stdout)["q_start_deg"] == pytest.approx([10, -40, 40, 60, 0])
-
-
-def test_obstacles_of_a_scene_are_avoided_or_named(run, tmp_path):
+def test_obstacles_of_a_scene_are_avoided_or_named(so101, tmp_path):
     scene = tmp_path / "scene.json"
-    scene.write_text(
-        json.dumps(
-            {"obstacles": [{"name": "mug", "box_mm": [80] * 3, "position_mm": [250, 120, 150]}]}
-        )
-    )
-    result = run(main, ["plan", "--sim", "--xyz", "250,120,150", "--scene", str(scene)])
+    mug = {"name": "mug", "box_mm": [80] * 3, "position_mm": [250, 120, 150]}
+    scene.write_text(json.dumps({"obstacles": [mug]}))
+    result = so101("plan --sim --xyz 250,120,150 --scene", scene)
     assert result.exit_code == 5
     assert "mug" in result.stderr
 
 
 @pytest.mark.slow
-def test_a_move_is_planned_told_and_run(run):
-    result = run(main, ["move", "--sim", "--joints", "5,0,0,0,0", "--speed", "90", "--yes"])
+def test_a_move_is_planned_told_and_run(so101):
+    result = so101("move --sim --joints 5,0,0,0,0 --speed 90 --yes")
     assert result.exit_code == 0, result.output
     assert "arrived" in result.output
 
 
-def test_a_move_that_is_not_confirmed_is_not_made(run):
-    result = run(main, ["move", "--sim", "--joints", "5,0,0,0,0"], input="n\n")
+@pytest.mark.parametrize(
+    ("verb", "shows", "question"),
+    [
+        ("move --sim --joints 5,0,0,0,0", "setpoints", "Move the simulated arm for"),
+        ("move-test --sim", "6° back and forth", "Is everything out of the way?"),
+    ],
+)
+def test_nothing_moves_before_somebody_agrees(so101, verb, shows, question):
+    result = so101(verb, input="n\n")
     assert result.exit_code == 7
+    for words in (shows, question, "nothing moved"):
+        assert words in result.output
     assert "arrived" not in result.output
+    assert "0 %  shoulder_pan" not in result.output
 
 
-def test_a_move_that_nobody_can_agree_to_says_so_to_people_and_to_programs():
-    result = CliRunner().invoke(main, ["move", "--sim", "--joints", "5,0,0,0,0", "--json"])
+def test_a_move_that_nobody_can_agree_to_says_so_to_people_and_to_programs(so101):
+    result = so101("move --sim --joints 5,0,0,0,0 --json")
     assert result.exit_code == 2
     assert json.loads(result.stdout)["kind"] == "usage"
     assert "--yes" in result.stderr
 
 
+def test_ctrl_c_stops_the_arm_and_what_was_measured_is_reported():
+    process = subprocess.Popen(
+        [*SO101, "move-test", "--sim", "--yes"],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    while "0 %" not in process.stderr.readline():
+        pass
+    process.send_signal(signal.SIGINT)
+    told, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "not tested" in told
+    assert said == "ended by Ctrl-C; the simulated arm holds\n"
+
+
+def test_a_report_that_cannot_be_written_is_said(tmp_path):
+    report = MoveReport(arm="a", joints=(), began_at="2026-01-02T03:04:05+00:00", seconds=1.0)
+    with pytest.raises(ConfigError, match="cannot be written"):
+        write_report(tmp_path / "no" / "folder.json", report.file({}))
+    write_report(tmp_path / "r.json", report.file({}))
+    assert "so101/move-test/1" in (tmp_path / "r.json").read_text()
+
+
 @pytest.mark.parametrize(
-    ("arguments", "code", "says"),
+    ("options", "code", "says"),
     [
-        (["--sim"], 2, "give one goal"),
-        (["--xyz", "1,2,3"], 2, "which arm?"),
-        (["--sim", "--port", "/dev/x", "--pose", "home"], 2, "not both"),
-        (["--sim", "--xyz", "1,2"], 2, "3 numbers"),
-        (["--sim", "--xyz", "1,2,nan"], 2, "3 numbers"),
-        (["--sim", "--xyz", "near"], 2, "X,Y,Z"),
-        (["--sim", "--pose", "home", "--line"], 2, "belong to --xyz"),
-        (["--sim", "--pose", "home", "--frame", "jaw_tip"], 2, "belong to --xyz"),
-        (["--sim", "--xyz", "200,0,100", "--approach", "0,0,0"], 2, "direction"),
-        (["--sim", "--xyz", "900,0,100"], 5, "reach"),
-        (["--sim", "--joints", "0,0,120,0,0"], 5, "elbow_flex"),
-        (["--sim", "--pose", "home", "--speed", "500"], 2, "speed"),
-        (["--port", "/dev/no-such-port", "--pose", "home"], 3, "/dev/no-such-port"),
-        (["--sim", "--pose", "home", "--scene", "none.json"], 2, "none.json"),
-        (["--sim", "--pose", "ready", "--out", "move.xlsx"], 2, ".mcap"),
-        (["--sim", "--xyz", "1e308,0,0"], 2, "from -1e+06 to 1e+06"),
-        (["--sim", "--pose", "home", "--from", "1e9,0,0,0,0"], 2, "from -360 to 360"),
-        (["--sim", "--xyz", "200,0,100", "--approach", "1e-320,0,0"], 2, "direction"),
-        (["--sim", "--pose", "home", "--calibration", "arm.json"], 2, "works only with --port"),
-        (["--port", "", "--pose", "home"], 2, "port's name is empty"),
-        (["--port", "/tmp", "--pose", "home"], 3, "not a serial port"),
+        ("--sim", 2, "give one goal"),
+        ("--xyz 1,2,3", 2, "which arm?"),
+        ("--sim --port /dev/x --pose home", 2, "not both"),
+        ("--sim --xyz 1,2", 2, "3 numbers"),
+        ("--sim --xyz 1,2,nan", 2, "3 numbers"),
+        ("--sim --xyz near", 2, "X,Y,Z"),
+        ("--sim --pose home --line", 2, "belong to --xyz"),
+        ("--sim --pose home --frame jaw_tip", 2, "belong to --xyz"),
+        ("--sim --xyz 200,0,100 --approach 0,0,0", 2, "direction"),
+        ("--sim --xyz 900,0,100", 5, "reach"),
+        ("--sim --joints 0,0,120,0,0", 5, "elbow_flex"),
+        ("--sim --pose home --speed 500", 2, "speed"),
+        ("--port /dev/no-such-port --pose home", 3, "/dev/no-such-port"),
+        ("--sim --xyz 1e308,0,0", 2, "from -1e+06 to 1e+06"),
+        ("--sim --pose home --from 1e9,0,0,0,0", 2, "from -360 to 360"),
+        ("--sim --xyz 200,0,100 --approach 1e-320,0,0", 2, "direction"),
+        ("--sim --pose home --calibration arm.json", 2, "works only with --port"),
+        ("--port /tmp --pose home", 3, "not a serial port"),
     ],
 )
-def test_a_mistake_is_a_sentence_and_an_exit_code(run, arguments, code, says):
-    result = run(main, ["plan", *arguments])
+def test_a_mistake_is_a_sentence_and_an_exit_code(so101, options, code, says):
+    result = so101(f"plan {options}")
     assert result.exit_code == code, result.output
     assert says in result.output
+
+
+def test_a_port_without_a_name_is_refused(so101):
+    result = so101("plan --pose home --port", "")
+    assert result.exit_code == 2
+    assert "port's name is empty" in result.output

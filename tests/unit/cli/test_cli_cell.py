@@ -6,65 +6,65 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.cli.verbs import main
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig import cell_rigs
 from so101_motion.rig.cell_rigs import open_cell
 
+LEFT = {"name": "left"}
+FAR = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
+NEAR = {"name": "right", "position_mm": [350, 0, 0], "rpy_deg": [0, 0, 180]}
 
-def test_one_arm_alone_has_nothing_to_find_out(tmp_path):
-    path = tmp_path / "cell.json"
-    path.write_text(json.dumps({"arms": [{"name": "left"}]}))
-    result = CliRunner().invoke(main, ["cell", "calibrate", str(path)])
+
+@pytest.fixture
+def cell(tmp_path):
+    """Makes a cell file of arms."""
+
+    def made(*arms):
+        path = tmp_path / "cell.json"
+        path.write_text(json.dumps({"arms": arms}))
+        return path
+
+    return made
+
+
+def test_one_arm_alone_has_nothing_to_find_out(so101, cell):
+    result = so101("cell calibrate", cell(LEFT))
     assert result.exit_code == 2
     assert "names one arm" in result.output
 
 
-def test_touches_that_are_all_the_same_are_refused_and_the_file_stays(tmp_path):
-    path = tmp_path / "cell.json"
-    content = json.dumps(
-        {"arms": [{"name": "left"}, {"name": "right", "position_mm": [350, 0, 0]}]}
-    )
-    path.write_text(content)
-    asked = ["cell", "calibrate", str(path), "--touches", "5", "--yes"]
-    result = CliRunner().invoke(main, asked, input="\n" * 5)
+def test_touches_that_are_all_the_same_are_refused_and_the_file_stays(so101, cell):
+    path = cell(LEFT, NEAR)
+    content = path.read_text()
+    asked = f"cell calibrate {path} --touches 5 --yes"
+    result = so101(asked, input="\n" * 5)
     assert result.exit_code != 0
     assert "touch 5 of 5" in result.output
     assert path.read_text() == content
-    alone = CliRunner().invoke(main, asked, input="")
+    alone = so101(asked, input="")
     assert "no terminal to press Enter on" in alone.output
 
 
-def test_arms_are_moved_together(tmp_path):
-    path = tmp_path / "cell.json"
-    far = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
-    path.write_text(json.dumps({"arms": [{"name": "left"}, far]}))
-    asked = ["cell", "move", str(path), "--yes", "--json"]
-    goals = ["--joints", "left", "3,0,0,0,0", "--joints", "right", "0,0,0,3,0"]
-    result = CliRunner().invoke(main, [*asked, *goals])
-    assert result.exit_code == 0, result.output
-    reached = json.loads(result.stdout)["joints_deg"]
-    assert reached == {"left": [3, 0, 0, 0, 0], "right": [0, 0, 0, 3, 0]}
-    refused = CliRunner().invoke(main, [*asked, "--joints", "middle", "3,0,0,0,0"])
-    assert "left, right" in refused.output
-    assert CliRunner().invoke(main, asked).exit_code == 2
+def test_arms_are_moved_together(so101, told, cell):
+    asked = f"cell move {cell(LEFT, FAR)} --yes"
+    moved = told(f"{asked} --joints left 3,0,0,0,0 --joints right 0,0,0,3,0")
+    assert moved["joints_deg"] == {"left": [3, 0, 0, 0, 0], "right": [0, 0, 0, 3, 0]}
+    assert "left, right" in so101(f"{asked} --joints middle 3,0,0,0,0").output
+    assert so101(asked).exit_code == 2
 
 
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--camera", "overhead"], "must be an address that begins with http://"),
-        (["--leader", "sim"], "need a single arm"),
+        ("--camera overhead", "must be an address that begins with http://"),
+        ("--leader sim", "need a single arm"),
     ],
 )
-def test_the_page_of_several_arms_refuses_what_it_cannot_show(tmp_path, options, says):
-    path = tmp_path / "cell.json"
-    path.write_text(json.dumps({"arms": [{"name": "left"}]}))
-    result = CliRunner().invoke(main, ["view", "--cell", str(path), *options])
+def test_the_page_of_several_arms_refuses_what_it_cannot_show(so101, cell, options, says):
+    result = so101(f"view --cell {cell(LEFT)} {options}")
     assert result.exit_code != 0
     assert says in " ".join(result.output.split())
 
@@ -99,57 +99,44 @@ def opened_cells(monkeypatch):
     return opened
 
 
-def test_the_motion_that_was_agreed_to_runs_or_none(tmp_path, opened_cells):
-    path = tmp_path / "cell.json"
-    far = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
-    path.write_text(json.dumps({"arms": [{"name": "left"}, far]}))
-    goals = ["--joints", "left", "3,0,0,0,0", "--joints", "right", "0,0,0,3,0"]
-    asked = ["cell", "move", str(path), *goals]
+def test_the_motion_that_was_agreed_to_runs_or_none(so101, cell, opened_cells):
+    asked = f"cell move {cell(LEFT, FAR)} --joints left 3,0,0,0,0 --joints right 0,0,0,3,0"
 
     def move_one_away():
         right = opened_cells[-1].rigs["right"].arm
         right.move(JointGoal(q=right.state.q_ref + 0.05))
 
-    result = CliRunner().invoke(main, asked, input=io.BufferedReader(AnswersYes(move_one_away)))
+    result = so101(asked, input=io.BufferedReader(AnswersYes(move_one_away)))
     assert result.exit_code != 0
     assert "right: the arm is 2.9 deg away from where this plan starts\n" in result.output
     left = opened_cells[-1].rigs["left"].arm
     np.testing.assert_array_equal(left.state.q_ref, np.zeros(5))
-    result = CliRunner().invoke(main, asked, input="y\n")
+    result = so101(asked, input="y\n")
     assert result.exit_code == 0, result.output
     np.testing.assert_allclose(opened_cells[-1].rigs["left"].arm.state.q_ref[0], np.radians(3.0))
 
 
-def test_an_arm_that_waits_for_another_says_so_before_anything_moves(tmp_path):
-    path = tmp_path / "cell.json"
-    right = {"name": "right", "position_mm": [350, 0, 0], "rpy_deg": [0, 0, 180]}
-    path.write_text(json.dumps({"arms": [{"name": "left"}, right]}))
-    goals = ["--joints", "left", "-60,-30,50,20,0", "--joints", "right", "-50,20,0,20,0"]
-    result = CliRunner().invoke(main, ["cell", "move", str(path), *goals], input="n\n")
+def test_an_arm_that_waits_for_another_says_so_before_anything_moves(so101, cell):
+    goals = "--joints left -60,-30,50,20,0 --joints right -50,20,0,20,0"
+    result = so101(f"cell move {cell(LEFT, NEAR)} {goals}", input="n\n")
     assert "nothing moved" in result.output
     assert re.search(r"^  (left waits .* for right|right waits .* for left)$", result.output, re.M)
 
 
-def test_a_handover_needs_a_thing_in_the_hand(tmp_path):
-    path = tmp_path / "cell.json"
-    right = {"name": "right", "position_mm": [350, 0, 0], "rpy_deg": [0, 0, 180]}
+def test_a_handover_needs_a_thing_in_the_hand(so101, cell):
     ball = {"name": "ball", "sphere_radius_mm": 12, "position_mm": [0, 0, 100]}
-    asked = ["cell", "handover", str(path), "left", "right", "--yes"]
-    path.write_text(json.dumps({"arms": [{"name": "left"}, right]}))
-    assert "left holds: nothing" in CliRunner().invoke(main, asked).output
-    path.write_text(json.dumps({"arms": [{"name": "left", "attached": [ball]}, right]}))
-    result = CliRunner().invoke(main, asked)
+    asked = f"cell handover {cell(LEFT, NEAR)} left right --yes"
+    assert "left holds: nothing" in so101(asked).output
+    cell({**LEFT, "attached": [ball]}, NEAR)
+    result = so101(asked)
     assert result.exit_code != 0
     assert "'ball' is too small" in result.output
 
 
-def test_a_stick_is_passed_from_hand_to_hand(tmp_path):
-    path = tmp_path / "cell.json"
-    right = {"name": "right", "position_mm": [350, 0, 0], "rpy_deg": [0, 0, 180]}
+def test_a_stick_is_passed_from_hand_to_hand(so101, cell):
     stick = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
-    path.write_text(json.dumps({"arms": [{"name": "left", "attached": [stick]}, right]}))
-    asked = ["cell", "handover", str(path), "left", "right", "--yes", "--json"]
-    result = CliRunner().invoke(main, asked)
+    path = cell({**LEFT, "attached": [stick]}, NEAR)
+    result = so101(f"cell handover {path} left right --yes --json")
     assert result.exit_code == 0, result.output
     assert "stick from left to right: " in result.stderr
     assert "right holds stick now" in result.stderr
@@ -159,24 +146,16 @@ def test_a_stick_is_passed_from_hand_to_hand(tmp_path):
     assert told["taken"]["position_mm"] != stick["position_mm"]
 
 
-def test_a_program_of_several_arms_is_run(tmp_path):
-    cell, program = tmp_path / "cell.json", tmp_path / "wave.json"
-    far = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
-    cell.write_text(json.dumps({"arms": [{"name": "left"}, far]}))
+def test_a_program_of_several_arms_is_run(told, cell, tmp_path):
+    program = tmp_path / "wave.json"
     steps = [{"left": {"q_deg": [2, 0, 0, 0, 0]}, "right": {"q_deg": [0, 0, 0, 2, 0]}}]
     program.write_text(json.dumps({"schema": "so101/cell-program/1", "steps": steps}))
-    asked = ["cell", "run", str(cell), str(program), "--yes", "--json"]
-    result = CliRunner().invoke(main, asked)
-    assert result.exit_code == 0, result.output
-    reached = json.loads(result.stdout)["joints_deg"]
-    assert reached == {"left": [2, 0, 0, 0, 0], "right": [0, 0, 0, 2, 0]}
+    done = told(f"cell run {cell(LEFT, FAR)} {program} --yes")
+    assert done["joints_deg"] == {"left": [2, 0, 0, 0, 0], "right": [0, 0, 0, 2, 0]}
 
 
-@pytest.mark.parametrize("flags", [(), ("--json",)])
-def test_ctrl_c_stops_all_arms_and_says_so(tmp_path, monkeypatch, flags):
-    path = tmp_path / "cell.json"
-    far = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
-    path.write_text(json.dumps({"arms": [{"name": "left"}, far]}))
+@pytest.mark.parametrize("flags", ["", "--json"])
+def test_ctrl_c_stops_all_arms_and_says_so(so101, cell, monkeypatch, flags):
     stopped = []
     own = Cell.stop
 
@@ -189,8 +168,7 @@ def test_ctrl_c_stops_all_arms_and_says_so(tmp_path, monkeypatch, flags):
 
     monkeypatch.setattr(Motion, "result", interrupted)
     monkeypatch.setattr(Cell, "stop", stop)
-    asked = ["cell", "move", str(path), "--joints", "left", "60,0,0,0,0", "--yes", *flags]
-    result = CliRunner().invoke(main, asked)
+    result = so101(f"cell move {cell(LEFT, FAR)} --joints left 60,0,0,0,0 --yes {flags}")
     assert result.exit_code == 130
     assert "the arm left holds; the arm right holds" in result.stderr
     assert stopped == [[False, False]]

@@ -19,12 +19,6 @@ from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.program import Program, Waypoint, files
 
 
-@pytest.fixture(autouse=True)
-def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    return tmp_path
-
-
 def offered(*words: str) -> list[str]:
     """What is offered for the last of these words, each with its kind."""
     asked = {
@@ -43,8 +37,8 @@ def test_poses_are_offered_those_of_ones_own_too() -> None:
 
 
 def test_a_pose_file_that_cannot_be_read_is_no_reason_to_complain(data: Path) -> None:
-    (data / "so101_motion").mkdir()
-    (data / "so101_motion" / "poses.json").write_text("{")
+    data.mkdir(parents=True)
+    (data / "poses.json").write_text("{")
     assert offered("plan", "--pose", "r") == ["plain,ready", "plain,rest"]
 
 
@@ -106,3 +100,14 @@ def test_bash_itself_completes_names_with_blanks(typed: str, made: str, tmp_path
         ["bash", "--norc", "-c", run], env=environment, capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == made
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_shell_gets_a_script_that_completes(shell):
+    result = CliRunner().invoke(main, ["completion", shell])
+    assert result.exit_code == 0, result.output
+    assert "_SO101_COMPLETE" in result.stdout
+
+
+def test_verbs_are_completed():
+    assert {"plain,calibrate", "plain,calibration"} <= set(offered("calib"))

@@ -12,25 +12,12 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from so101_motion.cli.error_exit import KINDS, reports_errors
+from so101_motion.cli.error_exit import KINDS, parted, reports_errors
 from so101_motion.cli.shared import DEBUG, in_lines, print_json
-from so101_motion.cli.verbs import main
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import CalibrationError, ConfigError, PortUnavailable
 
 
-@pytest.fixture(autouse=True)
-def nothing_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    for name in ("SO101_PORT", "SO101_MACHINE", "SO101_API_KEY", "SO101_API_KEY_ID"):
-        monkeypatch.delenv(name, raising=False)
-
-
-def so101(*arguments: str, given: str = "") -> Result:
-    return CliRunner().invoke(main, arguments, input=given)
-
-
-def told(result: Result) -> dict[str, Any]:
+def reported(result: Result) -> dict[str, Any]:
     content: dict[str, Any] = json.loads(result.stdout)
     assert content["schema"] == "so101/error/1"
     assert content["exit_code"] == result.exit_code
@@ -60,11 +47,11 @@ def told(result: Result) -> dict[str, Any]:
     ],
 )
 def test_with_json_a_program_gets_one_object_and_a_person_the_sentence(
-    arguments: str, code: int, error: str
+    so101, arguments: str, code: int, error: str
 ) -> None:
-    result = so101(*arguments.split(), "--json")
+    result = so101(f"{arguments} --json")
     assert result.exit_code == code, result.output
-    content = told(result)
+    content = reported(result)
     assert content["error"] == error
     assert content["what"]
     assert content["what"] in result.stderr
@@ -72,20 +59,20 @@ def test_with_json_a_program_gets_one_object_and_a_person_the_sentence(
         assert content[part] in result.stderr or error == ""
 
 
-def test_without_json_stdout_stays_empty() -> None:
-    result = so101("plan", "--port", "/dev/no-such-port", "--pose", "ready")
+def test_without_json_stdout_stays_empty(so101) -> None:
+    result = so101("plan --port /dev/no-such-port --pose ready")
     assert result.exit_code == 3
     assert result.stdout == ""
 
 
-def test_a_refusal_to_agree_is_reported_as_json_too() -> None:
-    result = so101("move", "--sim", "--joints", "5,0,0,0,0", "--json", given="n\n")
-    assert told(result)["kind"] == "stopped"
+def test_a_refusal_to_agree_is_reported_as_json_too(so101) -> None:
+    result = so101("move --sim --joints 5,0,0,0,0 --json", input="n\n")
+    assert reported(result)["kind"] == "stopped"
     assert "nothing moved" in result.stderr
 
 
-def test_a_verb_that_has_reported_its_error_is_not_reported_again() -> None:
-    result = so101("ports", "--port", "/dev/no-such-port", "--json")
+def test_a_verb_that_has_reported_its_error_is_not_reported_again(so101) -> None:
+    result = so101("ports --port /dev/no-such-port --json")
     assert result.exit_code == 3
     assert json.loads(result.stdout)["schema"] == "so101/ports/1"
 
@@ -101,7 +88,7 @@ def test_a_verb_that_has_reported_its_error_is_not_reported_again() -> None:
     assert "cannot be written" in late.stderr
 
 
-def test_ctrl_c_and_a_defect_are_reported_as_json() -> None:
+def test_ctrl_c_and_a_defect_are_reported_as_json(monkeypatch: pytest.MonkeyPatch) -> None:
     @click.command()
     @click.argument("how")
     @reports_errors(as_json=True)
@@ -109,10 +96,15 @@ def test_ctrl_c_and_a_defect_are_reported_as_json() -> None:
         # a codec that a signal ends gives it a message of its own
         raise KeyboardInterrupt("decoding failed") if how == "ctrl-c" else RuntimeError("oh")
 
-    ended = told(CliRunner().invoke(fails, ["ctrl-c"]))
+    ended = reported(CliRunner().invoke(fails, ["ctrl-c"]))
     assert (ended["kind"], ended["why"]) == ("interrupted", "nothing moved")
-    defect = told(CliRunner().invoke(fails, ["defect"]))
+    result = CliRunner().invoke(fails, ["defect"])
+    defect = reported(result)
     assert (defect["kind"], defect["error"]) == ("unexpected", "RuntimeError")
+    assert "unexpected: RuntimeError: oh" in result.stderr
+    assert "Traceback" not in result.output
+    monkeypatch.setenv(DEBUG, "1")
+    assert isinstance(CliRunner().invoke(fails, ["defect"]).exception, RuntimeError)
 
 
 def test_the_documented_exit_codes_exist() -> None:
@@ -143,3 +135,27 @@ def test_a_full_disk_is_no_defect_of_the_program(capsys):
     told = capsys.readouterr().err
     assert "No space left" in told
     assert "defect" not in told
+
+
+def test_an_error_is_printed_as_what_why_and_what_to_try():
+    parts = parted(PortUnavailable("/dev/a", "in use by another program; end it first"))
+    assert (parts.what, parts.why, parts.advice) == (
+        "/dev/a", "in use by another program", "end it first",
+    )  # fmt: skip
+    parts = parted(CalibrationError("elbow_flex", "too narrow", "calibrate again"))
+    assert (parts.what, parts.advice) == ("elbow_flex: too narrow", "calibrate again")
+    parts = parted(ConfigError("speed", 200.0, "must be between 3 and 180 deg/s"))
+    assert (parts.what, parts.why, parts.advice) == (
+        '"speed" = 200.0', "must be between 3 and 180 deg/s", "",
+    )  # fmt: skip
+
+
+def test_a_reader_who_closes_the_pipe_is_no_defect():
+    @click.command()
+    @reports_errors()
+    def tells():
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    result = CliRunner().invoke(tells)
+    assert result.exit_code == 1
+    assert result.output == ""

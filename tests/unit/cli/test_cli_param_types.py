@@ -7,15 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
-
-from so101_motion.cli.verbs import main
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty folder, in which nothing has been made afterwards."""
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     (tmp_path / "work" / "folder.json").mkdir(parents=True)
     (tmp_path / "work" / "there.json").write_text("{}")
     monkeypatch.chdir(tmp_path / "work")
@@ -37,10 +33,6 @@ def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
         start(thread)
 
     monkeypatch.setattr(threading.Thread, "start", checked)
-
-
-def so101(line: str) -> Result:
-    return CliRunner().invoke(main, line.split())
 
 
 @pytest.mark.usefixtures("no_arm")
@@ -74,14 +66,14 @@ def so101(line: str) -> Result:
         ("emulate --loss 2", "0 to 1"),
     ],
 )
-def test_impossible_values_are_refused_at_once(line: str, says: str) -> None:
+def test_impossible_values_are_refused_at_once(so101, line: str, says: str) -> None:
     result = so101(line)
     assert result.exit_code == 2, result.output
     assert says in result.stderr
 
 
 def test_a_folder_in_which_nobody_may_write_is_named(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+    so101, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
     result = so101("plan --sim --pose ready --out x.csv")

@@ -7,10 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from so101_motion.cli.program import await_end
-from so101_motion.cli.verbs import main
 from so101_motion.common.errors import NoReply
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.program import Loop, Program, Waypoint, files
@@ -18,84 +16,70 @@ from so101_motion.tasks.program import Loop, Program, Waypoint, files
 A = np.radians([3.0, 0.0, 0.0, 0.0, 0.0])
 
 
-@pytest.fixture(autouse=True)
-def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-
-
-def so101(*arguments: str) -> Result:
-    return CliRunner().invoke(main, arguments)
-
-
 def save(*waypoints: Waypoint) -> None:
     files.write(Program.of_waypoints(waypoints), files.file_of("nod"))
 
 
-def test_a_saved_program_is_run_by_its_name() -> None:
+def test_a_saved_program_is_run_by_its_name(told) -> None:
     save(Waypoint(name="aside", q=A), Waypoint(name="back", q=np.zeros(5)))
-    result = so101("run", "nod", "--sim", "--rounds", "2", "--yes", "--json", "--speed", "120")
-    assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert told["schema"] == "so101/run/1"
-    assert (told["waypoints"], told["rounds"]) == (["aside", "back"], 2)
-    np.testing.assert_allclose(told["arrived"]["q_deg"], np.zeros(5), atol=0.1)
+    done = told("run nod --sim --rounds 2 --yes --speed 120")
+    assert done["schema"] == "so101/run/1"
+    assert (done["waypoints"], done["rounds"]) == (["aside", "back"], 2)
+    np.testing.assert_allclose(done["arrived"]["q_deg"], np.zeros(5), atol=0.1)
 
 
-def test_what_is_passed_is_reported_before_anything_moves() -> None:
+def test_what_is_passed_is_reported_before_anything_moves(so101) -> None:
     save(Waypoint(name="aside", q=A, passes=True), Waypoint(name="back", q=-A))
-    result = CliRunner().invoke(main, ["run", "nod", "--sim"], input="n\n")
+    result = so101("run nod --sim", input="n\n")
     passed, stopped = result.stderr.splitlines()[:2]
     assert passed.split()[1] == "aside"
     assert passed.endswith(" s  passed")
     assert stopped.endswith(" s")
 
 
-def test_loops_are_reported_before_anything_moves_and_run() -> None:
+def test_loops_are_reported_before_anything_moves_and_run(so101, told) -> None:
     made = Program.of_waypoints((Waypoint(name="aside", q=A), Waypoint(name="back", q=-A)))
     made = made.with_loop(Loop(first=0, last=1, times=2)).with_loop(Loop(first=1, last=1, times=3))
     files.write(made, files.file_of("nod"))
-    result = so101("run", "nod", "--sim", "--yes", "--json", "--speed", "120")
-    assert result.exit_code == 0, result.output
     loops = [{"from": 1, "to": 2, "times": 2}, {"from": 2, "to": 2, "times": 3}]
-    assert json.loads(result.stdout)["loops"] == loops
-    lines = CliRunner().invoke(main, ["run", "nod", "--sim"], input="n\n").stderr.splitlines()
+    assert told("run nod --sim --yes --speed 120")["loops"] == loops
+    lines = so101("run nod --sim", input="n\n").stderr.splitlines()
     assert [line.split()[0] for line in lines[:2]] == ["1", "2"]
-    told = ["steps 2 to 2 3 times in all", "steps 1 to 2 2 times in all"]
-    assert [line.strip() for line in lines[2:4]] == told
+    shown = ["steps 2 to 2 3 times in all", "steps 1 to 2 2 times in all"]
+    assert [line.strip() for line in lines[2:4]] == shown
 
 
-def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint() -> None:
+def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint(so101) -> None:
     save(Waypoint(name="aside", q=A), Waypoint(name="low", q=np.radians([0, 80, 20, 0, 0])))
-    result = so101("run", "nod", "--sim", "--yes")
+    result = so101("run nod --sim --yes")
     assert result.exit_code == 5
     assert "waypoint 2 (low)" in result.stderr
 
 
-def test_a_program_keeps_off_the_obstacles_of_a_scene(tmp_path: Path) -> None:
+def test_a_program_keeps_off_the_obstacles_of_a_scene(so101, tmp_path: Path) -> None:
     save(Waypoint(name="aside", q=A))
     box = {"name": "box", "box_mm": [100, 100, 100], "position_mm": [390, 20, 230]}
     scene = tmp_path / "scene.json"
     scene.write_text(json.dumps({"obstacles": [box]}))
-    result = so101("run", "nod", "--sim", "--scene", str(scene), "--yes")
+    result = so101("run nod --sim --yes --scene", scene)
     assert result.exit_code == 5
     assert "box" in result.stderr
 
 
-def test_an_unknown_program_is_refused_with_the_nearest() -> None:
-    result = so101("run", "nodd", "--sim", "--yes")
+def test_an_unknown_program_is_refused_with_the_nearest(so101) -> None:
+    result = so101("run nodd --sim --yes")
     assert "try: save one on the Program tab" in result.stderr
     save(Waypoint(name="aside", q=A))
-    result = so101("run", "nodd", "--sim", "--yes")
+    result = so101("run nodd --sim --yes")
     assert result.exit_code == 2
     assert '"nod"' in result.stderr
 
 
-def test_a_pose_of_ones_own_can_be_reached() -> None:
+def test_a_pose_of_ones_own_can_be_reached(so101, told) -> None:
     SavedPoses().save("over the mug", A)
-    result = so101("plan", "--sim", "--pose", "over the mug", "--json")
-    assert result.exit_code == 0, result.output
-    np.testing.assert_allclose(json.loads(result.stdout)["q_goal_deg"], np.degrees(A), atol=1e-3)
-    result = so101("plan", "--sim", "--pose", "over a mug")
+    plan = told("plan --sim --pose", "over the mug")
+    np.testing.assert_allclose(plan["q_goal_deg"], np.degrees(A), atol=1e-3)
+    result = so101("plan --sim --pose", "over a mug")
     assert result.exit_code == 2
     assert '"over the mug"' in result.stderr
 

@@ -1,14 +1,10 @@
-"""The options that choose an arm, how errors are reported, and completion."""
-
-import errno
+"""The options that choose an arm."""
 
 import click
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli.error_exit import parted, reports_errors
 from so101_motion.cli.options import verb
-from so101_motion.cli.shared import DEBUG
 from so101_motion.cli.sources import ANY_SOURCE, MachineSource, Source, with_caps
 from so101_motion.cli.verbs import main
 from so101_motion.common import errors
@@ -21,8 +17,7 @@ def which(source=ANY_SOURCE):
 
 
 def ask(*arguments, **environment):
-    none = dict.fromkeys(("SO101_PORT", "SO101_MACHINE", "SO101_API_KEY", "SO101_API_KEY_ID"))
-    return CliRunner().invoke(which, list(arguments), env={**none, **environment})
+    return CliRunner().invoke(which, list(arguments), env=environment)
 
 
 def test_what_is_typed_wins_over_the_environment():
@@ -57,9 +52,8 @@ def test_a_source_that_is_not_clear_is_asked_for(arguments, environment, says):
     assert says in result.stderr
 
 
-def test_an_atlas_is_shown_without_an_arm(tmp_path):
-    asked = ["view", "--no-browser", "--atlas", str(tmp_path)]
-    result = CliRunner().invoke(main, asked, env={"SO101_PORT": None, "SO101_MACHINE": None})
+def test_an_atlas_is_shown_without_an_arm(so101, tmp_path):
+    result = so101("view --no-browser --atlas", tmp_path)
     assert result.exit_code == 2
     assert "has no sweep" in result.stderr
 
@@ -76,68 +70,11 @@ def test_caps_are_the_same_for_every_source():
         assert with_caps(source, None, None).speed is None
 
 
-# Errors
-
-
-def test_an_error_is_printed_as_what_why_and_what_to_try():
-    told = parted(errors.PortUnavailable("/dev/a", "in use by another program; end it first"))
-    assert (told.what, told.why, told.advice) == (
-        "/dev/a", "in use by another program", "end it first",
-    )  # fmt: skip
-    told = parted(errors.CalibrationError("elbow_flex", "too narrow", "calibrate again"))
-    assert (told.what, told.advice) == ("elbow_flex: too narrow", "calibrate again")
-    told = parted(errors.ConfigError("speed", 200.0, "must be between 3 and 180 deg/s"))
-    assert (told.what, told.why, told.advice) == (
-        '"speed" = 200.0', "must be between 3 and 180 deg/s", "",
-    )  # fmt: skip
-
-
-def test_a_reader_who_closes_the_pipe_is_no_defect():
-    @click.command()
-    @reports_errors()
-    def tells():
-        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
-
-    result = CliRunner().invoke(tells)
-    assert result.exit_code == 1
-    assert result.output == ""
-
-
-def test_a_defect_is_reported_without_a_traceback_unless_asked_for(monkeypatch):
-    @click.command()
-    @reports_errors()
-    def fails():
-        raise RuntimeError("oh")
-
-    result = CliRunner().invoke(fails)
-    assert result.exit_code == 1
-    assert "unexpected: RuntimeError: oh" in result.stderr
-    assert "Traceback" not in result.output
-    monkeypatch.setenv(DEBUG, "1")
-    assert isinstance(CliRunner().invoke(fails).exception, RuntimeError)
-
-
-# Shells and help
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_shell_gets_a_script_that_completes(shell):
-    result = CliRunner().invoke(main, ["completion", shell])
-    assert result.exit_code == 0, result.output
-    assert "_SO101_COMPLETE" in result.stdout
-
-
-def test_verbs_and_options_are_completed():
-    asked = {"_SO101_COMPLETE": "bash_complete", "COMP_WORDS": "so101 calib", "COMP_CWORD": "1"}
-    told = CliRunner().invoke(main, [], prog_name="so101", env=asked).output
-    assert {"plain,calibrate", "plain,calibration"} <= set(told.split())
-
-
-def test_every_verb_has_its_place_in_the_help_and_help_of_its_own():
-    told = CliRunner().invoke(main, ["--help"]).stdout
+def test_every_verb_has_its_place_in_the_help_and_help_of_its_own(so101):
+    told = so101("--help").stdout
     for name, command in main.commands.items():
         assert f"\n  {name} " in told
         assert command.help
-        result = CliRunner().invoke(main, [name, "--help"])
+        result = so101(f"{name} --help")
         assert result.exit_code == 0
         assert "--help" in result.stdout

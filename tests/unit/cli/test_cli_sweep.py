@@ -3,17 +3,15 @@
 import json
 
 import pytest
-from click.testing import CliRunner
-
-from so101_motion.cli.verbs import main
 
 
-def sweep(*arguments):
-    return CliRunner().invoke(main, ["sweep", *arguments])
+@pytest.fixture
+def sweep(so101):
+    return lambda *words: so101("sweep", *words)
 
 
 @pytest.mark.slow
-def test_reach_ends_with_the_sha256_and_is_not_computed_twice(tmp_path):
+def test_reach_ends_with_the_sha256_and_is_not_computed_twice(sweep, tmp_path):
     asked = ("reach", "--spacing-mm", "100", "--out", str(tmp_path / "atlas"), "--workers", "1")
     first = sweep(*asked)
     assert first.exit_code == 0, first.output
@@ -27,7 +25,7 @@ def test_reach_ends_with_the_sha256_and_is_not_computed_twice(tmp_path):
     assert "its payload is 0.0, and 0.1 is asked for" in third.stderr
 
 
-def test_workers_and_dask_exclude_each_other(tmp_path):
+def test_workers_and_dask_exclude_each_other(sweep, tmp_path):
     both = sweep("reach", "--out", str(tmp_path), "--workers", "1", "--dask", "tcp://x:1")
     assert both.exit_code == 2
     assert "not both" in both.output
@@ -42,7 +40,7 @@ SMALL = ("--x-mm", "-40:0", "--y-mm", "0", "--turn-deg", "0")
 
 
 @pytest.mark.slow
-def test_place_keeps_the_best_bases_with_their_programs(tmp_path):
+def test_place_keeps_the_best_bases_with_their_programs(sweep, tmp_path):
     task, out = tmp_path / "task.json", tmp_path / "placed"
     task.write_text(json.dumps({"schema": "so101/task/1", "frame": "jaw_tip", "poses": POSES}))
     asked = ("place", str(task), *SMALL, "--out", str(out), "--workers", "1")
@@ -55,14 +53,14 @@ def test_place_keeps_the_best_bases_with_their_programs(tmp_path):
 
 
 @pytest.mark.parametrize("given", ["a:b", "3:1", "1:2:3", "nan", "9e9"])
-def test_an_invalid_region_is_refused(tmp_path, given):
+def test_an_invalid_region_is_refused(sweep, tmp_path, given):
     (tmp_path / "task.json").write_text("{}")
     wrong = sweep("place", str(tmp_path / "task.json"), "--x-mm", given, "--out", str(tmp_path))
     assert wrong.exit_code == 2
     assert "--x-mm" in wrong.output
 
 
-def test_an_arm_that_is_not_in_the_cell_is_refused_with_those_that_are(tmp_path):
+def test_an_arm_that_is_not_in_the_cell_is_refused_with_those_that_are(sweep, tmp_path):
     task, cell = tmp_path / "task.json", tmp_path / "cell.json"
     task.write_text(json.dumps({"schema": "so101/task/1", "frame": "jaw_tip", "poses": POSES}))
     cell.write_text(json.dumps({"arms": [{"name": "left"}, {"name": "right"}]}))

@@ -3,9 +3,6 @@
 import json
 
 import pytest
-from click.testing import CliRunner
-
-from so101_motion.cli.verbs import main
 
 MACHINE = {
     "cloud": {"secret": "TOPSECRET"},
@@ -21,8 +18,9 @@ MACHINE = {
 }
 
 
-def run(*arguments, given=None):
-    return CliRunner().invoke(main, ["viam", "import", *arguments], input=given)
+@pytest.fixture
+def run(so101):
+    return lambda *words, given=None: so101("viam import", *words, input=given)
 
 
 @pytest.fixture
@@ -32,7 +30,7 @@ def file(tmp_path):
     return path
 
 
-def test_a_configuration_is_printed_anew(file):
+def test_a_configuration_is_printed_anew(run, file):
     before = file.read_bytes()
     result = run(str(file))
     assert result.exit_code == 0, result.output
@@ -49,7 +47,7 @@ def test_a_configuration_is_printed_anew(file):
     assert file.read_bytes() == before
 
 
-def test_it_comes_from_stdin_and_goes_to_programs(file):
+def test_it_comes_from_stdin_and_goes_to_programs(run, file):
     result = run("-", "--json", given=file.read_text())
     told = json.loads(result.stdout)
     assert told["schema"] == "so101/viam-import/1"
@@ -57,7 +55,7 @@ def test_it_comes_from_stdin_and_goes_to_programs(file):
     assert told["configuration"]["components"][0]["model"] == "devrel:so101:arm"
 
 
-def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(file):
+def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(run, file):
     broken = json.loads(file.read_text())
     broken["components"][0]["attributes"]["speed_degs_per_sec"] = 900
     file.write_text(json.dumps(broken))
@@ -75,7 +73,7 @@ def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(file):
         ("[1]", "nothing to migrate"),
     ],
 )
-def test_an_invalid_configuration_is_refused_with_a_sentence(given, says):
+def test_an_invalid_configuration_is_refused_with_a_sentence(run, given, says):
     result = run("-", given=given)
     assert result.exit_code == 2
     assert says in result.stderr

@@ -98,11 +98,6 @@ def test_invalid_input_is_refused_by_name(tmp_path, content, says):
         read_cell(written(tmp_path, content))
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_cell(tmp_path / "none.json")
-
-
 def test_what_an_arm_holds_is_in_its_scene_and_written_again(tmp_path):
     stick = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
     content = {"arms": [{**CELL["arms"][0], "attached": [stick]}, CELL["arms"][1]]}

@@ -13,6 +13,7 @@ from so101_motion.common.named_poses import POSES
 from so101_motion.files import user_storage
 from so101_motion.files.saved_poses import MOST, SavedPoses
 
+KIND = '{"schema": "so101/poses/1"'
 Q = np.radians([10.0, -40.0, 35.0, 60.0, 0.0])
 
 
@@ -96,19 +97,15 @@ def test_there_is_an_end_to_how_many_there_may_be(book: SavedPoses, tmp_path: Pa
         ("[", "is not JSON"),
         ("[]", 'its "schema" must be'),
         ('{"schema": "so101/poses/3"}', "this version cannot read"),
-        ('{"schema": "so101/poses/1"}', "must be a list"),
-        ('{"schema": "so101/poses/1", "poses": [], "poses": []}', "has poses twice"),
-        ('{"schema": "so101/poses/1", "poses": [3]}', "pose 1"),
-        ('{"schema": "so101/poses/1", "poses": [{"name": "a", "q_deg": [1]}]}', "five joint"),
-        (
-            '{"schema": "so101/poses/1", "poses": [{"name": "a", "q_deg": [NaN, 0, 0, 0, 0]}]}',
-            "five joint",
-        ),
-        (
-            '{"schema": "so101/poses/1", "poses": [{"name": "", "q_deg": [0, 0, 0, 0, 0]}]}',
-            "type a name first",
-        ),
+        (KIND + "}", "must be a list"),
+        (KIND + ', "poses": [], "poses": []}', "has poses twice"),
+        (KIND + ', "poses": [3]}', "pose 1"),
+        (KIND + ', "poses": [{"name": "a", "q_deg": [1]}]}', "five joint"),
+        (KIND + ', "poses": [{"name": "a", "q_deg": [NaN, 0, 0, 0, 0]}]}', "five joint"),
+        (KIND + ', "poses": [{"name": "", "q_deg": [0, 0, 0, 0, 0]}]}', "type a name first"),
+        (" " * (user_storage.LARGEST + 1), "more than"),
     ],
+    ids=lambda value: value[:60].strip(),
 )
 def test_a_broken_file_says_what_is_wrong_and_is_left_alone(
     tmp_path: Path, text: str, reason: str
@@ -116,18 +113,10 @@ def test_a_broken_file_says_what_is_wrong_and_is_left_alone(
     file = tmp_path / "poses.json"
     file.write_text(text)
     book = SavedPoses(file)
-    with pytest.raises(ConfigError, match=reason):
-        book.own()
-    with pytest.raises(ConfigError, match=reason):
-        book.save("mine", Q)
+    for use in (book.own, lambda: book.save("mine", Q)):
+        with pytest.raises(ConfigError, match=reason):
+            use()
     assert file.read_text() == text
-
-
-def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
-    file = tmp_path / "poses.json"
-    file.write_bytes(b" " * (user_storage.LARGEST + 1))
-    with pytest.raises(ConfigError, match="more than"):
-        SavedPoses(file).own()
 
 
 def test_the_file_of_the_user_is_in_the_data_directory(

@@ -36,15 +36,20 @@ def test_json_holds_the_motion(trajectory, tmp_path):
     np.testing.assert_allclose(content["qd_deg_per_s"], np.degrees(trajectory.qd), atol=1e-9)
 
 
-def test_mcap_holds_ros_joint_states_that_other_readers_understand(trajectory, tmp_path):
+def read_mcap(path):
+    """Each message and its topic, as another reader understands them."""
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
-    path = tmp_path / "move.mcap"
-    export(trajectory, path)
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        messages = [entry[3] for entry in reader.iter_decoded_messages(["/joint_commands"])]
+        return [(entry[1].topic, entry[3]) for entry in reader.iter_decoded_messages()]
+
+
+def test_mcap_holds_ros_joint_states_that_other_readers_understand(trajectory, tmp_path):
+    export(trajectory, tmp_path / "move.mcap")
+    topics, messages = zip(*read_mcap(tmp_path / "move.mcap"), strict=True)
+    assert set(topics) == {"/joint_commands"}
     assert len(messages) == len(trajectory)
     assert messages[0].name == list(ARM_JOINTS)
     np.testing.assert_allclose(messages[-1].position, trajectory.q[-1])
@@ -89,14 +94,8 @@ def test_a_run_is_written_as_wanted_and_as_measured(run, tmp_path):
 
 
 def test_a_run_in_mcap_has_commands_and_states(run, tmp_path):
-    from mcap.reader import make_reader
-    from mcap_ros2.decoder import DecoderFactory
-
-    path = tmp_path / "run.mcap"
-    export(run, path)
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        read = [(entry[1].topic, entry[3]) for entry in reader.iter_decoded_messages()]
+    export(run, tmp_path / "run.mcap")
+    read = read_mcap(tmp_path / "run.mcap")
     states = [message for topic, message in read if topic == "/joint_states"]
     assert len(states) == len(read) / 2 == 4
     np.testing.assert_allclose(states[-1].position, run.q[-1])
