@@ -18,6 +18,7 @@ from so101_motion.viam.conversion.convert import to_result
 from so101_motion.viam.models.registered import MODELS
 
 ROOT = Path(__file__).parents[1]
+SAMPLE = ROOT / "examples" / "machine.json"
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -57,12 +58,22 @@ def test_the_python_examples_run(page, capsys, monkeypatch):
     assert capsys.readouterr().out
 
 
-@pytest.mark.parametrize("page", having("json"), ids=called)
+def resources(content):
+    """The components and services of a machine's configuration."""
+    content = json.loads(content)
+    return [*content.get("components", []), *content.get("services", [])]
+
+
+def test_the_sample_machine_has_every_model_once():
+    models = [each["model"] for each in resources(SAMPLE.read_text())]
+    assert sorted(models) == sorted(str(model.model) for model in MODELS)
+
+
+@pytest.mark.parametrize("page", [*having("json"), SAMPLE], ids=called)
 def test_the_machine_configurations_are_accepted(page):
     models = {str(model.model): model for model in MODELS}
-    for block in blocks(page, "json"):
-        content = json.loads(block)
-        for resource in (*content.get("components", []), *content.get("services", [])):
+    for block in [page.read_text()] if page is SAMPLE else blocks(page, "json"):
+        for resource in resources(block):
             model = models[resource["model"]]
             assert str(model.api) == resource["api"]
             attributes = to_result(resource.get("attributes", {}))

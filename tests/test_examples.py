@@ -1,21 +1,14 @@
 """The examples do what they say, on the simulated arm."""
 
-import json
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from google.protobuf.struct_pb2 import Struct
-from viam.proto.app.robot import ComponentConfig
-
-from so101_motion.viam.models.registered import MODELS
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
-MACHINE = json.loads((EXAMPLES / "machine.json").read_text())
-RESOURCES = (*MACHINE["components"], *MACHINE["services"])
 
 pytestmark = pytest.mark.timeout(400)  # they all run at once
 
@@ -123,18 +116,3 @@ def test_motions_are_made(said):
     made, first = said("motion_data.py").splitlines()
     assert "setpoints" in first
     assert made.startswith("{")
-
-
-def test_the_sample_machine_has_every_model_once():
-    assert sorted(resource["model"] for resource in RESOURCES) == sorted(
-        str(model.model) for model in MODELS
-    )
-
-
-@pytest.mark.parametrize("resource", RESOURCES, ids=lambda resource: resource["name"])
-def test_the_sample_machine_is_accepted(resource):
-    (model,) = (model for model in MODELS if str(model.model) == resource["model"])
-    assert str(model.api) == resource["api"]
-    attributes = Struct()
-    attributes.update(resource.get("attributes", {}))
-    model.validate_config(ComponentConfig(name=resource["name"], attributes=attributes))

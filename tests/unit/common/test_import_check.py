@@ -96,12 +96,9 @@ def test_without_apt_the_package_is_named_all_the_same(monkeypatch, tmp_path):
     assert import_check.sentence(ImportError(LOST)).endswith("holds it (Debian: libgomp1)")
 
 
-def test_a_library_nobody_knows_is_named():
+def test_a_library_or_a_package_that_nobody_knows_is_named():
     error = ImportError("libodd.so.7: cannot open shared object file: No such file or directory")
     assert "libodd.so.7 is missing" in import_check.sentence(error)
-
-
-def test_a_package_that_is_not_installed_is_named_with_the_way_to_install_it():
     error = import_check.first_failure(["json", "no_such_package.part"])
     assert "no_such_package is not installed" in import_check.sentence(error)
     assert f"try: {ROOT / 'setup.sh'}" in import_check.sentence(error)
