@@ -13,7 +13,7 @@ import atexit
 import logging
 import threading
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -280,7 +280,7 @@ def _open(
     waits: bool,
 ) -> HardwareRig:
     with _hardware_lock:
-        while (shared := _on_port(settings.port)) is not None and shared.is_closing:
+        while (shared := use_of(settings.port)) is not None and shared.is_closing:
             _hardware_lock.wait()
         if shared is None:
             clock = clock or MonotonicClock()
@@ -296,32 +296,9 @@ def _open(
         return rig
 
 
-def _on_port(port: str) -> SharedPort | None:
-    return next((shared for shared in _hardware if shared.is_on(port)), None)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PortUse:
-    """How components of this process use a port: combined ``settings``, each one's ``shares``.
-
-    ``joints`` are those whose servos were found there, base to jaw.
-    """
-
-    settings: ServoSettings
-    joints: tuple[str, ...]
-    shares: tuple[ServoSettings, ...]
-
-
-def use_of(port: str) -> PortUse | None:
+def use_of(port: str) -> SharedPort | None:
     """How this process uses a port, by any of its names; None if it does not. Never waits."""
-    for live in tuple(_hardware):
-        if live.is_on(port):
-            return PortUse(
-                settings=live.servos.settings,
-                joints=tuple(live.servos.setups),
-                shares=tuple(live.shares),
-            )
-    return None
+    return next((shared for shared in tuple(_hardware) if shared.is_on(port)), None)
 
 
 _hardware_lock = threading.Condition()

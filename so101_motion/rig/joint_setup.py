@@ -34,7 +34,7 @@ from so101_motion.common.errors import (
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
-from so101_motion.drivers.bus.ticks import TICKS_PER_RAD, JointMap
+from so101_motion.drivers.bus.ticks import TICKS_PER_RAD, JointMap, Ticks
 from so101_motion.drivers.servo_types import ServoFigures
 from so101_motion.rig.port_settings import ServoSettings
 
@@ -161,13 +161,13 @@ def joint_map(joint: str, found: JointCalibration, *, offset: int | None, zero: 
     if joint == GRIPPER_JOINT:
         closed_ticks = found.range_max if found.drive_mode else found.range_min
         at_zero = closed_ticks - (-1 if found.drive_mode else 1) * JAW_CLOSED * TICKS_PER_RAD
-    return JointMap.from_calibration(
+    return JointMap(
         servo_id=found.id,
-        homing_offset=offset,
-        range_min=found.range_min,
-        range_max=found.range_max,
-        drive_mode=found.drive_mode,
         zero_ticks=at_zero,
+        direction=-1 if found.drive_mode else 1,
+        lower_ticks=Ticks(found.range_min),
+        upper_ticks=Ticks(found.range_max),
+        homing_offset=offset,
     )
 
 

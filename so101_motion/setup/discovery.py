@@ -43,6 +43,7 @@ from so101_motion.drivers.port.port_list import (
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.rig import hardware_rig
 from so101_motion.rig.port_settings import ServoSettings
+from so101_motion.rig.shared_port import SharedPort
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -277,15 +278,16 @@ def _look_at(
         return PortReport(port=port, sentence=getattr(error, "reason", str(error)))
 
 
-def _report_use(port: FoundPort, use: hardware_rig.PortUse) -> PortReport:
+def _report_use(port: FoundPort, use: SharedPort) -> PortReport:
+    joints, settings = tuple(use.servos.setups), use.servos.settings
     return PortReport(
         port=port,
-        sentence=f"used by a component of this machine, with {_counted(use.joints)}",
-        joints=use.joints,
-        servo_ids=tuple(use.settings.ids()[joint] for joint in use.joints),
-        baudrate=use.settings.baudrate,
-        configured=_configured(use.shares),
-        calibration=use.settings.file,
+        sentence=f"used by a component of this machine, with {_counted(joints)}",
+        joints=joints,
+        servo_ids=tuple(settings.ids()[joint] for joint in joints),
+        baudrate=settings.baudrate,
+        configured=_configured(tuple(use.shares)),
+        calibration=settings.file,
     )
 
 

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from harness.emulated_rig import PATIENCE, hardware_bench, rad
-from harness.held_calibration import hold_calibration
+from harness.held_calibration import filed, hold_calibration
 from serial.tools import list_ports
 
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.procedure.eeprom import write_calibration
-from so101_motion.calib.record import record, store
+from so101_motion.calib.record import store
 from so101_motion.common.errors import MotionError, NoReply, PortUnavailable
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus import registers as reg
@@ -213,27 +213,14 @@ def test_the_port_talks_at_another_rate_when_asked(bench):
 # Giving it back
 
 
-def filed(bench, **ends):
-    path = bench.port.parent / "calibration.json"
-    entries = {
-        joint: record.JointCalibration(
-            id=i, range_min=lower, range_max=upper, norm_mode=1 if joint == "gripper" else 3
-        )
-        for i, joint in enumerate(record.JOINTS, start=1)
-        for lower, upper in [ends.get(joint, (1900, 3300) if i == 6 else (900, 3100))]
-    }
-    store.save(path, entries)
-    return path
-
-
 def test_a_new_calibration_is_in_force_at_once_and_the_arm_stays_where_it_is(bench):
-    path = filed(bench)
+    path = filed(bench, is_new=False)
     hold_calibration(bench.world, store.load(path).calibration)
     rig = bench.open(calibration_file=path)
     bench.advance(1.0)
     before, was = bench.q_deg, rig.arm.state.q[0]
     loan = rig.lend_bus("calibration")
-    stored = store.load(filed(bench, shoulder_pan=(1100, 3100)))
+    stored = store.load(filed(bench, is_new=False, shoulder_pan=(1100, 3100)))
     loan.call(lambda bus: write_calibration(bus, stored))
     loan.give_back(hold=True)
 
@@ -318,7 +305,7 @@ def test_servos_that_are_gone_when_the_bus_comes_back_are_a_fault_until_they_ret
 def test_a_component_added_meanwhile_waits_for_the_servos_but_not_for_the_rig(bench):
     sensor = bench.open(**NOBODY)
     loan = sensor.lend_bus("calibration")
-    file = filed(bench, shoulder_pan=(1100, 3100))
+    file = filed(bench, is_new=False, shoulder_pan=(1100, 3100))
     arm = bench.open(calibration_file=file)
     assert arm.arm.state.mode is Mode.CALIBRATING
     loan.call(lambda bus: write_calibration(bus, store.load(file)))
@@ -359,7 +346,7 @@ def test_an_arm_that_no_component_uses_is_held_for_a_borrower_that_asks_for_it(b
 def test_opening_without_an_arm_writes_to_no_servo(tmp_path):
     with hardware_bench(tmp_path, ids={6: 1}, calibrated=False) as bench:
         before = bytes(memory(bench, "gripper").bytes)
-        rig = bench.open(**NOBODY, calibration_file=filed(bench))
+        rig = bench.open(**NOBODY, calibration_file=filed(bench, is_new=False))
         bench.advance(1.0)
         measured = slice(emu.PENDING.address - 8, emu.PENDING.address + 8)
         after = bytes(memory(bench, "gripper").bytes)

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 from harness.emulated_rig import hardware_bench, rad
-from harness.held_calibration import forget_limits, hold_calibration
+from harness.held_calibration import filed, hold_calibration
 
 from so101_motion.calib.record import record, store
 from so101_motion.common.errors import (
@@ -77,26 +77,6 @@ def test_a_gripper_alone_can_be_joined_by_its_arm(tmp_path):
 # Calibration
 
 
-def filed(bench, *, is_new=True, **joints):
-    """A file with these offsets; the servos hold no calibration, unless they are not new."""
-    ends = {
-        "shoulder_pan": (1000, 3000), "shoulder_lift": (900, 3100), "elbow_flex": (1000, 3000),
-        "wrist_flex": (1000, 3000), "wrist_roll": (200, 3900), "gripper": (1950, 3300),
-    }  # fmt: skip
-    entries = {
-        joint: record.JointCalibration(
-            id=i, range_min=ends[joint][0], range_max=ends[joint][1],
-            homing_offset=joints.get(joint, 0), norm_mode=1 if joint == "gripper" else 3,
-        )
-        for i, joint in enumerate(record.JOINTS, start=1)
-    }  # fmt: skip
-    path = bench.port.parent / "calibration.json"
-    store.save(path, entries)
-    if is_new:
-        forget_limits(bench.world)
-    return path
-
-
 def test_the_servos_registers_serve_when_there_is_no_file(bench):
     rig = bench.open()
 
@@ -113,7 +93,7 @@ def test_servos_without_a_calibration_have_the_files_until_their_power_goes(benc
     bench.advance(1.0)
 
     assert {setup.source for setup in rig.servos.setups.values()} == {"file"}
-    assert memory(bench, "shoulder_pan").raw(emu.MIN_POSITION) == 1000
+    assert memory(bench, "shoulder_pan").raw(emu.MIN_POSITION) == 900
     assert [servo.memory.flash for servo in bench.world.servos] == flash
     assert "gripper: the servo holds no calibration" in " ".join(rig.servos.notes)
     assert rig.arm.state.q[0] == pytest.approx(rad(360.0 * 48 / 4096), abs=rad(0.5))
@@ -124,7 +104,7 @@ def test_another_homing_offset_moves_no_joint_even_if_it_is_driven(bench):
     bench.open().close()
     bench.advance(0.5)
     before = bench.q_deg
-    rig = bench.open(calibration_file=filed(bench, shoulder_pan=200))
+    rig = bench.open(calibration_file=filed(bench, offsets={"shoulder_pan": 200}))
     bench.advance(1.0)
 
     assert bench.q_deg == pytest.approx(before, abs=0.6)
@@ -134,7 +114,7 @@ def test_another_homing_offset_moves_no_joint_even_if_it_is_driven(bench):
 def test_another_calibration_is_refused_and_when_it_is_accepted_no_joint_moves(bench):
     bench.open().close()
     bench.advance(0.5)
-    before, file = bench.q_deg, filed(bench, is_new=False, shoulder_pan=200)
+    before, file = bench.q_deg, filed(bench, is_new=False, offsets={"shoulder_pan": 200})
     flash = [servo.memory.flash for servo in bench.world.servos]
     with pytest.raises(OtherCalibration, match=r"homing_offset is 200.*so101 calibration write"):
         bench.open(calibration_file=file)
@@ -153,7 +133,7 @@ def test_another_calibration_is_refused_and_when_it_is_accepted_no_joint_moves(b
 @pytest.mark.parametrize(
     ("change", "from_servos"),
     [
-        ({"range_max": 1010}, {"elbow_flex"}),
+        ({"range_max": 910}, {"elbow_flex"}),
         ({"id": 4}, set(record.JOINTS)),  # it is not this arm's
     ],
 )
@@ -206,14 +186,14 @@ def test_what_a_file_says_now_is_taken_up_when_its_user_accepts_it(bench):
     rig = bench.open(calibration_file=path)
     bench.advance(0.5)
     before, was = bench.q_deg, rig.arm.state.q[0]
-    store.save(path, {"shoulder_pan": record.JointCalibration(id=1, range_min=900)})
-    with pytest.raises(OtherCalibration, match="range_min is 900 in the calibration"):
+    store.save(path, {"shoulder_pan": record.JointCalibration(id=1, range_min=800)})
+    with pytest.raises(OtherCalibration, match="range_min is 800 in the calibration"):
         rig.reload()
     assert rig.arm.state.q[0] == pytest.approx(was, abs=rad(0.5)), "it goes on as before"
     rig.write_calibration()
     bench.advance(1.0)
 
-    assert rig.servos.calibration["shoulder_pan"].range_min == 900
+    assert rig.servos.calibration["shoulder_pan"].range_min == 800
     assert abs(rig.arm.state.q[0] - was) > rad(10.0), "the middle of the travel is elsewhere"
     assert bench.q_deg == pytest.approx(before, abs=0.5)
     bench.finish(bench.go(rig, *np.degrees(rig.arm.state.q)))
@@ -222,9 +202,9 @@ def test_what_a_file_says_now_is_taken_up_when_its_user_accepts_it(bench):
 def test_goals_outside_the_calibrated_range_are_refused(bench):
     rig = bench.open(calibration_file=filed(bench))
     with pytest.raises(OutsideLimits, match=r"shoulder_pan.*calibrated range"):
-        bench.finish(bench.go(rig, 95, 0, 0, 0, 0))
+        bench.finish(bench.go(rig, 98, 0, 0, 0, 0))
     with pytest.raises(OutsideLimits, match="shoulder_pan"):
-        rig.arm.retarget(np.radians([95.0, 0, 0, 0, 0]))
+        rig.arm.retarget(np.radians([98.0, 0, 0, 0, 0]))
 
     assert not rig.arm.is_moving
 

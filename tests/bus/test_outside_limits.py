@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from harness.held_calibration import forget_limits
+from harness.held_calibration import filed
 
-from so101_motion.calib.record import record, store
+from so101_motion.calib.record import record
 from so101_motion.common.errors import FollowingError, Interrupted, MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.control.limit_recovery import remarks
@@ -14,22 +14,6 @@ from so101_motion.drivers.emulator.hand import Hand, parse_script
 CRAWL_DEG = 14.0
 """Faster than this nobody comes in [deg/s]: 8 by our caps, 8.8 is the slowest the servos can, and
 they break loose with a jerk. Less than the planner allows for leaving a bad start."""
-
-
-def filed(bench, **ends):
-    """A calibration in which the joints named have other ends [tick]; the servos have none yet."""
-    wide = {"wrist_roll": (200, 3900), "gripper": (1950, 3300)}
-    entries = {
-        joint: record.JointCalibration(
-            id=i, range_min=lower, range_max=upper, norm_mode=1 if joint == "gripper" else 3
-        )
-        for i, joint in enumerate(record.JOINTS, start=1)
-        for lower, upper in [ends.get(joint, wide.get(joint, (900, 3100)))]
-    }
-    path = bench.port.parent / "calibration.json"
-    store.save(path, entries)
-    forget_limits(bench.world)
-    return path
 
 
 def torque(bench, joint):

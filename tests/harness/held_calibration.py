@@ -1,6 +1,6 @@
-"""Let emulated servos hold a calibration, as if it had been recorded on them."""
+"""Calibrations of emulated servos: held by them, or in a file."""
 
-from so101_motion.calib.record import record
+from so101_motion.calib.record import record, store
 from so101_motion.drivers.emulator import registers as emu
 
 
@@ -21,3 +21,27 @@ def forget_limits(world):
         memory = world.servo(joint).memory
         memory.keep(emu.MIN_POSITION, 0)
         memory.keep(emu.MAX_POSITION, 4095)
+
+
+def filed(bench, *, is_new=True, offsets=None, **ends):
+    """A calibration file in which the joints named have other ends or homing offsets [tick].
+
+    The servos hold no calibration then, unless they are not new.
+    """
+    usual = {"wrist_roll": (200, 3900), "gripper": (1950, 3300)}
+    entries = {
+        joint: record.JointCalibration(
+            id=i,
+            range_min=lower,
+            range_max=upper,
+            homing_offset=(offsets or {}).get(joint, 0),
+            norm_mode=1 if joint == "gripper" else 3,
+        )
+        for i, joint in enumerate(record.JOINTS, start=1)
+        for lower, upper in [ends.get(joint, usual.get(joint, (900, 3100)))]
+    }
+    path = bench.port.parent / "calibration.json"
+    store.save(path, entries)
+    if is_new:
+        forget_limits(bench.world)
+    return path

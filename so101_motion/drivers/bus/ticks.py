@@ -67,32 +67,6 @@ class JointMap:
         if not math.isfinite(self.zero_ticks):
             raise ValueError(f"zero_ticks must be finite, not {self.zero_ticks}")
 
-    @classmethod
-    def from_calibration(
-        cls,
-        *,
-        servo_id: int,
-        homing_offset: int | None,
-        range_min: int,
-        range_max: int,
-        drive_mode: int = 0,
-        zero_ticks: float | None = None,
-    ) -> JointMap:
-        """The map for a calibration record [tick]; ``drive_mode`` is 0 if ticks grow with q.
-
-        ``homing_offset`` None leaves the servo's as it is; ``zero_ticks`` None is the middle of the
-        travel, as in a calibration that does not know the arm's shape.
-        """
-        middle = (range_min + range_max) / 2.0
-        return cls(
-            servo_id=servo_id,
-            zero_ticks=middle if zero_ticks is None else zero_ticks,
-            direction=-1 if drive_mode else 1,
-            lower_ticks=Ticks(range_min),
-            upper_ticks=Ticks(range_max),
-            homing_offset=homing_offset,
-        )
-
     @property
     def lower(self) -> float:
         return min(self._angle(self.lower_ticks), self._angle(self.upper_ticks))

@@ -20,7 +20,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -329,15 +329,8 @@ def _named_by_user(extra: Iterable[str], found: list[FoundPort]) -> Iterable[Fou
             yield FoundPort(name=name, device=os.path.realpath(name), key=_key(None, None, name))
             continue
         others = (known.name, known.device, *known.aliases)
-        yield FoundPort(
-            name=name,
-            device=known.device,
-            key=known.key,
-            aliases=tuple(other for other in dict.fromkeys(others) if other != name),
-            description=known.description,
-            serial_number=known.serial_number,
-            is_servo_adapter=known.is_servo_adapter,
-        )
+        aliases = tuple(other for other in dict.fromkeys(others) if other != name)
+        yield replace(known, name=name, aliases=aliases)
 
 
 def _is_among(port: FoundPort, names: Iterable[str]) -> bool:

@@ -62,17 +62,6 @@ def test_a_position_beyond_the_seam_is_a_little_outside_not_a_turn_away():
     assert joint.to_rad(Ticks(4090)) == pytest.approx(-306 * RAD_PER_TICK)
 
 
-def test_a_calibration_puts_zero_in_the_middle_of_the_travel():
-    joint = JointMap.from_calibration(
-        servo_id=2, homing_offset=-85, range_min=1001, range_max=3000, drive_mode=1
-    )
-    assert joint.zero_ticks == 2000.5
-    assert joint.direction == -1
-    assert joint.lower == pytest.approx(-joint.upper)
-    assert joint.to_rad(Ticks(3000)) == pytest.approx(joint.lower)
-    assert joint.homing_offset == -85
-
-
 def test_a_turn_has_4096_ticks():
     joint = JointMap(servo_id=1)
     assert joint.to_rad(Ticks(3048)) == pytest.approx(math.radians(87.890625), abs=1e-12)

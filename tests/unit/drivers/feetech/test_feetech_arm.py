@@ -78,8 +78,12 @@ def test_a_servo_that_does_not_acknowledge_is_taught_to(make_stand):
 def test_the_calibration_is_the_truth_and_is_not_stored_in_the_servo(make_stand):
     stand = make_stand()
     maps = MAPS | {
-        "elbow_flex": JointMap.from_calibration(
-            servo_id=ELBOW, homing_offset=-100, range_min=1000, range_max=3300
+        "elbow_flex": JointMap(
+            servo_id=ELBOW,
+            homing_offset=-100,
+            zero_ticks=2150.0,
+            lower_ticks=Ticks(1000),
+            upper_ticks=Ticks(3300),
         )
     }
     flash = stand.port.world.servo(ELBOW).memory.flash
