@@ -11,10 +11,9 @@ from contextlib import contextmanager
 from functools import partial
 
 from so101_motion.common.clock import Clock
-from so101_motion.common.errors import BusError, PortUnavailable
+from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
-from so101_motion.drivers.bus.registers import Register
 from so101_motion.drivers.bus.ticks import Ticks
 from so101_motion.drivers.feetech.connection import Connection
 from so101_motion.drivers.port.serial_port import PortOpener
@@ -86,7 +85,7 @@ class BusMonitor:
     def let_go(self) -> None:
         """Switch off the torque of all servos that answer; all are tried before ``BusError``."""
         with self.bus() as bus:
-            self._let_go(bus)
+            bus.write_each(reg.TORQUE_ENABLE, dict.fromkeys(bus.answering(self._joints), 0))
 
     def close(self) -> None:
         self._connection.close()
@@ -102,28 +101,9 @@ class BusMonitor:
     def _positions(self, bus: Bus) -> dict[str, Ticks]:
         silent = [i for i, joint in self._joints.items() if joint not in self.positions]
         found = bus.sync_read(tuple(self._joints), _START, _END - _START, given_up=silent)
+        blocks = {self._joints[i]: answer.data for i, answer in found.items()}
         self.driven = frozenset(
-            self._joints[i] for i, answer in found.items() if _held(answer.data, reg.TORQUE_ENABLE)
+            joint for joint, data in blocks.items() if reg.TORQUE_ENABLE.cut(data, _START)
         )
-        return {
-            self._joints[i]: Ticks(_held(answer.data, reg.PRESENT_POSITION))
-            for i, answer in found.items()
-        }
-
-    def _let_go(self, bus: Bus) -> None:
-        failures: list[BusError] = []
-        for servo_id in bus.answering(self._joints):
-            try:
-                if bus.read(servo_id, reg.TORQUE_ENABLE):
-                    bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-            except PortUnavailable:
-                raise
-            except BusError as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
-
-
-def _held(data: bytes, register: Register) -> int:
-    begin = register.address - _START
-    return register.decode(data[begin : begin + register.size])
+        at = reg.PRESENT_POSITION
+        return {joint: Ticks(at.cut(data, _START)) for joint, data in blocks.items()}

@@ -147,9 +147,13 @@ class ServoDriver:
         """
         self._begin(self.settings, self.settings.timeout or 0.0)
 
-    def monitor_only(self) -> None:
+    def monitor_only(self, settings: ServoSettings | None = None) -> None:
         """Only monitor the servos that answer; for use instead of ``connect``."""
-        self._monitor = self._new_monitor(self.settings)
+        now = settings or self.settings
+        self._open_port.baud = now.baudrate
+        self._monitor = BusMonitor(
+            self._open_port, self._clock, ids=now.ids(), reply_timeout=self._reply_timeout
+        )
 
     def require(self, joints: Collection[str]) -> None:
         """Raise ``BusError`` unless the servos of ``joints`` answer; it must be closed."""
@@ -248,7 +252,7 @@ class ServoDriver:
         """Lend the bus: leave the servos as they are, and monitor them."""
         self.close()
         self._is_lent = True
-        self._monitor = self._new_monitor(self.settings)
+        self.monitor_only()
 
     @property
     def lent(self) -> BusMonitor:
@@ -371,23 +375,7 @@ class ServoDriver:
     def to_angle(self, joint: str, ticks: int) -> float:
         return self.setups[joint].map.to_rad(Ticks(ticks))
 
-    @property
-    def lower(self) -> Array:
-        """Smallest calibrated angles of the arm joints, shape (5,), [rad]."""
-        return self._ends("lower", -np.inf)
-
-    @property
-    def upper(self) -> Array:
-        """Largest calibrated angles of the arm joints, shape (5,), [rad]."""
-        return self._ends("upper", np.inf)
-
     # How
-
-    def _ends(self, name: str, default: float) -> Array:
-        setups = self.setups
-        return np.array(
-            [getattr(setups[j].map, name) if j in setups else default for j in ARM_JOINTS]
-        )
 
     def _begin(self, settings: ServoSettings, timeout: float) -> None:
         """Drive the servos, or only monitor them if no component asks for any."""
@@ -397,7 +385,7 @@ class ServoDriver:
             self._arm = self._build(settings, found)
         else:
             self._take(settings, found)
-            self._monitor = self._new_monitor(settings)
+            self.monitor_only(settings)
 
     @contextmanager
     def _bus_for(self, settings: ServoSettings) -> Iterator[Bus]:
@@ -409,12 +397,6 @@ class ServoDriver:
     def _bus(self, port: Port, settings: ServoSettings) -> Bus:
         names = {servo_id: joint for joint, servo_id in settings.ids().items()}
         return Bus(port, names=names, reply_timeout=self._reply_timeout)
-
-    def _new_monitor(self, settings: ServoSettings) -> BusMonitor:
-        self._open_port.baud = settings.baudrate
-        return BusMonitor(
-            self._open_port, self._clock, ids=settings.ids(), reply_timeout=self._reply_timeout
-        )
 
     def _seen(self, monitor: BusMonitor) -> JointReading:
         monitor.look()

@@ -184,7 +184,11 @@ class SharedPort:
 
     def take_ranges(self) -> None:
         """Set ranges, strength, acceleration and stop of arm and gripper as the servos allow."""
-        self.rig.arm.set_range(self.servos.lower, self.servos.upper)
+        arm = [self.servos.setups.get(joint) for joint in ARM_JOINTS]
+        self.rig.arm.set_range(
+            np.array([-math.inf if each is None else each.map.lower for each in arm]),
+            np.array([math.inf if each is None else each.map.upper for each in arm]),
+        )
         models = [self.servos.models[j] for j in ARM_JOINTS if j in self.servos.models]
         if models:
             brakes = np.array([each.braking for each in models])

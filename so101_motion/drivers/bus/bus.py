@@ -25,7 +25,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from so101_motion.common.errors import CorruptReply, NoReply, ServoFault
+from so101_motion.common.errors import BusError, CorruptReply, NoReply, PortUnavailable, ServoFault
 from so101_motion.drivers.bus.protocol import (
     Answer,
     Answers,
@@ -203,6 +203,19 @@ class Bus:
             servo_id=servo_id,
             flags=faults,
         )
+
+    def write_each(self, register: Register, values: Mapping[int, int]) -> None:
+        """Write a register of many servos, by id; all are tried before ``BusError`` is raised."""
+        failures: list[BusError] = []
+        for servo_id, value in values.items():
+            try:
+                self.write(servo_id, register, value)
+            except PortUnavailable:
+                raise
+            except BusError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
 
     def store(
         self, servo_id: int, values: Mapping[Register, int], *, anew: bool = False

@@ -16,7 +16,7 @@ import contextlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 from so101_motion.common.clock import Clock
-from so101_motion.common.errors import BusError, CorruptReply, NoReply, PortUnavailable, ServoFault
+from so101_motion.common.errors import CorruptReply, NoReply, PortUnavailable, ServoFault
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus, Port
 from so101_motion.drivers.bus.registers import Register
@@ -150,16 +150,8 @@ class Chain:
 
     def put_all(self, register: Register, values: Mapping[int, int]) -> None:
         """Write a register of many servos; all that answer are tried before anything is raised."""
-        failures: list[BusError] = []
-        for servo_id in self.index.keys() - self.presence.silent:
-            try:
-                self.bus().write(servo_id, register, values[servo_id])
-            except PortUnavailable:
-                raise
-            except BusError as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
+        answering = self.index.keys() - self.presence.silent
+        self.bus().write_each(register, {i: values[i] for i in answering})
 
     def _set_up_servo(self, bus: Bus, servo_id: int) -> ServoCondition:
         i = self.index[servo_id]
