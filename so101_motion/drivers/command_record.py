@@ -12,24 +12,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SentCommand:
-    """One command as it was sent.
+    """One command as it was sent."""
 
-    Attributes:
-        t: When, on the driver's clock [s].
-        q_cmd: Commanded angles of the five arm joints [rad].
-        q_jaw_cmd: Commanded angle of the jaw [rad].
-        goals: The servos' goals [tick], by servo id; a servo that is missing got no goal. Empty for
-            an arm without servos.
-        is_guided: Whether a hand guides the arm. Its goals then follow the hand, and ``q_cmd`` is
-            the last command before that.
-        is_seed: Whether the goals were written before torque comes on, as its first goals.
-    """
-
-    t: float
-    q_cmd: tuple[float, ...]
-    q_jaw_cmd: float
+    t: float  # when, on the driver's clock [s]
+    q_cmd: tuple[float, ...]  # commanded angles of the five arm joints [rad]
+    q_jaw_cmd: float  # commanded angle of the jaw [rad]
+    # the servos' goals [tick], by servo id; a servo that is missing got no goal. Empty for an arm
+    # without servos
     goals: Mapping[int, int]
+    # whether a hand guides the arm. Its goals then follow the hand, and ``q_cmd`` is the last
+    # command before that
     is_guided: bool = False
+    # whether the goals were written before torque comes on, as its first goals
     is_seed: bool = False
 
 

@@ -19,48 +19,27 @@ class ServoType:
 
     The dry friction has the form of model M5 of Rhoban's bam: ``coulomb`` without load, and a part
     that grows with what the gears carry from either side, more so near rest.
-
-    Attributes:
-        name: Order code.
-        volts: Rated supply [V].
-        torque_per_volt: Of the blocked motor [N m/V].
-        back_emf: Voltage that its speed induces [V s/rad].
-        resistance: Of the winding [ohm].
-        armature: Inertia of rotor and gears [kg m^2].
-        viscous: Damping of the gears [N m s/rad].
-        coulomb: Dry friction without load [N m].
-        load_external: Friction per torque of the world on the output [1].
-        load_motor: Friction per torque of the motor [1].
-        still_external: What is added to ``load_external`` at rest [1].
-        still_motor: What is added to ``load_motor`` at rest [1].
-        stribeck_speed: Speed at which the additions have fallen to 1/e [rad/s].
-        speed_limit: Of the set-point on its way to a goal [rad/s].
-        goal_delay: From a goal on the wire to the set-point that follows it [s].
-        loop_delay: From a measured position to the duty it causes [s].
-        duty_shape: Exponent from demanded duty to motor voltage; below 1 small duties do more.
-        max_voltage_raw: Factory value of register 14 [0.1 V].
-        play: Between gears and output [rad].
     """
 
-    name: str
-    volts: float
-    torque_per_volt: float
-    back_emf: float
-    resistance: float
-    armature: float
-    viscous: float
-    coulomb: float
-    load_external: float
-    load_motor: float
-    still_external: float
-    still_motor: float
-    stribeck_speed: float
-    speed_limit: float
-    goal_delay: float
-    loop_delay: float
-    duty_shape: float
-    max_voltage_raw: int
-    play: float = math.radians(0.85)
+    name: str  # order code
+    volts: float  # rated supply [V]
+    torque_per_volt: float  # of the blocked motor [N m/V]
+    back_emf: float  # voltage that its speed induces [V s/rad]
+    resistance: float  # of the winding [ohm]
+    armature: float  # inertia of rotor and gears [kg m^2]
+    viscous: float  # damping of the gears [N m s/rad]
+    coulomb: float  # dry friction without load [N m]
+    load_external: float  # friction per torque of the world on the output [1]
+    load_motor: float  # friction per torque of the motor [1]
+    still_external: float  # what is added to ``load_external`` at rest [1]
+    still_motor: float  # what is added to ``load_motor`` at rest [1]
+    stribeck_speed: float  # speed at which the additions have fallen to 1/e [rad/s]
+    speed_limit: float  # of the set-point on its way to a goal [rad/s]
+    goal_delay: float  # from a goal on the wire to the set-point that follows it [s]
+    loop_delay: float  # from a measured position to the duty it causes [s]
+    duty_shape: float  # exponent from demanded duty to motor voltage; below 1 small duties do more
+    max_voltage_raw: int  # factory value of register 14 [0.1 V]
+    play: float = math.radians(0.85)  # between gears and output [rad]
 
     @property
     def break_away(self) -> float:

@@ -45,19 +45,12 @@ _TRY_PERIOD = 0.25  # [s] between two tries to find the servos
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSetup:
-    """One joint's calibration, its source, and the joint map made from it.
+    """One joint's calibration, its source, and the joint map made from it."""
 
-    Attributes:
-        calibration: The record.
-        source: ``"file"``, ``"registers"`` or ``"defaults"``.
-        map: Ticks to radians.
-        zero: Its zero and where that comes from; without meaning for the jaw.
-    """
-
-    calibration: JointCalibration
-    source: str
-    map: JointMap
-    zero: Zero = MIDDLE
+    calibration: JointCalibration  # the record
+    source: str  # ``"file"``, ``"registers"`` or ``"defaults"``
+    map: JointMap  # ticks to radians
+    zero: Zero = MIDDLE  # its zero and where that comes from; without meaning for the jaw
 
     def is_guessed(self, joint: str) -> bool:
         is_new = self.source == "registers" and record.looks_as_new(joint, self.calibration)
@@ -66,17 +59,11 @@ class JointSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSetups:
-    """The joints whose servos were found.
+    """The joints whose servos were found."""
 
-    Attributes:
-        setups: By joint, for every joint that has a servo.
-        notes: What the user should know.
-        figures: The identified figures of servos, by joint.
-    """
-
-    setups: Mapping[str, JointSetup]
-    notes: tuple[str, ...]
-    figures: Mapping[str, ServoFigures]
+    setups: Mapping[str, JointSetup]  # by joint, for every joint that has a servo
+    notes: tuple[str, ...]  # what the user should know
+    figures: Mapping[str, ServoFigures]  # the identified figures of servos, by joint
 
 
 def find_joints(

@@ -18,20 +18,14 @@ from so101_motion.common.encoder_zeros import EncoderZeros
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmConnection:
-    """The state of the connection to an arm.
+    """The state of the connection to an arm."""
 
-    Attributes:
-        to: Name of the arm, to be put behind "the": ``"arm on /dev/ttyACM0"``.
-        problem: Why it cannot be reached; None while it can.
-        lost_at: When it was lost, on the rig's clock [s]; None while it can be reached.
-        is_simulated: Whether there is no arm but in this computer.
-        encoder_zeros: Where its joints' zeros are; None if not known, or if it is simulated.
-    """
-
-    to: str
-    problem: str | None = None
+    to: str  # name of the arm, to be put behind "the": ``"arm on /dev/ttyACM0"``
+    problem: str | None = None  # why it cannot be reached; None while it can
+    # when it was lost, on the rig's clock [s]; None while it can be reached
     lost_at: float | None = None
-    is_simulated: bool = False
+    is_simulated: bool = False  # whether there is no arm but in this computer
+    # where its joints' zeros are; None if not known, or if it is simulated
     encoder_zeros: EncoderZeros | None = None
 
     @property

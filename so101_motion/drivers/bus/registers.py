@@ -65,31 +65,18 @@ class Fault(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        name: As in LR, in lower case.
-        address: Of the first byte.
-        size: Bytes, 1 or 2.
-        memory: How long it keeps a value.
-        lower: Smallest value that may be written.
-        upper: Largest.
-        unit: What one count is, in words.
-        scale: The same in SI (a share of full drive, degC); 1 for codes and bare numbers.
-        source: Who says so.
-        sign_bit: Which bit is the sign; None for unsigned.
-    """
-
-    name: str
-    address: int
-    size: int
-    memory: Memory
-    lower: int
-    upper: int
-    unit: str
-    scale: float
-    source: str
-    sign_bit: int | None = None
+    name: str  # as in LR, in lower case
+    address: int  # of the first byte
+    size: int  # bytes, 1 or 2
+    memory: Memory  # how long it keeps a value
+    lower: int  # smallest value that may be written
+    upper: int  # largest
+    unit: str  # what one count is, in words
+    scale: float  # the same in SI (a share of full drive, degC); 1 for codes and bare numbers
+    source: str  # who says so
+    sign_bit: int | None = None  # which bit is the sign; None for unsigned
 
     def decode(self, data: bytes) -> int:
         """The number in ``data``, which holds ``size`` bytes.

@@ -14,25 +14,15 @@ _TYPICAL = 0.55  # chosen: an adapter that hands over two answers at once makes 
 
 @dataclass(slots=True)
 class ReplyCounter:
-    """Counts the replies of one servo.
+    """Counts the replies of one servo."""
 
-    Attributes:
-        answers: Right answers.
-        late: Questions whose answer came after its timeout, and could not be used.
-        lost: Questions without any answer.
-        corrupt: Questions whose answer was garbled.
-        retries: Questions asked again.
-        faults: Its newest status byte, see ``Fault``.
-        latched: Every status bit it has ever shown.
-    """
-
-    answers: int = 0
-    late: int = 0
-    lost: int = 0
-    corrupt: int = 0
-    retries: int = 0
-    faults: int = 0
-    latched: int = 0
+    answers: int = 0  # right answers
+    late: int = 0  # questions whose answer came after its timeout, and could not be used
+    lost: int = 0  # questions without any answer
+    corrupt: int = 0  # questions whose answer was garbled
+    retries: int = 0  # questions asked again
+    faults: int = 0  # its newest status byte, see ``Fault``
+    latched: int = 0  # every status bit it has ever shown
 
     @property
     def asked(self) -> int:

@@ -39,24 +39,17 @@ joints measured by the authors of the published module; the manual says 100 per 
 class JointMap:
     """Maps one joint's angle to its servo's ticks.
 
-    Attributes:
-        servo_id: The servo's id on the bus.
-        zero_ticks: The position at joint angle zero [tick]; may lie between two ticks.
-        direction: 1 if the servo counts up with the angle, else -1.
-        lower_ticks: Smallest position the joint may be sent to.
-        upper_ticks: Largest.
-        homing_offset: The servo's homing offset for which these ticks are valid [tick]; the servo
-            gets the limits until it loses its power. None leaves its limits alone.
-
     Raises:
         ValueError: Limits or direction make no sense.
     """
 
-    servo_id: int
-    zero_ticks: float = 2048.0
-    direction: int = 1
-    lower_ticks: Ticks = Ticks(0)
-    upper_ticks: Ticks = Ticks(TICKS_PER_TURN - 1)
+    servo_id: int  # the servo's id on the bus
+    zero_ticks: float = 2048.0  # the position at joint angle zero [tick]; may lie between two ticks
+    direction: int = 1  # 1 if the servo counts up with the angle, else -1
+    lower_ticks: Ticks = Ticks(0)  # smallest position the joint may be sent to
+    upper_ticks: Ticks = Ticks(TICKS_PER_TURN - 1)  # largest
+    # the servo's homing offset for which these ticks are valid [tick]; the servo gets the limits
+    # until it loses its power. None leaves its limits alone
     homing_offset: int | None = None
 
     def __post_init__(self) -> None:

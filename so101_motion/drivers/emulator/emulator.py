@@ -136,45 +136,29 @@ ALL_IDS: Mapping[int, int] = {place: place for place in range(1, 7)}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatorOptions:
-    """Settings of an emulated arm.
+    """Settings of an emulated arm."""
 
-    Attributes:
-        link: A symbolic link that always leads to the port; None for none.
-        ids: Servo id by place on the cable (1 base .. 6 gripper); places left out are unplugged.
-        joints: The joints with their servos' mounting.
-        kind: The type of the servos.
-        spread: How much the servos differ from each other, ``differing_servos``; 0 for none.
-        seed: Seed of these differences.
-        figures: How servos differ from their type, by joint, instead of at random.
-        volts: Supply voltage [V]; None for the servo's rated voltage.
-        q_start: Joint angles at the start, shape (6,), [rad].
-        loose: Whether no servo is on the cable at the start, whatever their ids.
-        calibrated: Whether limits are stored in the servos, or they are as new (0 to 4095).
-        goal_enables_torque: Whether writing a goal switches torque on.
-        dither: How far readings of a resting joint scatter [tick]; 3 on the measured arm.
-        pacing: Wire time and adapter latency.
-        wire: Disturbed replies.
-        faults: Timed faults.
-        hand: A hand script, see ``hand.py``.
-    """
-
-    link: Path | None = None
+    link: Path | None = None  # a symbolic link that always leads to the port; None for none
+    # servo id by place on the cable (1 base .. 6 gripper); places left out are unplugged
     ids: Mapping[int, int] = field(default_factory=lambda: dict(ALL_IDS))
-    joints: tuple[Joint, ...] = SO101
-    kind: ServoType = STS3215_12V
+    joints: tuple[Joint, ...] = SO101  # the joints with their servos' mounting
+    kind: ServoType = STS3215_12V  # the type of the servos
+    # how much the servos differ from each other, ``differing_servos``; 0 for none
     spread: float = 0.0
-    seed: int = 0
+    seed: int = 0  # seed of these differences
+    # how servos differ from their type, by joint, instead of at random
     figures: Mapping[str, ServoFigures] = field(default_factory=dict)
-    volts: float | None = None
-    q_start: tuple[float, ...] = (0.0,) * 6
-    loose: bool = False
+    volts: float | None = None  # supply voltage [V]; None for the servo's rated voltage
+    q_start: tuple[float, ...] = (0.0,) * 6  # joint angles at the start, shape (6,), [rad]
+    loose: bool = False  # whether no servo is on the cable at the start, whatever their ids
+    # whether limits are stored in the servos, or they are as new (0 to 4095)
     calibrated: bool = True
-    goal_enables_torque: bool = True
-    dither: int = 0
-    pacing: Pacing = field(default_factory=Pacing)
-    wire: WireFaults = field(default_factory=WireFaults)
-    faults: tuple[FaultEvent, ...] = ()
-    hand: str = ""
+    goal_enables_torque: bool = True  # whether writing a goal switches torque on
+    dither: int = 0  # how far readings of a resting joint scatter [tick]; 3 on the measured arm
+    pacing: Pacing = field(default_factory=Pacing)  # wire time and adapter latency
+    wire: WireFaults = field(default_factory=WireFaults)  # disturbed replies
+    faults: tuple[FaultEvent, ...] = ()  # timed faults
+    hand: str = ""  # a hand script, see ``hand.py``
 
 
 def parse_ids(text: str) -> dict[int, int]:

@@ -31,27 +31,16 @@ _MAY_HAVE_VALUE = frozenset({"sweep"})
 
 @dataclass(slots=True, kw_only=True)
 class WireFaults:
-    """Disturbances of the wire; every number may be changed while it runs.
+    """Disturbances of the wire; every number may be changed while it runs."""
 
-    Attributes:
-        loss: Share of replies that never arrive; the instruction was carried out.
-        request_loss: Share of instructions that no servo hears; nothing was carried out.
-        lose_next: How many of the next replies never arrive.
-        corrupt: Share of replies with one bit flipped.
-        duplicate: Share of replies that arrive twice.
-        late: Share of replies that arrive ``lateness`` after their time.
-        lateness: How late [s].
-        seed: Of the generator.
-    """
-
-    loss: float = 0.0
-    request_loss: float = 0.0
-    lose_next: int = 0
-    corrupt: float = 0.0
-    duplicate: float = 0.0
-    late: float = 0.0
-    lateness: float = 0.02
-    seed: int = 0
+    loss: float = 0.0  # share of replies that never arrive; the instruction was carried out
+    request_loss: float = 0.0  # share of instructions that no servo hears; nothing was carried out
+    lose_next: int = 0  # how many of the next replies never arrive
+    corrupt: float = 0.0  # share of replies with one bit flipped
+    duplicate: float = 0.0  # share of replies that arrive twice
+    late: float = 0.0  # share of replies that arrive ``lateness`` after their time
+    lateness: float = 0.02  # how late [s]
+    seed: int = 0  # of the generator
     _random: random.Random = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -95,25 +84,18 @@ _FORM = re.compile(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultEvent:
-    """A fault that begins at a time and may end by itself.
+    """A fault that begins at a time and may end by itself."""
 
-    Attributes:
-        kind: ``dead`` (cable pulled), ``reboot``, ``hot`` [degC], ``brownout`` [V], ``unplug``
-            (the port), ``twin`` (this servo takes the id of another), ``object`` between the jaws
-            [m], or the name of a wire fault with its share. Also actions of a person: ``only``
-            (leave only this servo on the cable), ``chain`` (connect all), ``pose`` (hold all joints
-            at zero) and ``sweep`` (lead each joint to its stops, at this speed [deg/s]).
-        servo: Which servo, by joint or place on the cable.
-        value: The number that belongs to the kind.
-        at: When, from the start or from being typed [s].
-        duration: How long it lasts [s]; None is for good.
-    """
-
+    # ``dead`` (cable pulled), ``reboot``, ``hot`` [degC], ``brownout`` [V], ``unplug`` (the port),
+    # ``twin`` (this servo takes the id of another), ``object`` between the jaws [m], or the name of
+    # a wire fault with its share. Also actions of a person: ``only`` (leave only this servo on the
+    # cable), ``chain`` (connect all), ``pose`` (hold all joints at zero) and ``sweep`` (lead each
+    # joint to its stops, at this speed [deg/s])
     kind: FaultKind
-    servo: str | None = None
-    value: float | None = None
-    at: float = 0.0
-    duration: float | None = None
+    servo: str | None = None  # which servo, by joint or place on the cable
+    value: float | None = None  # the number that belongs to the kind
+    at: float = 0.0  # when, from the start or from being typed [s]
+    duration: float | None = None  # how long it lasts [s]; None is for good
 
 
 def parse_fault(text: str) -> FaultEvent:

@@ -23,30 +23,20 @@ MAX_DUTY = 0.97
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """One joint and how its servo sits in it.
+    """One joint and how its servo sits in it."""
 
-    Attributes:
-        name: The joint.
-        lower: Mechanical stop [rad].
-        upper: Mechanical stop [rad].
-        inertia: Of the links it turns, an average, chosen [kg m^2]; rotor and gears come on top.
-        acceleration_slope: Profile acceleration per unit of register 41 [tick/s^2].
-        acceleration_offset: Profile acceleration at register 41 = 0, extrapolated [tick/s^2].
-        acceleration_ceiling: Largest profile acceleration, with register 85 as delivered
-            [tick/s^2].
-        zero_ticks: Encoder reading at joint angle zero, homing offset not applied.
-        direction: +1 if the encoder counts up with the joint angle, else -1.
-    """
-
-    name: str
-    lower: float
-    upper: float
+    name: str  # the joint
+    lower: float  # mechanical stop [rad]
+    upper: float  # mechanical stop [rad]
+    # of the links it turns, an average, chosen [kg m^2]; rotor and gears come on top
     inertia: float
-    acceleration_slope: float = 108.4
+    acceleration_slope: float = 108.4  # profile acceleration per unit of register 41 [tick/s^2]
+    # profile acceleration at register 41 = 0, extrapolated [tick/s^2]
     acceleration_offset: float = 386.0
+    # largest profile acceleration, with register 85 as delivered [tick/s^2]
     acceleration_ceiling: float = 6507.0
-    zero_ticks: int = 2048
-    direction: int = 1
+    zero_ticks: int = 2048  # encoder reading at joint angle zero, homing offset not applied
+    direction: int = 1  # +1 if the encoder counts up with the joint angle, else -1
 
 
 def _joint(name: str, lower_deg: float, upper_deg: float, inertia: float) -> Joint:

@@ -103,31 +103,18 @@ class Profile:
 
 @dataclass(slots=True, kw_only=True)
 class Gains:
-    """The loop's registers, as numbers.
+    """The loop's registers, as numbers."""
 
-    Attributes:
-        p: Register 21.
-        d: Register 22.
-        i: Register 23.
-        startup: Duty added in the direction of any output.
-        i_limit: Largest share of the integral, 0 for no limit.
-        cw_dead_zone: Errors down to minus this count as none [tick].
-        ccw_dead_zone: Errors up to this count as none [tick].
-        window: How often the D term looks [ms].
-        still: Changes of the error below this count as none [tick].
-        limit: Largest output.
-    """
-
-    p: int
-    d: int
-    i: int
-    startup: int
-    i_limit: int
-    cw_dead_zone: int
-    ccw_dead_zone: int
-    window: int
-    still: int
-    limit: int
+    p: int  # register 21
+    d: int  # register 22
+    i: int  # register 23
+    startup: int  # duty added in the direction of any output
+    i_limit: int  # largest share of the integral, 0 for no limit
+    cw_dead_zone: int  # errors down to minus this count as none [tick]
+    ccw_dead_zone: int  # errors up to this count as none [tick]
+    window: int  # how often the D term looks [ms]
+    still: int  # changes of the error below this count as none [tick]
+    limit: int  # largest output
 
 
 class Loop:

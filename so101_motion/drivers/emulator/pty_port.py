@@ -48,15 +48,10 @@ _CHUNK = 4096
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pacing:
-    """Delays with which replies reach the client.
+    """Delays with which replies reach the client."""
 
-    Attributes:
-        realtime: Whether bytes take the time they would take on the wire.
-        latency: How long the adapter holds received bytes [s].
-    """
-
-    realtime: bool = False
-    latency: float = 0.0
+    realtime: bool = False  # whether bytes take the time they would take on the wire
+    latency: float = 0.0  # how long the adapter holds received bytes [s]
 
 
 class _Terminal:

@@ -39,29 +39,17 @@ class Keep(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One row of the memory map.
+    """One row of the memory map."""
 
-    Attributes:
-        address: First byte.
-        size: Bytes, 1 or 2.
-        keep: Read-only, EEPROM or RAM.
-        default: Value of a new servo, as stored (sign bit included).
-        lower: Smallest value the servo uses.
-        upper: Largest value the servo uses.
-        unit: What one count means.
-        source: Where the row comes from; disagreements.
-        sign_bit: Bit that holds the sign, or None for an unsigned register.
-    """
-
-    address: int
-    size: int
-    keep: Keep
-    default: int
-    lower: int
-    upper: int
-    unit: str
-    source: str
-    sign_bit: int | None = None
+    address: int  # first byte
+    size: int  # bytes, 1 or 2
+    keep: Keep  # read-only, EEPROM or RAM
+    default: int  # value of a new servo, as stored (sign bit included)
+    lower: int  # smallest value the servo uses
+    upper: int  # largest value the servo uses
+    unit: str  # what one count means
+    source: str  # where the row comes from; disagreements
+    sign_bit: int | None = None  # bit that holds the sign, or None for an unsigned register
 
     def decode(self, raw: int) -> int:
         if self.sign_bit is None or not raw >> self.sign_bit & 1:

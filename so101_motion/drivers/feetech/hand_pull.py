@@ -23,17 +23,11 @@ _JAW = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pull:
-    """A soft pull.
+    """A soft pull."""
 
-    Attributes:
-        toward: Angles of the five arm joints to pull towards [rad].
-        share: Share of full drive that each of them uses at most.
-        until: When it ends by itself [s].
-    """
-
-    toward: tuple[float, ...]
-    share: float
-    until: float
+    toward: tuple[float, ...]  # angles of the five arm joints to pull towards [rad]
+    share: float  # share of full drive that each of them uses at most
+    until: float  # when it ends by itself [s]
 
 
 class HandPull:

@@ -22,28 +22,21 @@ VITALS_PERIOD = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointHealth:
-    """The health of one servo at ``t``, when the figures were measured, on the rig's clock [s].
-
-    Attributes:
-        is_silent: Whether it does not answer at present; the figures are then its last ones.
-        load: Drive, -1 to 1; not a torque.
-        faults: The conditions it reports now: ``voltage``, ``encoder``, ``overheated``,
-            ``overcurrent``, ``overload``.
-        latched: All conditions it has reported since the start.
-        answers: Right answers since the start; ``lost`` ones, ``corrupt`` ones and ``retries``
-            likewise.
-    """
+    """The health of one servo at ``t``, when the figures were measured, on the rig's clock [s]."""
 
     joint: str
     servo_id: int
     t: float
-    is_silent: bool
+    is_silent: bool  # whether it does not answer at present; the figures are then its last ones
     volts: float
     amps: float
     temperature_c: int
-    load: float
+    load: float  # drive, -1 to 1; not a torque
+    # the conditions it reports now: ``voltage``, ``encoder``, ``overheated``, ``overcurrent``,
+    # ``overload``
     faults: tuple[str, ...]
-    latched: tuple[str, ...]
+    latched: tuple[str, ...]  # all conditions it has reported since the start
+    # right answers since the start; ``lost`` ones, ``corrupt`` ones and ``retries`` likewise
     answers: int
     lost: int
     corrupt: int

@@ -46,15 +46,12 @@ ENOUGH = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoTrouble:
-    """One thing that is wrong with a servo, in a sentence with its figure, and what to do about it.
+    """One thing that is wrong with a servo: a sentence with its figure, and what to do about it."""
 
-    Attributes:
-        kind: Its subject; ``"fault"`` if only a status bit shows it.
-        level: ``"stop"`` if its joint must not be moved, ``"warn"`` if the servo does not fit its
-            supply, ``"note"`` if it works, but not as well as it could.
-    """
-
+    # its subject; ``"fault"`` if only a status bit shows it
     kind: Literal["temperature", "load", "supply", "fault"]
+    # ``"stop"`` if its joint must not be moved, ``"warn"`` if the servo does not fit its supply,
+    # ``"note"`` if it works, but not as well as it could
     level: Literal["stop", "warn", "note"]
     sentence: str
     fix: str

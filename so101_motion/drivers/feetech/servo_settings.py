@@ -39,18 +39,12 @@ _MOST_I = 50  # I gain; an emulated joint swings with 254. Chosen
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OddSetting:
-    """A setting with which a servo does not move its joint well, with the register's value.
-
-    Attributes:
-        as_new: The registers to write, and what they hold in a new servo.
-        is_adapted: Whether opening the arm sets it as new until power-off.
-        forbids: Whether the joint must not be moved as long as it is so.
-    """
+    """A setting with which a servo does not move its joint well, with the register's value."""
 
     sentence: str
-    as_new: Mapping[Register, int]
-    is_adapted: bool = False
-    forbids: bool = False
+    as_new: Mapping[Register, int]  # the registers to write, and what they hold in a new servo
+    is_adapted: bool = False  # whether opening the arm sets it as new until power-off
+    forbids: bool = False  # whether the joint must not be moved as long as it is so
 
     @property
     def fix(self) -> str:

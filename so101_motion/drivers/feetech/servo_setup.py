@@ -65,25 +65,18 @@ _COUNT = reg.TORQUE_LIMIT.address + reg.TORQUE_LIMIT.size - _START
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoCondition:
-    """How a servo was found, under its present homing offset.
+    """How a servo was found, under its present homing offset."""
 
-    Attributes:
-        torque: Whether it drives its joint.
-        goal_ticks: The goal of its position loop. None if the goal register is so far off that the
-            servo would pull as hard as it can.
-        kind: Its type, by its supply.
-        max_acceleration: Cap of its acceleration, in units of register 41.
-        torque_limit: Its torque limit now, in thousandths of full drive.
-        crawls: Whether its caps have been set to a crawl, because its goal is outside its limits.
-    """
-
-    torque: bool
+    torque: bool  # whether it drives its joint
+    # the goal of its position loop. None if the goal register is so far off that the servo would
+    # pull as hard as it can
     goal_ticks: Ticks | None
     present_ticks: Ticks
     p_gain: int
-    kind: ServoType
-    max_acceleration: int
-    torque_limit: int
+    kind: ServoType  # its type, by its supply
+    max_acceleration: int  # cap of its acceleration, in units of register 41
+    torque_limit: int  # its torque limit now, in thousandths of full drive
+    # whether its caps have been set to a crawl, because its goal is outside its limits
     crawls: bool
 
 

@@ -53,26 +53,18 @@ _LONGEST_KEY = 40  # a resource's name has at most 60 characters
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundPort:
-    """A serial port.
+    """A serial port."""
 
-    Attributes:
-        name: The name for a configuration: the one that stays, or the user's.
-        device: The system's name for it today.
-        key: A short name that stays, for components on this port: letters, digits, ``-``, ``_``, of
-            the serial number, else of the socket, else of the port's name.
-        aliases: Its other names.
-        description: The adapter's own description, or its chip.
-        serial_number: The adapter's own; None if it has none or shares it with others.
-        is_servo_adapter: Whether its chip is one that servo boards have.
-    """
-
-    name: str
-    device: str
+    name: str  # the name for a configuration: the one that stays, or the user's
+    device: str  # the system's name for it today
+    # a short name that stays, for components on this port: letters, digits, ``-``, ``_``, of the
+    # serial number, else of the socket, else of the port's name
     key: str
-    aliases: tuple[str, ...] = ()
-    description: str = ""
+    aliases: tuple[str, ...] = ()  # its other names
+    description: str = ""  # the adapter's own description, or its chip
+    # the adapter's own; None if it has none or shares it with others
     serial_number: str | None = None
-    is_servo_adapter: bool = False
+    is_servo_adapter: bool = False  # whether its chip is one that servo boards have
 
 
 def find_ports(extra: Collection[str] = (), *, links: Path = _LINKS) -> tuple[FoundPort, ...]:
