@@ -12,16 +12,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
+from harness.lent_bus import LentBus, WirePort
 from so101_motion.calib.procedure.eeprom import read_held
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.common.errors import PortUnavailable
-from so101_motion.drivers.bus.bus import Bus
-from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
 from so101_motion.drivers.emulator.codec import Code
-from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
-from so101_motion.drivers.emulator.faults import WireFaults
 from so101_motion.drivers.emulator.joint_figures import SO101
 
 TICK = 0.01
@@ -73,53 +70,21 @@ class Death:
             raise Died
 
 
-class Clock:
-    """A time that a test sets; fits ``Clock`` as far as a calibration looks at it."""
+class LentPort(WirePort):
+    """Counts packets that write, and dies at one of them."""
 
-    def __init__(self):
-        self.t = 0.0
-
-    def now(self):
-        return self.t
-
-
-class LentPort:
-    """Fits ``Port``; the emulated servos answer at once."""
-
-    name, baud = "/dev/lent", 1_000_000
-
-    def __init__(self, world, clock, death):
-        self.faults = WireFaults()
-        self.unplugged = False
-        self.sent = []
-        self._bus, self._clock, self._death = EmulatedBus(world, self.faults), clock, death
-        self._arrived = bytearray()
+    death = None
 
     def write(self, data):
-        if self.unplugged:
-            raise PortUnavailable(self.name, "unplugged")
-        if self._death is not None:
-            if self._death.is_dead:
+        if self.death is not None:
+            if self.death.is_dead:
                 raise Died
             if data[4] in (Code.WRITE, Code.SYNC_WRITE):
-                self._death.trace()
-        self.sent.append(bytes(data))
-        for reply in self._bus.feed(data, self._clock.now()):
-            self._arrived += reply.data
-
-    def read(self, until):
-        data = bytes(self._arrived)
-        self._arrived.clear()
-        return data
-
-    def discard(self):
-        self._arrived.clear()
-
-    def close(self):
-        pass
+                self.death.trace()
+        super().write(data)
 
 
-class LentArm:
+class LentArm(LentBus):
     """An emulated arm and its ``BusAccess``.
 
     Args:
@@ -132,37 +97,30 @@ class LentArm:
         between: Called before each, with their number: what happens meanwhile.
     """
 
-    port = LentPort.name
+    kind_of_port = LentPort
 
     def __init__(self, death=None, joints=None, **options):
         mounted = tuple(replace(joint, **(joints or {}).get(joint.name, {})) for joint in SO101)
-        self.clock = Clock()
-        self.world = build_world(EmulatorOptions(joints=mounted, **options), t=0.0)
-        self.wire = LentPort(self.world, self.clock, death)
-        self.bus = Bus(self.wire, reply_timeout=0.0)
+        super().__init__(joints=mounted, q_start=(0.0,) * 6, **options)
+        self.wire.death = death
         self.watcher = None
         self.calls = 0
         self.between = lambda calls: None
 
-    # BusAccess
-
     def call(self, job):
         self.calls += 1
         self.between(self.calls)
-        return job(self.bus)
+        return super().call(job)
 
     def watch(self, job):
         self.watcher = job
-
-    def at_baud(self, baud):
-        raise NotImplementedError
 
     # The hand
 
     def tick(self, count=1):
         """Let time pass; the joints are where they were put."""
         for _ in range(count):
-            self.clock.t += TICK
+            self.clock.advance(TICK)
             if self.watcher is not None:
                 with suppress(PortUnavailable):  # as the contract of ``watch`` has it
                     self.watcher(self.bus)

@@ -75,6 +75,8 @@ class LentBus:
         before: Called before each job; for what happens in between.
     """
 
+    kind_of_port = WirePort
+
     def __init__(self, loose=None, *, baud=1_000_000, **options):
         self.clock = ManualClock()
         options.setdefault("q_start", APART)
@@ -82,10 +84,10 @@ class LentBus:
             options["ids"] = loose
         self.world = build_world(EmulatorOptions(**options), t=0.0)
         self.faults = WireFaults()
-        self.wire = WirePort(EmulatedBus(self.world, self.faults), self.clock.now, baud)
+        self.wire = self.kind_of_port(EmulatedBus(self.world, self.faults), self.clock.now, baud)
         self.rates = []
         self.before = lambda: None
-        self._bus = Bus(self.wire, reply_timeout=0.0)
+        self.bus = Bus(self.wire, reply_timeout=0.0)
 
     @property
     def port(self):
@@ -96,7 +98,7 @@ class LentBus:
 
     def call(self, job):
         self.before()
-        return job(self._bus)
+        return job(self.bus)
 
     def watch(self, job):
         raise NotImplementedError

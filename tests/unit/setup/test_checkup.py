@@ -19,13 +19,6 @@ from so101_motion.drivers.servo_types import STS3215_7V4
 from so101_motion.setup.checkup import BusQuality, Findings, check_up, examine, is_healthy, software
 
 
-class Arm(LentArm):
-    """An emulated arm whose servos listen at any rate."""
-
-    def at_baud(self, baud):
-        pass
-
-
 def seen_on(arm, **changes):
     servos, bus_quality = examine(arm)
     return replace(
@@ -62,7 +55,7 @@ QUIET = BusQuality(
 
 @pytest.fixture
 def arm():
-    return Arm()
+    return LentArm()
 
 
 def test_a_sound_arm_has_nothing_but_good_checks(arm):
@@ -80,7 +73,7 @@ def test_looking_writes_nothing(arm):
     before = [bytes(servo.memory.bytes[:56]) for servo in arm.world.servos]
     examine(arm)
     assert [bytes(servo.memory.bytes[:56]) for servo in arm.world.servos] == before
-    assert all(packet[4] in (0x01, 0x02, 0x82) for packet in arm.wire.sent), "ping and read only"
+    assert all(packet[4] in (0x01, 0x02, 0x82) for _, packet in arm.wire.sent), "ping and read only"
 
 
 def test_an_unplugged_port_is_no_finding_but_an_error(arm):
@@ -124,8 +117,8 @@ def holding(row, value, place=3):
 )
 def test_a_trouble_is_named_with_what_to_do(arm, trouble, name, verdict, words):
     trouble(arm)
-    arm.clock.t += 0.5
-    arm.world.advance(arm.clock.t)
+    arm.clock.advance(0.5)
+    arm.world.advance(arm.clock.now())
     checks = check_up(seen_on(arm, stored=None))
     found = of(checks, name)
     assert found.verdict == verdict
@@ -145,7 +138,7 @@ def test_the_wheels_of_a_robot_on_the_arms_cable_are_no_trouble(arm):
 
 
 def test_servos_made_for_less_are_told_apart_and_slow_ones_are_not_overrun():
-    arm = Arm(kind=STS3215_7V4, volts=5.0)
+    arm = LentArm(kind=STS3215_7V4, volts=5.0)
     checks = check_up(seen_on(arm, speed=to_rad(150.0)))
     assert "7.4 V type" in of(checks, "supply").sentence
     speed = of(checks, "speed")
@@ -214,7 +207,7 @@ def test_a_file_that_lacks_joints_or_makes_no_sense_is_a_failure(arm):
 
 
 def test_servos_as_new_cannot_be_moved_without_a_calibration():
-    arm = Arm(calibrated=False)
+    arm = LentArm(calibrated=False)
     found = of(check_up(seen_on(arm)), "calibration")
     assert (found.verdict, found.fix) == ("fail", "so101 calibrate")
 
@@ -284,7 +277,7 @@ def _anybody(draw):
     return servo_id, ServoFacts(servo_id=servo_id, held={**held, "id": servo_id})
 
 
-_HELD = examine(Arm())[0].motors["gripper"].facts.held
+_HELD = examine(LentArm())[0].motors["gripper"].facts.held
 
 
 @given(

@@ -225,7 +225,7 @@ def test_a_servo_that_falls_silent_costs_the_others_nothing(arm, file):
     assert "no reply from wrist_flex" in view.error
     arm.sweep_all(["wrist_roll", "gripper"])
     arm.world.connect("wrist_flex")
-    arm.clock.t += 2.0
+    arm.clock.advance(2.0)
     arm.sweep_all(["wrist_flex"])
     assert session.view.error is None
     stored = session.stop_recording() and session.save()
@@ -248,9 +248,9 @@ def test_a_pulled_plug_interrupts_a_recording_and_no_more(arm, file):
 def test_lost_and_wrong_replies_do_not_change_the_travel(file):
     arm = LentArm(calibrated=False)
     session = recording(file, arm, ["elbow_flex"])
-    arm.wire.faults.loss, arm.wire.faults.corrupt = 0.05, 0.05
+    arm.faults.loss, arm.faults.corrupt = 0.05, 0.05
     arm.sweep_all(["elbow_flex"], step=15)
-    arm.wire.faults.loss = arm.wire.faults.corrupt = 0.0
+    arm.faults.loss = arm.faults.corrupt = 0.0
     session.stop_recording()
     elbow = session.save().calibration["elbow_flex"]
     found = (elbow.range_min + elbow.homing_offset, elbow.range_max + elbow.homing_offset)
@@ -320,7 +320,7 @@ def test_saving_can_be_tried_again_when_a_servo_was_silent(arm, file):
     assert session.view.state is State.COMPLETED
     assert not file.exists()
     arm.world.connect("wrist_flex")
-    arm.clock.t += 2.0
+    arm.clock.advance(2.0)
     assert all_held(arm) == before  # it was found out before anything was written
     session.save()
     assert file.exists()
@@ -342,7 +342,7 @@ def test_saving_can_be_tried_again_when_a_cable_came_loose_meanwhile(arm, file):
     assert session.view.state is State.COMPLETED
     assert journal.read(file).is_decided
     arm.world.connect("elbow_flex")
-    arm.clock.t += 2.0
+    arm.clock.advance(2.0)
     stored = session.save()
     assert {joint: arm.held(joint) for joint in JOINTS} == {
         joint: HeldCalibration.of(entry) for joint, entry in stored.calibration.items()
