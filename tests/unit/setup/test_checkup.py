@@ -127,16 +127,6 @@ def test_a_trouble_is_named_with_what_to_do(arm, trouble, name, verdict, words):
     assert is_healthy(checks) == all(check.verdict != "fail" for check in checks)
 
 
-def test_the_wheels_of_a_robot_on_the_arms_cable_are_no_trouble(arm):
-    """LeKiwi has 7, 8 and 9 there, XLeRobot a head or wheels."""
-    seen = seen_on(arm)
-    seen = replace(seen, servos=replace(seen.servos, unexpected_ids=(7, 8, 9)))
-    checks = check_up(seen)
-    assert is_healthy(checks)
-    assert "left alone" in of(checks, "servos").sentence
-    assert seen.servos.ok
-
-
 def test_servos_made_for_less_are_told_apart_and_slow_ones_are_not_overrun():
     arm = LentArm(kind=STS3215_7V4, volts=5.0)
     checks = check_up(seen_on(arm, speed=to_rad(150.0)))
@@ -172,49 +162,60 @@ def test_a_bus_is_judged_by_what_gets_lost_and_how_long_a_reading_takes(arm, bus
     assert of(check_up(seen_on(arm, bus_quality=bus_quality)), "bus").verdict == verdict
 
 
-def test_answers_that_are_late_now_and_then_are_not_told_as_late_by_0_ms(arm):
-    found = of(check_up(seen_on(arm, bus_quality=replace(QUIET, late=56))), "bus")
-    assert found.verdict == "warn"
-    assert "56 late" in found.sentence
-    assert "ms late" not in found.sentence
+def without_jaw(stored):
+    return {joint: entry for joint, entry in stored.calibration.items() if joint != "gripper"}
 
 
-def test_an_adapter_that_holds_bytes_back_is_blamed_for_it(arm):
-    slow = replace(QUIET, lateness=0.016, median=0.017)
-    checks = check_up(seen_on(arm, bus_quality=slow, latency_timer=0.016))
-    assert "answers come 16 ms late" in of(checks, "bus").sentence
-    assert "latency_timer" in of(checks, "bus").fix
+LATE = replace(QUIET, lateness=0.016, median=0.017)
+FILE = Path("/x.json")
+LEROBOT = Path("/lerobot/mine.json")
 
 
-def test_a_servo_that_holds_something_else_than_the_file_says_is_a_warning(arm):
-    stored = stored_of(arm, elbow_flex={"range_min": 700})
-    found = of(check_up(seen_on(arm, stored=stored)), "calibration")
-    assert found.verdict == "warn"
-    assert "elbow_flex: range_min is 700" in found.sentence
-    stored = stored_of(arm, elbow_flex={"range_min": 700}, gripper={"range_min": 700})
-    (found,) = [c for c in check_up(seen_on(arm, stored=stored)) if c.name == "calibration"]
-    assert found.sentence.endswith("; 1 more number differs")
-    assert "if this is the file of another arm" in found.fix
+@pytest.mark.parametrize(
+    ("found", "name", "verdict", "sentence", "fix"),
+    [
+        ({"baudrate": 500_000}, "baud rate", "fail", "500000 baud", "so101 setup --repair"),
+        ({"bus_quality": replace(QUIET, late=56)}, "bus", "warn", "56 late", "latency timer"),
+        ({"bus_quality": LATE, "latency_timer": 0.016}, "bus", "warn", "answers come 16 ms late",
+         "latency_timer"),
+        ({"file": FILE, "file_trouble": "elbow_flex: id missing"}, "calibration", "fail",
+         "elbow_flex: id missing", "so101 calibration restore /x.json"),
+        ({"file": FILE, "is_unfinished": True}, "calibration", "warn", "interrupted",
+         "so101 calibrate"),
+        ({"agreeing_file": LEROBOT}, "calibration", "warn", "not in use here",
+         "so101 calibration import /lerobot/mine.json"),
+    ],
+)  # fmt: skip
+def test_what_is_known_of_port_and_file_is_told(arm, found, name, verdict, sentence, fix):
+    check = of(check_up(seen_on(arm, **found)), name)
+    assert (check.verdict, check.fix.count(fix)) == (verdict, 1)
+    assert sentence in check.sentence
+    assert ("ms late" in check.sentence) is (found.get("bus_quality") is LATE)
 
 
-def test_a_file_that_lacks_joints_or_makes_no_sense_is_a_failure(arm):
-    stored = stored_of(arm)
-    less = {joint: entry for joint, entry in stored.calibration.items() if joint != "gripper"}
-    checks = check_up(seen_on(arm, stored=replace(stored, calibration=less)))
-    assert "gripper" in of(checks, "calibration").sentence
-    bad = seen_on(arm, file=Path("/x.json"), file_trouble="elbow_flex: id missing")
-    assert of(check_up(bad), "calibration").verdict == "fail"
+def test_a_file_is_held_against_the_servos(arm):
+    def told(stored):
+        return of(check_up(seen_on(arm, stored=stored)), "calibration")
+
+    one = {"elbow_flex": {"range_min": 700}}
+    assert told(stored_of(arm, **one)).verdict == "warn"
+    assert "elbow_flex: range_min is 700" in told(stored_of(arm, **one)).sentence
+    two = told(stored_of(arm, **one, gripper={"range_min": 700}))
+    assert two.sentence.endswith("; 1 more number differs")
+    assert "if this is the file of another arm" in two.fix
+    lacking = told(replace(stored_of(arm), calibration=without_jaw(stored_of(arm))))
+    assert (lacking.verdict, "gripper" in lacking.sentence) == ("fail", True)
+    new = of(check_up(seen_on(LentArm(calibrated=False))), "calibration")
+    assert (new.verdict, new.fix) == ("fail", "so101 calibrate")
 
 
-def test_servos_as_new_cannot_be_moved_without_a_calibration():
-    arm = LentArm(calibrated=False)
-    found = of(check_up(seen_on(arm)), "calibration")
-    assert (found.verdict, found.fix) == ("fail", "so101 calibrate")
-
-
-def test_a_calibration_that_was_interrupted_is_reported(arm):
-    seen = seen_on(arm, stored=stored_of(arm), file=Path("/x.json"), is_unfinished=True)
-    assert "interrupted" in of(check_up(seen), "calibration").sentence
+def test_the_wheels_of_a_robot_on_the_arms_cable_are_no_trouble(arm):
+    """LeKiwi has 7, 8 and 9 there, XLeRobot a head or wheels."""
+    seen = seen_on(arm)
+    seen = replace(seen, servos=replace(seen.servos, unexpected_ids=(7, 8, 9)))
+    assert is_healthy(check_up(seen))
+    assert "left alone" in of(check_up(seen), "servos").sentence
+    assert seen.servos.ok
 
 
 def meaning(joint, by, jaws_mm=0.0):
@@ -318,13 +319,3 @@ def test_ids_that_begin_at_2_are_recognised_and_no_servo_is_called_a_stranger(ar
         servo.memory.keep(emulated.ID, servo.servo_id + 1)
     failed = [check for check in check_up(seen_on(arm)) if check.verdict == "fail"]
     assert [check.sentence[:22] for check in failed] == ["the ids run from 2 to "]
-
-
-def test_a_rate_of_its_own_and_another_programs_file_are_told(arm):
-    seen = seen_on(arm, baudrate=500_000, agreeing_file=Path("/lerobot/mine.json"))
-    rate = of(check_up(seen), "baud rate")
-    assert rate.verdict == "fail"
-    assert "500000 baud" in rate.sentence
-    file = of(check_up(seen), "calibration")
-    assert file.verdict == "warn"
-    assert "so101 calibration import /lerobot/mine.json" in file.fix
