@@ -144,31 +144,6 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.expect("What do you need?")
 
 
-def test_a_motor_that_was_swapped_too_early_gives_its_id_back(kit: Kit, tmp_path: Path) -> None:
-    kit.plug_in("gripper")
-    with serve(kit, tmp_path) as app:
-        hand = hand_on(app)
-        hand.press("Motor Setup Only")
-        hand.expect("One new motor answers: the setup gives it its id")
-        hand.press("Next")
-        set_up(hand, kit, "gripper")
-        time.sleep(1.0)  # what was written is read back
-        kit.world.servo("gripper").memory.keep(
-            reg.ID, 1
-        )  # the other one was on the cable when the id was written
-        kit.world.servo("wrist_roll").memory.keep(reg.ID, TARGETS["gripper"])
-        kit.plug_in("wrist_roll")
-        hand.expect("Unplug the motor of gripper and write 6 on it")
-        swapped, sure = "No, this is already the next motor", "Press again: both get new ids"
-        hand.until(lambda: hand.can(swapped), swapped)
-        hand.press(swapped)
-        hand.press(sure)
-        set_up(hand, kit, "wrist_roll")
-        hand.expect("connect only the motor of gripper")
-        set_up(hand, kit, "gripper")
-        assert (id_of(kit, "gripper"), id_of(kit, "wrist_roll")) == (6, 5)
-
-
 def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
     with serve_setup(
         port=0, ports=[str(tmp_path / "arm")], progress_file=tmp_path / "setup.json"
