@@ -2,60 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from functools import partial
 
-from so101_motion.calib.motors.arm_identification import ServoFacts, read_facts
-from so101_motion.common.errors import BusError, PortUnavailable
+from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus
 from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.reply_counters import ReplyCounter
 from so101_motion.drivers.feetech.servo_judgement import lossy_share, sag
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Examination:
-    """The result of reading the servos."""
-
-    names: Mapping[int, str]  # the joint of each servo that should be there, by id
-    heard: tuple[int, ...]  # ids of all servos that answer
-    servos: Mapping[int, ServoFacts]  # their registers, by id
-    counters: Mapping[int, ReplyCounter]  # counters of replies and losses, by id
-
-    def label(self, servo_id: int) -> str:
-        name = self.names.get(servo_id)
-        return f"servo {servo_id}" + (f" ({name})" if name else "")
+def label(servo_id: int, names: Mapping[int, str]) -> str:
+    """The name of a servo in a message; ``names`` has the joint of each, by id."""
+    name = names.get(servo_id)
+    return f"servo {servo_id}" + (f" ({name})" if name else "")
 
 
-def examine(bus: Bus, names: Mapping[int, str], turned: Collection[int] = ()) -> Examination:
-    """Read all servos; those ``turned`` count down, as their calibration says."""
-    heard = set(bus.scan())
-    servos = {}
-    for servo_id in names:
-        try:
-            facts = read_facts(bus, servo_id)
-            servos[servo_id] = replace(facts, counts_down=servo_id in turned)
-        except PortUnavailable:
-            raise
-        except BusError:
-            continue
-    heard |= servos.keys()
-    return Examination(
-        names=names, heard=tuple(sorted(heard)), servos=servos, counters=dict(bus.counters)
-    )
+def explain(
+    seen: ServosOnBus, names: Mapping[int, str], counters: Mapping[int, ReplyCounter]
+) -> tuple[str, ...]:
+    """What is wrong with the servos that should be there: ``names`` has their joints, by id."""
+    servos = {i: facts for i, facts in seen.servos.items() if i in names}
+    heard = sorted({*seen.servos, *seen.shared})
+    if not servos:
+        return (_nobody(heard),)
+    said = partial(label, names=names)
+    missing = _missing(sorted(names), sorted(names.keys() - servos.keys()), heard, said)
+    return (*missing, *_each(servos, counters, said), *_together(servos, said))
 
 
-def explain(seen: Examination) -> tuple[str, ...]:
-    if not seen.servos:
-        return (_nobody(seen),)
-    return (*_missing(seen), *_each(seen), *_together(seen))
-
-
-def _nobody(seen: Examination) -> str:
-    if seen.heard:
+def _nobody(heard: list[int]) -> str:
+    if heard:
         return (
             "none of the arm's servos answers, but there are others:"
-            f" {', '.join(map(str, seen.heard))}. They have never been given their ids, or"
+            f" {', '.join(map(str, heard))}. They have never been given their ids, or"
             " servo_ids is wrong; run the motor setup"
         )
     return (
@@ -64,35 +43,39 @@ def _nobody(seen: Examination) -> str:
     )
 
 
-def _missing(seen: Examination) -> list[str]:
+def _missing(
+    expected: list[int], missing: list[int], heard: list[int], said: Callable[[int], str]
+) -> list[str]:
     found = []
-    expected = sorted(seen.names)
-    missing = [servo_id for servo_id in expected if servo_id not in seen.servos]
     if missing:
         first, where = missing[0], "their plugs, and that each has its own id"
         if missing == [i for i in expected if i >= first] and first > expected[0]:
             before = expected[expected.index(first) - 1]
-            where = f"the cable between {seen.label(before)} and {seen.label(first)}"
-        names = ", ".join(map(seen.label, missing))
+            where = f"the cable between {said(before)} and {said(first)}"
+        names = ", ".join(map(said, missing))
         # Beside a whole arm they are wheels, a head or another arm's.
-        if others := ", ".join(str(i) for i in seen.heard if i not in seen.names):
+        if others := ", ".join(str(i) for i in heard if i not in expected):
             where += f"; if {others}, which answer, are this arm's, run the motor setup"
         found.append(f"no answer from {names}, the others answer: check {where}")
     return found
 
 
-def _each(seen: Examination) -> list[str]:
+def _each(
+    servos: Mapping[int, ServoFacts],
+    counters: Mapping[int, ReplyCounter],
+    said: Callable[[int], str],
+) -> list[str]:
     shares = {
         i: lossy_share(counter.lost, counter.asked)
-        for i, counter in seen.counters.items()
-        if i in seen.servos
+        for i, counter in counters.items()
+        if i in servos
     }
     lost = {i: share for i, share in shares.items() if share}
-    is_everyone = len(seen.servos) > 1 and lost.keys() == seen.servos.keys()
+    is_everyone = len(servos) > 1 and lost.keys() == servos.keys()
     found = []
-    for servo_id, facts in seen.servos.items():
+    for servo_id, facts in servos.items():
         problems = [*map(str, facts.troubles), *_about_settings(facts)]
-        counter = seen.counters.get(servo_id, ReplyCounter())
+        counter = counters.get(servo_id, ReplyCounter())
         if garbled := lossy_share(counter.corrupt, counter.asked):
             problems.append(
                 f"{100 * garbled:.1f} % of its answers are garbled: a loose cable, a brown-out, or"
@@ -102,9 +85,9 @@ def _each(seen: Examination) -> list[str]:
             problems.append(
                 f"{100 * lost[servo_id]:.1f} % of the questions to it got no answer: a loose cable"
             )
-        found += [f"{seen.label(servo_id)}: {problem}" for problem in problems]
-    asked = sum(counter.asked for counter in seen.counters.values())
-    if late := lossy_share(sum(counter.late for counter in seen.counters.values()), asked):
+        found += [f"{said(servo_id)}: {problem}" for problem in problems]
+    asked = sum(counter.asked for counter in counters.values())
+    if late := lossy_share(sum(counter.late for counter in counters.values()), asked):
         found.append(
             f"{100 * late:.1f} % of the answers came late, none of them is lost: set the adapter's"
             " latency timer to 1 ms, and use neither a hub nor a virtual machine"
@@ -134,13 +117,13 @@ def _about_settings(facts: ServoFacts) -> list[str]:
     return found
 
 
-def _together(seen: Examination) -> list[str]:
+def _together(servos: Mapping[int, ServoFacts], said: Callable[[int], str]) -> list[str]:
     found = []
-    firmware = {seen.label(i): facts.firmware for i, facts in seen.servos.items()}
+    firmware = {said(i): facts.firmware for i, facts in servos.items()}
     if len(set(firmware.values())) > 1:
         table = ", ".join(f"{name} {version}" for name, version in firmware.items())
         found.append(
             f"the servos have different firmware ({table}); works, but update them some day"
         )
-    trouble = sag([seen.servos[i].volts for i in sorted(seen.servos)])
+    trouble = sag([servos[i].volts for i in sorted(servos)])
     return [*found, str(trouble)] if trouble is not None else found

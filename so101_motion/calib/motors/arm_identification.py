@@ -16,7 +16,7 @@ Otherwise the answer is ``unknown``, without guessing: a leader must not be take
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from so101_motion.calib.record import compare
@@ -197,19 +197,20 @@ def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
     return ServoFacts(servo_id=servo_id, held=read_registers(bus, servo_id))
 
 
-def look(bus: Bus) -> ServosOnBus:
-    """Find the servos at the bus's baud rate; writes nothing.
+def look(
+    bus: Bus, ids: Collection[int] = tuple(SERVO_IDS.values()), turned: Collection[int] = ()
+) -> ServosOnBus:
+    """Find the servos at the bus's baud rate; writes nothing. Those ``turned`` count down.
 
     A ping to all finds every servo. A reply to it may get lost, so the ids of an arm are pinged one
     by one as well. Servos that share an id are found by what they answer together.
     """
     roll = bus.ping_all()
-    ids = sorted({*roll.ids, *bus.answering(SERVO_IDS.values())})
     servos: dict[int, ServoFacts] = {}
     shared = []
-    for servo_id in ids:
+    for servo_id in sorted({*roll.ids, *bus.answering(ids)}):
         try:
-            servos[servo_id] = read_facts(bus, servo_id)
+            servos[servo_id] = replace(read_facts(bus, servo_id), counts_down=servo_id in turned)
         except PortUnavailable:
             raise
         except CorruptReply:

@@ -11,6 +11,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+from so101_motion.calib.motors.arm_identification import look
 from so101_motion.calib.record import store
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError, MotionError, NoReply, So101Error
@@ -20,7 +21,7 @@ from so101_motion.common.units import to_deg
 from so101_motion.control.limit_recovery import remarks
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.servo_driver import ServoDriver
-from so101_motion.setup.diagnosis import examine, explain
+from so101_motion.setup.diagnosis import explain, label
 from so101_motion.viam.requests.await_motion import run_to_end
 from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.manual import ManualMode
@@ -181,11 +182,11 @@ class ServoCommands:
             absent = {names[i] for i in names if names[i] not in servos.setups}
             names = {i: joint for i, joint in names.items() if joint not in absent}
             turned = {s.map.servo_id for s in servos.setups.values() if s.map.direction < 0}
-            seen = await on_bus(self._rig, lambda servos: examine(servos.bus, names, turned))
+            seen = await on_bus(self._rig, lambda servos: look(servos.bus, names, turned))
         except So101Error as error:
             why = self._rig.not_ready or str(error)
             return {"success": False, "error": why, "findings": [why]}
-        trouble = explain(seen)
+        trouble = explain(seen, names, dict(servos.bus.counters))
         findings = [*trouble, *servos.notes, *remarks(self._rig.arm.state.reading)]
         if servos.port_losses:
             findings.append(
@@ -196,8 +197,10 @@ class ServoCommands:
             "success": not trouble,
             "error": "; ".join(trouble),
             "findings": findings,
-            "servos_found": list(seen.heard),
-            "registers": {seen.label(i): dict(facts.held) for i, facts in seen.servos.items()},
+            "servos_found": sorted({*seen.servos, *seen.shared}),
+            "registers": {
+                label(i, names): dict(facts.held) for i, facts in seen.servos.items() if i in names
+            },
             "joints": health(servos),
         }
 
@@ -280,12 +283,13 @@ def _ping_all(servos: ServoDriver) -> None:
 
 def _differing(servos: ServoDriver) -> list[str]:
     """The servos whose settings differ from the calibration in use or from position control."""
-    seen = examine(servos.bus, {s.map.servo_id: joint for joint, s in servos.setups.items()})
+    names = {s.map.servo_id: joint for joint, s in servos.setups.items()}
+    seen = look(servos.bus, names)
     found = []
     for joint, setup in servos.setups.items():
         facts = seen.servos.get(setup.map.servo_id)
         if facts is None:
-            found.append(f"no answer from {seen.label(setup.map.servo_id)}")
+            found.append(f"no answer from {label(setup.map.servo_id, names)}")
             continue
         wanted: dict[str, int | None] = {"operating_mode": 0}
         if setup.source == "file":

@@ -1,8 +1,8 @@
 import pytest
 
-from so101_motion.calib.motors.arm_identification import ServoFacts
+from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus
 from so101_motion.drivers.bus.reply_counters import ReplyCounter
-from so101_motion.setup.diagnosis import Examination, explain
+from so101_motion.setup.diagnosis import explain
 
 JOINTS = {
     1: "shoulder_pan", 2: "shoulder_lift", 3: "elbow_flex", 4: "wrist_flex", 5: "wrist_roll",
@@ -25,13 +25,13 @@ def seen(*, missing=(), unexpected_ids=(), counters=None, **changes):
         for i, joint in JOINTS.items()
         if i not in missing
     }
-    heard = tuple(sorted({*servos, *unexpected_ids}))
-    return Examination(names=JOINTS, heard=heard, servos=servos, counters=counters or {})
+    servos |= {i: ServoFacts(servo_id=i, held=HEALTHY) for i in unexpected_ids}
+    return ServosOnBus(baud=1_000_000, servos=servos), JOINTS, counters or {}
 
 
 def test_nothing_is_wrong_with_a_healthy_arm():
-    assert explain(seen(counters={3: ReplyCounter(answers=1000, lost=3)})) == ()
-    assert explain(seen(unexpected_ids=(7, 8, 9))) == (), "the wheels of a LeKiwi"
+    assert explain(*seen(counters={3: ReplyCounter(answers=1000, lost=3)})) == ()
+    assert explain(*seen(unexpected_ids=(7, 8, 9))) == (), "the wheels of a LeKiwi"
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_nothing_is_wrong_with_a_healthy_arm():
     ],
 )  # fmt: skip
 def test_each_symptom_is_named_with_its_figure_and_what_to_do(examination, words):
-    findings = explain(examination)
+    findings = explain(*examination)
 
     assert len(findings) == 1, findings
     assert all(word in findings[0] for word in words), findings
