@@ -152,11 +152,7 @@ def _let_go(target: SetupTarget) -> str | None:
 
 
 class SetupBar(Part):
-    """Fills the bar of a setup.
-
-    Attributes:
-        button: What the bar's Stop presses.
-    """
+    """Fills the bar of a setup."""
 
     def __init__(
         self, context: PageContext, setup: SetupContext, *, drop: Callable[[], None]

@@ -24,11 +24,7 @@ _STYLES = {"dim": "dim", "busy": "cyan", "warm": "yellow", "good": "green", "bad
 
 
 class OperationTerminal:
-    """An operation in a terminal.
-
-    Args:
-        within: How long the same step may fail or lead nowhere [s]; None for no limit.
-    """
+    """An operation in a terminal; a step may lead nowhere for ``within`` [s], None: for ever."""
 
     def __init__(
         self, operation: Operation, terminal: Terminal, *, within: float | None = None

@@ -71,10 +71,6 @@ class CalibrationOperation(LocalOperation):
         by_itself: Whether a recording begins after the pose and ends by itself, because the
             person's hands hold the arm.
         is_attended: Whether there is a person; without one every step is due at once.
-
-    Attributes:
-        ended: The result of the last ``save_calibration`` or ``restore_calibration``; None before.
-        last_save_error: Why the last save failed; empty if it did not.
     """
 
     refuses = False
@@ -90,8 +86,8 @@ class CalibrationOperation(LocalOperation):
         super().__init__()
         self.calibrator, self._accept = calibrator, tuple(accept)
         self._by_itself, self._is_attended = by_itself or not is_attended, is_attended
-        self.ended: StepResult | None = None
-        self.last_save_error = ""
+        self.ended: StepResult | None = None  # the last save or restore; None before
+        self.last_save_error = ""  # empty if the last save did not fail
         self._before: Calibration = {}
         self._saved: tuple[Row, ...] = ()
         self._is_undone = False

@@ -96,23 +96,15 @@ class Situation:
 class Calibrator(Session):
     """Calibrates the arm on a port, and sets up its servos.
 
-    Its commands raise ``MotionError`` as well, if something moves or the bus is lent already.
-
-    Args:
-        rig: A share of the port, closed by ``close``. Its settings' ``calibration_file``, else
-            their ``fallback_file``, is where a calibration is saved.
-
-    Attributes:
-        ended: How the last ``save``, ``abort`` or ``reset`` has left the arm.
-
-    Raises:
-        ConfigError: There is no such joint, or none at all.
+    Its commands raise ``MotionError`` as well, if something moves or the bus is lent already. It
+    owns its share of the port, whose settings' ``calibration_file``, else their ``fallback_file``,
+    is where a calibration is saved.
     """
 
     def __init__(self, rig: HardwareRig, joints: Collection[str] = JOINTS) -> None:
         self._rig = rig
         super().__init__(self._file(), joints)
-        self.ended = StepResult()
+        self.ended = StepResult()  # how the last save, abort or reset has left the arm
         self._loan: BusLease | None = None
         self.motors = MotorOperation(self._borrow)
         self.chain = ChainOperation(self.motors, is_busy=lambda: self.is_under_way)

@@ -436,14 +436,10 @@ class Identification(RecordedMotions):
 
 
 class _Tape:
-    """Records the moving joint's states and the commands to its servo.
-
-    Attributes:
-        joint: The joint that moves; empty before the first.
-    """
+    """Records the moving joint's states and the commands to its servo."""
 
     def __init__(self, rig: HardwareRig) -> None:
-        self.joint = ""
+        self.joint = ""  # that moves
         self._rig = rig
         self._states: dict[str, list[tuple[JointState, float]]] = {}
         self._sent: list[SentCommand] = []

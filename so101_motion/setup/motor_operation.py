@@ -89,15 +89,6 @@ class MotorOperation(LocalOperation):
     Args:
         borrow: Lends their bus until its block ends. Giving it back must not raise because servos
             are missing, as they are during a setup.
-        now: The time [s].
-
-    Attributes:
-        state: The state of each motor.
-        checked: The result of the last ``verify``; None before, and once a servo was changed.
-        joints: The joints whose motors are to be set up.
-        writes: Whether a motor that is found alone, and surely the right one, is written to by
-            itself.
-        is_attended: Whether there is a person who is asked.
     """
 
     refuses = False
@@ -110,9 +101,10 @@ class MotorOperation(LocalOperation):
     ) -> None:
         super().__init__()
         self.state = SetupView()
-        self.checked: Verification | None = None
-        self.joints: Collection[str] = SETUP_ORDER
-        self.writes, self.is_attended = False, True
+        self.checked: Verification | None = None  # also once a servo was changed
+        self.joints: Collection[str] = SETUP_ORDER  # whose motors are to be set up
+        self.writes = False  # whether a motor that is surely the right one is written to by itself
+        self.is_attended = True  # whether there is a person who is asked
         self._borrow, self._now = borrow, now
         self._busy = threading.Lock()
         self._progress: SetupProgress | None = None
@@ -591,14 +583,7 @@ _CHAIN = (
 
 
 class ChainOperation(LocalOperation):
-    """Verifies all six motors on one cable.
-
-    Args:
-        motors: The motors.
-        waits: Whether it verifies again and again until all are right.
-        is_busy: Whether the motors are in use for a calibration.
-        now: The time [s].
-    """
+    """Verifies all six motors on one cable; if it ``waits``, again until all are right."""
 
     def __init__(
         self,

@@ -391,15 +391,7 @@ class Outline:
 
 
 class MoveTest(LocalOperation):
-    """Tests an arm by small motions.
-
-    Args:
-        rig: The arm and its jaw.
-        hold: Holds the joints where they stand.
-
-    Attributes:
-        report: The result of the last test; None before.
-    """
+    """Tests an arm by small motions; ``hold`` holds its joints where they stand."""
 
     def __init__(
         self, rig: RigLike, *, name: str = "arm", hold: Callable[[], object] = lambda: None

@@ -40,11 +40,7 @@ from .setup_context import ArmSource, ServesPreview, SetupContext, SetupTarget, 
 
 
 class StepWizard:
-    """Goes from step to step.
-
-    Attributes:
-        workflow: What is under way; None while nothing is chosen.
-    """
+    """Goes from step to step."""
 
     def __init__(self, progress: SetupProgress) -> None:
         self._progress = progress

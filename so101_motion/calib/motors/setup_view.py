@@ -173,15 +173,8 @@ class SetupProgress:
     """Which steps and motors are done, kept in a file, so that a later start continues there.
 
     The terminal and the page use the same file, so a setup begun on one can be ended on the other.
-    Losing it does no harm: the setup then begins with its first step.
-
-    Args:
-        port: The port; progress on another port is forgotten. None to take it from the file.
-
-    Attributes:
-        port: The port or machine; empty if it is not known.
-        workflow: Name of the workflow under way; empty for none.
-        arm: The user's name for the arm; empty if there is none.
+    Losing it does no harm: the setup then begins with its first step. Progress on another port is
+    forgotten; None takes the port, or machine, from the file. What is not known is empty.
     """
 
     def __init__(self, path: Path, port: str | None) -> None:

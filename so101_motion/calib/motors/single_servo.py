@@ -58,14 +58,11 @@ class RateAnswers:
 
 
 class Tuner:
-    """Tunes a lent bus to any rate; the end of a ``with`` block restores the port's own.
-
-    Attributes:
-        home: The port's own rate [bit/s].
-    """
+    """Tunes a lent bus to any rate; the end of a ``with`` block restores the port's own."""
 
     def __init__(self, access: BusAccess) -> None:
         self._access = access
+        # the port's own rate [bit/s], and the present one
         self.home = self.baud = access.call(lambda bus: bus.port.baud)
 
     def tune(self, baud: int) -> None:

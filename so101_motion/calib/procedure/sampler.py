@@ -38,13 +38,10 @@ class Positions:
 
 
 class Sampler:
-    """Reads the joints' positions whenever it is called. Called by the port's thread only.
-
-    Attributes:
-        seen: The last positions; replaced whole, any thread may read it.
-    """
+    """Reads the joints' positions whenever the port's thread calls it."""
 
     def __init__(self, clock: Clock, joints: Sequence[str]) -> None:
+        # replaced whole, any thread may read it
         self.seen = Positions(t=clock.now(), held_since=clock.now())
         self._clock = clock
         self._joints = {SERVO_IDS[joint]: joint for joint in joints}

@@ -62,21 +62,11 @@ class Session:
 
     A command raises ``CalibrationError`` if it is not possible now, if a servo does not take a
     value or a file cannot be written; ``BusError`` if a servo cannot be reached: try again then.
-
-    Args:
-        calibration_file: Where it is saved; absolute, see ``store.resolve``.
-        joints: The joints to calibrate; entries of the others stay.
-
-    Attributes:
-        held_before: Whether any of the joints was driven when the calibration began.
-
-    Raises:
-        ConfigError: There is no such joint, or none at all.
     """
 
     def __init__(self, calibration_file: Path, joints: Collection[str] = JOINTS) -> None:
-        self.calibration_file = calibration_file
-        self.held_before = False
+        self.calibration_file = calibration_file  # absolute, see ``store.resolve``
+        self.held_before = False  # whether any of the joints was driven when it began
         self.joints = _in_order("joints", joints)
         if not self.joints:
             raise ConfigError("joints", list(joints), "name at least one")

@@ -70,14 +70,10 @@ class TravelArc:
 
 
 class TravelRecorder:
-    """Records the positions that one joint has passed. Used by one thread.
-
-    Attributes:
-        arc: The travel so far; None before the third reading. Replaced whole.
-    """
+    """Records the positions that one joint has passed. Used by one thread."""
 
     def __init__(self) -> None:
-        self.arc: TravelArc | None = None
+        self.arc: TravelArc | None = None  # None before the third reading; replaced whole
         self._passed = np.zeros(TICKS_PER_TURN, dtype=np.bool_)
         self._at: int | None = None  # where the joint is known to have been, unrolled
         self._window: list[int] = []

@@ -82,16 +82,7 @@ def compared(
 
 
 class Verification(LocalOperation):
-    """Compares a calibration with an arm whose joints a person leads.
-
-    Args:
-        calibration: The calibration. wrist_roll has no stops, so it is left out.
-        access: The bus.
-        is_attended: Whether there is a person; without one the joints go limp at once.
-
-    Raises:
-        CalibrationError: It has no joint with stops.
-    """
+    """Compares a calibration, but for wrist_roll, with an arm whose joints a person leads."""
 
     def __init__(
         self, calibration: Calibration, access: BusAccess, *, is_attended: bool = True
