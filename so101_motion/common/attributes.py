@@ -35,10 +35,9 @@ _TO_SI: Mapping[str, Callable[[float], float]] = {
 
 @dataclass(frozen=True, slots=True)
 class Attribute:
-    """One attribute of a model: how to parse it, and how to document it."""
+    """One attribute of a model: how to parse it."""
 
     name: str  # as users write it
-    use: str  # what it is used for, in a sentence
     _: KW_ONLY
     # ``"number"``, ``"whole"``, ``"numbers"``, ``"flag"``, ``"text"``, ``"names"``, ``"choice"`` or
     # ``"objects"``; ``"own"`` is read by code of its own
@@ -51,21 +50,8 @@ class Attribute:
     takes_nearest: bool = False
     count: int = 0  # most entries of a list of numbers; 0 for any
     options: tuple[str, ...] = ()  # what a choice may be, the default first
-    form: str = ""  # its form in words, where unit, range and options do not describe it
-    otherwise: str = ""  # what happens without it in words, where ``default`` does not describe it
     ours: bool = False  # whether only this module has it, not the published one
     idle: str = ""  # why it has no effect; empty if it has one
-    link: str = ""  # where the documentation says more
-
-    @property
-    def without(self) -> str:
-        if self.otherwise:
-            return self.otherwise
-        if isinstance(self.default, bool):
-            return str(self.default).lower()
-        if self.default is not None:
-            return f"{self.default:.10g}"
-        return self.options[0] if self.options else "none"
 
 
 class Attributes:
@@ -278,9 +264,9 @@ def derived(by: Reader, *rows: Attribute) -> Any:
     return field(metadata={"rows": rows, "by": by})
 
 
-def attribute(name: str, use: str, *, by: Reader = Attributes.value, **row: Any) -> Any:
+def attribute(name: str, *, by: Reader = Attributes.value, **row: Any) -> Any:
     """A field of a ``Config`` with an attribute; ``by`` reads it if its row does not say how."""
-    return derived(by, Attribute(name, use, **row))
+    return derived(by, Attribute(name, **row))
 
 
 def changed(config: type[Config], name: str, **changes: Any) -> Any:

@@ -1,9 +1,7 @@
 """The attributes of every model but teleoperation, read into settings in SI units.
 
-Each field has its attribute beside it, so the tables of the documentation, ``migration`` and the
-readers have one source; a test compares the tables of ``docs/`` with it. The published module's
-attributes, of all its versions, are accepted, so a machine's configuration works as it is. The rows
-of teleoperation are in ``tasks/teleop/config.py``, because the command line uses them too.
+Each field has its attribute beside it; what it is for stands in ``docs/``. Those of teleoperation
+are in ``tasks/teleop/config.py``, because the command line uses them too.
 """
 
 from __future__ import annotations
@@ -210,31 +208,20 @@ def _load(given: Attributes, key: str) -> LoadConfig:
 class PortConfig(Config):
     """The settings of the serial port, which arm, gripper and sensor share."""
 
-    port: str = attribute(
-        "port", "serial port, however spelled; arm, gripper and sensor on it share one connection",
-        kind="text", form="path", otherwise="required", by=_port,
-    )  # fmt: skip
-    calibration_file: str | None = attribute(  # as given; None to read the servos' registers
-        "calibration_file",
-        "relative ones lie in `$VIAM_MODULE_DATA`, or where the program was started if that is not"
-        " set; without a file, what the servos have stored counts",
-        kind="text", form="path",
-    )  # fmt: skip
+    port: str = attribute("port", kind="text", by=_port)
+    calibration_file: str | None = attribute(
+        "calibration_file", kind="text"
+    )  # as given; None to read the servos' registers
     baudrate: int = attribute(
-        "baudrate", "the same for all on a port", kind="whole", unit="bit/s",
-        range=(38_400, 1_000_000), default=BAUDRATE, zero_is_none=True,
-    )  # fmt: skip
-    timeout: float = attribute(  # [s]
-        "timeout",
-        "checked; the module asks silent servos until they answer, without keeping anybody waiting;"
-        " a number from 100000 up is nanoseconds, as the published module had it",
-        kind="own", form='`"5s"`, `"500ms"`, seconds', otherwise="1s",
-        link="hardware.md#what-it-does-and-does-not-do", by=_timeout,
-    )  # fmt: skip
-    rate: float | None = attribute(
-        "control_rate_hz", "setpoints a second; the same for all on a port", unit="Hz",
-        range=_RATES, otherwise="100", ours=True,
-    )  # fmt: skip
+        "baudrate",
+        kind="whole",
+        unit="bit/s",
+        range=(38400, 1000000),
+        default=BAUDRATE,
+        zero_is_none=True,
+    )
+    timeout: float = attribute("timeout", kind="own", by=_timeout)  # [s]
+    rate: float | None = attribute("control_rate_hz", unit="Hz", range=_RATES, ours=True)
 
     def servo_settings(self) -> ServoSettings:
         file = self.calibration_file
@@ -251,18 +238,9 @@ class PortConfig(Config):
 class SensesConfig(Config):
     """The resources of the machine that report the arm's surroundings."""
 
-    store: str | None = attribute(
-        "world_state_store", "a world-state store; what is in it is planned around", kind="text",
-        form="name", ours=True, link="planning.md#what-the-machine-has-around-the-arm", by=_short,
-    )  # fmt: skip
-    camera: str | None = attribute(
-        "camera", "a camera with depth; what it sees is planned around", kind="text", form="name",
-        ours=True, link="planning.md#what-a-camera-sees", by=_short,
-    )  # fmt: skip
-    vision: str | None = attribute(
-        "vision", "a vision service; the objects it finds in that camera's picture count instead",
-        kind="text", form="name", ours=True, link="planning.md#what-a-camera-sees", by=_short,
-    )  # fmt: skip
+    store: str | None = attribute("world_state_store", kind="text", ours=True, by=_short)
+    camera: str | None = attribute("camera", kind="text", ours=True, by=_short)
+    vision: str | None = attribute("vision", kind="text", ours=True, by=_short)
 
     def __post_init__(self) -> None:
         if self.vision and not self.camera:
@@ -283,9 +261,7 @@ class SensesConfig(Config):
 class ForAnArmConfig(Config):
     """Settings of a service for an arm."""
 
-    arm: str | None = attribute(
-        "arm", "which arm it serves", kind="text", form="name", otherwise="the only one", by=_short
-    )
+    arm: str | None = attribute("arm", kind="text", by=_short)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -300,100 +276,79 @@ class ArmConfig(Config):
     """The settings of every arm, real or simulated."""
 
     speed: float = attribute(
-        "speed_degs_per_sec", "cap of every joint", unit="deg/s", range=SPEED_RANGE_DEG,
-        default=50.0, zero_is_none=True, by=_capped,
-    )  # fmt: skip
+        "speed_degs_per_sec",
+        unit="deg/s",
+        range=SPEED_RANGE_DEG,
+        default=50.0,
+        zero_is_none=True,
+        by=_capped,
+    )
     acceleration: float = attribute(
-        "acceleration_degs_per_sec_per_sec", "cap of every joint", unit="deg/s^2",
-        range=ACCELERATION_RANGE_DEG, default=100.0, zero_is_none=True, by=_capped,
-    )  # fmt: skip
+        "acceleration_degs_per_sec_per_sec",
+        unit="deg/s^2",
+        range=ACCELERATION_RANGE_DEG,
+        default=100.0,
+        zero_is_none=True,
+        by=_capped,
+    )
     max_speed: float = attribute(
         "max_speed_degs_per_sec",
-        "what no request exceeds: `MoveOptions`, `set_speed` and teleoperation included",
-        unit="deg/s", range=SPEED_RANGE_DEG, default=SPEED_RANGE_DEG[1], ours=True,
-    )  # fmt: skip
+        unit="deg/s",
+        range=SPEED_RANGE_DEG,
+        default=SPEED_RANGE_DEG[1],
+        ours=True,
+    )
     max_acceleration: float = attribute(
         "max_acceleration_degs_per_sec_per_sec",
-        "what no request exceeds; braking may be harder",
-        unit="deg/s^2", range=ACCELERATION_RANGE_DEG, default=ACCELERATION_RANGE_DEG[1], ours=True,
-    )  # fmt: skip
-    motion: str | None = attribute(
-        "motion",
-        "a motion service that is given `MoveToPosition` instead; `builtin` is viam-server's own",
-        kind="text", form="name", otherwise="planned here",
-    )  # fmt: skip
+        unit="deg/s^2",
+        range=ACCELERATION_RANGE_DEG,
+        default=ACCELERATION_RANGE_DEG[1],
+        ours=True,
+    )
+    motion: str | None = attribute("motion", kind="text")
     floor_z: float = attribute(
-        "floor_z_mm", "height of the table that must not be touched", unit="mm",
-        range=(-2000.0, 500.0), default=-2.4, ours=True,
-    )  # fmt: skip
-    obstacles: tuple[Mapping[str, object], ...] = attribute(
-        "obstacles", "what always stands around, as in a scene file", kind="objects",
-        form="list", ours=True, link="planning.md",
-    )  # fmt: skip
-    ignored: tuple[str, ...] = attribute(
-        "ignore_components", "components of the machine that are not planned around;"
-        ' `["*"]` is all of them', kind="names", form="list of names", ours=True,
-        link="planning.md#what-the-machine-has-around-the-arm",
-    )  # fmt: skip
+        "floor_z_mm", unit="mm", range=(-2000.0, 500.0), default=-2.4, ours=True
+    )
+    obstacles: tuple[Mapping[str, object], ...] = attribute("obstacles", kind="objects", ours=True)
+    ignored: tuple[str, ...] = attribute("ignore_components", kind="names", ours=True)
     senses: SensesConfig = part(SensesConfig)
     load: LoadConfig = derived(
         _load,
+        Attribute("payload_kg", unit="kg", range=(0.0, HEAVIEST), default=0.0, ours=True),
         Attribute(
-            "payload_kg", "what the gripper always carries", unit="kg", range=(0.0, HEAVIEST),
-            default=0.0, ours=True,
+            "payload_com_mm", kind="numbers", unit="mm", range=(-1000.0, 1000.0), count=3, ours=True
         ),
-        Attribute(
-            "payload_com_mm", "the centre of mass of that, in the tool frame", kind="numbers",
-            unit="mm", range=(-1000.0, 1000.0), count=3, form="mm, three numbers",
-            otherwise="the jaw's tip", ours=True,
-        ),
-        Attribute(
-            "servo_voltage", "what the servos are rated for", unit="V", range=(0.0, 100.0),
-            default=7.4, form="V: 7.4, 12", ours=True,
-        ),
-    )  # fmt: skip
+        Attribute("servo_voltage", unit="V", range=(0.0, 100.0), default=7.4, ours=True),
+    )
     position_tolerance: float | None = attribute(  # None for the planner's
-        "position_tolerance_mm", "largest error that counts as arrived", unit="mm",
-        range=(0.0, 1000.0), zero_is_none=True, otherwise="0.1",
-    )  # fmt: skip
+        "position_tolerance_mm", unit="mm", range=(0.0, 1000.0), zero_is_none=True
+    )
     approach_tolerance: float | None = attribute(
-        "orientation_tolerance_deg", "the same for the tool's direction, when it counts",
-        unit="deg", range=(0.0, 180.0), zero_is_none=True, otherwise="1",
-    )  # fmt: skip
-    use_urdf: bool = attribute(
-        "use_urdf", "serve the kinematics as URDF instead of SVA", kind="flag", default=False
+        "orientation_tolerance_deg", unit="deg", range=(0.0, 180.0), zero_is_none=True
     )
-    visualize_ee_frame: bool = attribute(
-        "visualize_ee_frame", "draw the tool frame", kind="flag", default=False
-    )
-    guarded: bool = attribute(
-        "collision_guard", "whether moves that do not wait, and streamed points, keep clear of the"
-        " arm itself and what is around", kind="flag", default=True, ours=True,
-    )  # fmt: skip
+    use_urdf: bool = attribute("use_urdf", kind="flag", default=False)
+    visualize_ee_frame: bool = attribute("visualize_ee_frame", kind="flag", default=False)
+    guarded: bool = attribute("collision_guard", kind="flag", default=True, ours=True)
     unused: tuple[str, ...] = derived(lambda given, _: given.idle)  # given, and without effect here
     notes: tuple[str, ...] = derived(lambda given, _: given.notes)  # what replaces a given number
 
     CHECKED: ClassVar[tuple[Attribute, ...]] = (
         Attribute(
-            "mesh_decimation_ratios", "checked, without effect", kind="numbers", range=(0.0, 1.0),
-            form="list", idle="the meshes here are light as they are",
+            "mesh_decimation_ratios",
+            kind="numbers",
+            range=(0.0, 1.0),
+            idle="the meshes here are light as they are",
         ),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedArmConfig(ArmConfig):
     """Settings of ``devrel:so101:simulated``."""
 
-    speed: float = changed(
-        ArmConfig, "speed",
-        use="cap of every joint; another positive number becomes the nearest of these",
-        default=90.0, takes_nearest=True,
-    )  # fmt: skip
+    speed: float = changed(ArmConfig, "speed", default=90.0, takes_nearest=True)
     acceleration: float = changed(ArmConfig, "acceleration", ours=True)
-    simulate_time: bool = attribute(
-        "simulate_time", "false: time moves only by `advance_time`", kind="flag", default=True
-    )
+    simulate_time: bool = attribute("simulate_time", kind="flag", default=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -401,34 +356,25 @@ class HardwareArmConfig(ArmConfig):
     """Settings of ``devrel:so101:arm``."""
 
     connection: PortConfig = part(PortConfig)
-    servo_ids: tuple[int, ...] = attribute(
-        "servo_ids", "base to wrist", kind="own", form="five different, 1 to 5",
-        otherwise="[1, 2, 3, 4, 5]", by=_servo_ids,
-    )  # fmt: skip
+    servo_ids: tuple[int, ...] = attribute("servo_ids", kind="own", by=_servo_ids)
     zero_offsets: Mapping[str, float] | None = attribute(
-        "joint_zero_offsets_deg", "the model's angles in the middle of the joints' travels",
-        kind="own", form="deg, by joint or five", otherwise="as the calibration says", ours=True,
-        link="hardware.md#where-zero-is", by=_zero_offsets,
-    )  # fmt: skip
+        "joint_zero_offsets_deg", kind="own", ours=True, by=_zero_offsets
+    )
     joint_zero: str | None = attribute(  # None if it is not given
-        "joint_zero", "where zero is if neither that nor the calibration says more: the middle of"
-        " the travel, or the pose of `set_homing`", kind="choice", options=CONVENTIONS,
-        ours=True, link="hardware.md#where-zero-is",
+        "joint_zero",
+        kind="choice",
+        options=CONVENTIONS,
+        ours=True,
         by=lambda given, key: given.value(key) if given.given(key) else None,
-    )  # fmt: skip
+    )
     releases_at_end: bool = attribute(
-        "at_end", "when the module ends: holding, or limp, the arm then sinks under its weight",
-        kind="choice", options=("hold", "release"), ours=True,
-        link="hardware.md#when-the-program-ends",
+        "at_end",
+        kind="choice",
+        options=("hold", "release"),
+        ours=True,
         by=lambda given, key: given.value(key) == "release",
-    )  # fmt: skip
-    compliance: Compliance = attribute(
-        "manual_mode",
-        "how it yields to a hand: `pos_deadband_deg` (0.5), `p_gain` (8), `torque_limit` (30,"
-        " thousandths of full drive), `wall_torque_limit` (300) with which it holds a hand off"
-        " contact; `loop_hz` has no effect",
-        kind="own", form="object", link="teleoperation.md#hand-guiding", by=_compliance,
-    )  # fmt: skip
+    )
+    compliance: Compliance = attribute("manual_mode", kind="own", by=_compliance)
     unused: tuple[str, ...] = derived(
         lambda given, _: (
             *given.idle,
@@ -439,70 +385,49 @@ class HardwareArmConfig(ArmConfig):
     CHECKED = (
         *ArmConfig.CHECKED,
         Attribute(
-            "waypoint_lookahead_deg", "checked, without effect", unit="deg", range=(0.1, 45.0),
+            "waypoint_lookahead_deg",
+            unit="deg",
+            range=(0.1, 45.0),
             idle="waypoints are on a planned path here, which is followed at every instant",
         ),
         Attribute(
-            "disable_servo_gains", "checked, without effect", kind="flag",
+            "disable_servo_gains",
+            kind="flag",
             idle="the servos' gains are never changed; the driver reads them and reckons with them",
         ),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedGripperConfig(Config):
     """Settings of ``devrel:so101:simulated-gripper``."""
 
-    gripper_type: str = attribute(
-        "gripper_type", "moving jaw, or handle and trigger", kind="choice",
-        options=("follower", "leader"),
-    )  # fmt: skip
-    mesh_detail: str = attribute(
-        "mesh_detail", "how it looks in the 3D view", kind="choice", options=("low", "high")
-    )
+    gripper_type: str = attribute("gripper_type", kind="choice", options=("follower", "leader"))
+    mesh_detail: str = attribute("mesh_detail", kind="choice", options=("low", "high"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HardwareGripperConfig(SimulatedGripperConfig):
     """Settings of ``devrel:so101:gripper``."""
 
-    connection: PortConfig | None = part(  # None for the arm's
-        PortConfig, only_with="port",
-        port={"use": "a port of its own", "otherwise": "this or `arm` is required"},
-    )  # fmt: skip
-    arm: str | None = attribute(
-        "arm", "the arm it belongs to", kind="text", form="name",
-        otherwise="this or `port` is required", by=_gripper_arm,
-    )  # fmt: skip
+    connection: PortConfig | None = part(PortConfig, only_with="port")  # None for the arm's
+    arm: str | None = attribute("arm", kind="text", by=_gripper_arm)
     servo_id: int = attribute(
-        "servo_id", "of the jaw", kind="whole", range=(1, 6), default=GRIPPER_ID, zero_is_none=True
+        "servo_id", kind="whole", range=(1, 6), default=GRIPPER_ID, zero_is_none=True
     )
     articulated_jaw: bool = attribute(
-        "articulated_jaw", "true is refused: no planner moves the jaw here", kind="flag",
-        default=False, link="migrating.md#what-is-refused-by-name", by=_articulated,
-    )  # fmt: skip
+        "articulated_jaw", kind="flag", default=False, by=_articulated
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationConfig(Config):
     """Settings of ``devrel:so101:calibration``."""
 
-    connection: PortConfig = part(  # a calibration is saved in its file
-        PortConfig,
-        port={"use": "the arm's; shared with the arm and the gripper on it"},
-        calibration_file={
-            "use": "where a calibration is saved; relative ones lie in `$VIAM_MODULE_DATA`",
-            "otherwise": f"the arm's, or `{CALIBRATION_FILE}`",
-        },
-        timeout={
-            "use": "checked, without effect", "otherwise": "none", "link": "",
-            "idle": "a calibration waits for servos as long as it takes",
-        },
-    )  # fmt: skip
-    joints: tuple[str, ...] = attribute(  # base to jaw
-        "servo_ids", "only these joints are calibrated; what is known of the others stays",
-        kind="own", form="different, 1 to 6", otherwise="all", by=_calibrated,
-    )  # fmt: skip
+    connection: PortConfig = part(
+        PortConfig, timeout={"idle": "a calibration waits for servos as long as it takes"}
+    )  # a calibration is saved in its file
+    joints: tuple[str, ...] = attribute("servo_ids", kind="own", by=_calibrated)  # base to jaw
     unused: tuple[str, ...] = derived(lambda given, _: given.idle)
 
 
@@ -510,8 +435,4 @@ class CalibrationConfig(Config):
 class DiscoveryConfig(Config):
     """Settings of ``devrel:so101:discovery``; the published module has none."""
 
-    ports: tuple[str, ...] = attribute(
-        "ports",
-        "further ports to look at, which no search finds: a Raspberry Pi's own port, a link",
-        kind="own", form="list of paths", otherwise="only what is found", ours=True, by=_ports,
-    )  # fmt: skip
+    ports: tuple[str, ...] = attribute("ports", kind="own", ours=True, by=_ports)

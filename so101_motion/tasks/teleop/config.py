@@ -82,76 +82,51 @@ class TeleopConfig(Config):
     own caps are for planned motions.
     """
 
-    leader_arm: str = attribute(
-        "leader_arm", "the arm that leads", kind="text", form="name", otherwise="required",
-        by=_required,
-    )  # fmt: skip
-    follower_arm: str = attribute(
-        "follower_arm", "the arm that follows, another one", kind="text", form="name",
-        otherwise="required", by=_required,
-    )  # fmt: skip
-    leader_gripper: str | None = attribute(
-        "leader_gripper", "the leader's gripper; the jaw follows only if both grippers are named",
-        kind="text", form="name",
-    )  # fmt: skip
-    follower_gripper: str | None = attribute(
-        "follower_gripper", "the follower's gripper", kind="text", form="name"
-    )
+    leader_arm: str = attribute("leader_arm", kind="text", by=_required)
+    follower_arm: str = attribute("follower_arm", kind="text", by=_required)
+    leader_gripper: str | None = attribute("leader_gripper", kind="text")
+    follower_gripper: str | None = attribute("follower_gripper", kind="text")
     rate: float = attribute(
-        "rate_hz", "how often an arm of another module is read; ours run at the rate of their bus",
-        unit="Hz", range=(0.0, 1000.0), default=RATE, zero_is_none=True,
-    )  # fmt: skip
-    lets_go: bool = attribute(
-        "manage_leader_torque",
-        "whether the leader is released when it starts, and held again when it ends",
-        kind="flag", default=True,
-    )  # fmt: skip
-    auto_start: bool = attribute(
-        "auto_start", "whether it starts by itself with the module", kind="flag", default=False
+        "rate_hz", unit="Hz", range=(0.0, 1000.0), default=RATE, zero_is_none=True
     )
+    lets_go: bool = attribute("manage_leader_torque", kind="flag", default=True)
+    auto_start: bool = attribute("auto_start", kind="flag", default=False)
     mirror: Mirror = derived(  # maps the leader's angles to the follower's
         _mirror,
-        Attribute(
-            "scale", "factor of the leader's motion; a negative one reverses the joint",
-            kind="own", form="0.1 to 3, a number or five", otherwise="1", ours=True,
-        ),
-        Attribute(
-            "offsets_deg", "added to the follower's angles", kind="own",
-            form="deg, -180 to 180, by joint or five", otherwise="0", ours=True,
-        ),
-        Attribute(
-            "mirror", "for arms that face each other: pan and roll turn the other way",
-            kind="flag", default=False, ours=True,
-        ),
-    )  # fmt: skip
+        Attribute("scale", kind="own", ours=True),
+        Attribute("offsets_deg", kind="own", ours=True),
+        Attribute("mirror", kind="flag", default=False, ours=True),
+    )
     pace: Pace = derived(  # the follower's caps
         _pace,
         Attribute(
-            "speed_degs_per_sec", "cap while mirroring", unit="deg/s", range=SPEED_RANGE_DEG,
-            default=SPEED_RANGE_DEG[1], ours=True,
-        ),
-        Attribute(
-            "acceleration_degs_per_sec_per_sec", "cap while mirroring; with the guard 380 at most",
-            unit="deg/s^2", range=ACCELERATION_RANGE_DEG, default=ACCELERATION_RANGE_DEG[1],
+            "speed_degs_per_sec",
+            unit="deg/s",
+            range=SPEED_RANGE_DEG,
+            default=SPEED_RANGE_DEG[1],
             ours=True,
         ),
         Attribute(
-            "approach_speed_degs_per_sec", "cap while coming closer", unit="deg/s",
-            range=(1.0, 90.0), default=30.0, ours=True,
+            "acceleration_degs_per_sec_per_sec",
+            unit="deg/s^2",
+            range=ACCELERATION_RANGE_DEG,
+            default=ACCELERATION_RANGE_DEG[1],
+            ours=True,
         ),
-    )  # fmt: skip
-    guarded: bool = attribute(
-        "collision_guard", "whether the follower keeps clear of itself and what is around",
-        kind="flag", default=True, ours=True,
-    )  # fmt: skip
+        Attribute(
+            "approach_speed_degs_per_sec", unit="deg/s", range=(1.0, 90.0), default=30.0, ours=True
+        ),
+    )
+    guarded: bool = attribute("collision_guard", kind="flag", default=True, ours=True)
     asks_for_guard: bool = derived(lambda given, _: given.given("collision_guard"))
 
     CHECKED = (
         Attribute(
-            "max_consecutive_errors", "checked, without effect", range=(0.0, 1e9), default=0.0,
-            otherwise="none", idle="the follower holds at once when the leader is lost",
+            "max_consecutive_errors",
+            range=(0.0, 1e9),
+            idle="the follower holds at once when the leader is lost",
         ),
-    )  # fmt: skip
+    )
 
     def __post_init__(self) -> None:
         if self.leader_arm == self.follower_arm:

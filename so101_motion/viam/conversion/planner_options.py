@@ -44,30 +44,16 @@ _IGNORED = frozenset(
 REPLAN = "replan"
 
 _OPTIONS = (
-    Attribute("goal_metric_type", "how much of a pose counts", kind="own"),
-    Attribute("pose_cloud", "poses that will do as well as the goal", kind="own"),
-    Attribute(
-        "position_tolerance_mm", "largest error that counts as arrived", unit="mm",
-        range=(0.0, 1000.0), zero_is_none=True,
-    ),
-    Attribute(
-        "orientation_tolerance_deg", "the same for direction or orientation", unit="deg",
-        range=(0.0, 180.0), zero_is_none=True,
-    ),
-    Attribute(
-        "timeout", "when to give up searching", unit="s", range=(0.0, 600.0), zero_is_none=True
-    ),
-    Attribute("rseed", "of the random choices", kind="whole", range=(0.0, 2.0**31), default=0),
-    Attribute(
-        "route_effort", "how many routes are compared where the straight one is blocked",
-        kind="whole", range=(1.0, MOST_ROUTES), default=ROUTE_EFFORT,
-    ),
-    Attribute(
-        "collision_buffer_mm", "how far bodies must stay apart", unit="mm", range=(0.0, 100.0),
-        zero_is_none=True,
-    ),
-    Attribute(REPLAN, "whether to plan again while it moves", kind="flag", default=False),
-)  # fmt: skip
+    Attribute("goal_metric_type", kind="own"),
+    Attribute("pose_cloud", kind="own"),
+    Attribute("position_tolerance_mm", unit="mm", range=(0.0, 1000.0), zero_is_none=True),
+    Attribute("orientation_tolerance_deg", unit="deg", range=(0.0, 180.0), zero_is_none=True),
+    Attribute("timeout", unit="s", range=(0.0, 600.0), zero_is_none=True),
+    Attribute("rseed", kind="whole", range=(0.0, 2.0**31), default=0),
+    Attribute("route_effort", kind="whole", range=(1.0, MOST_ROUTES), default=ROUTE_EFFORT),
+    Attribute("collision_buffer_mm", unit="mm", range=(0.0, 100.0), zero_is_none=True),
+    Attribute(REPLAN, kind="flag", default=False),
+)
 """Options that have an effect."""
 
 _USED = tuple(each.name for each in _OPTIONS)

@@ -1,4 +1,4 @@
-"""The attribute tables of the documentation are those of the code."""
+"""The attribute tables of the documentation: names, units, ranges and defaults of the code."""
 
 import re
 from pathlib import Path
@@ -9,42 +9,47 @@ from so101_motion.viam.published_models import MODELS
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 HEAD = "| attribute | unit, range | default | |\n|---|---|---|---|\n"
-ELSEWHERE = {"teleop": "teleoperation.md", "simulated-gripper": ""}
-"""Models whose table stands on another page than viam.md; the last has that of the gripper."""
+OWN_WORDS = {"servo_voltage"}  # two of the numbers in its range are possible
 
 
-def form(each):
-    """What the second column says of an attribute."""
-    if each.form:
-        return each.form
+def rows_of(model):
+    """The cells of the model's table on its page, by attribute."""
+    page = (DOCS / ("teleoperation.md" if model == "teleop" else "viam.md")).read_text()
+    if model != "teleop":
+        page = re.search(rf"^## `devrel:so101:{model}`\n(.*?)(?=^## |\Z)", page, re.M | re.S)[1]
+    [table] = re.findall(re.escape(HEAD) + r"((?:^\|.*\n)+)", page, re.M)
+    cells = [[cell.strip() for cell in row.split(" | ")] for row in table.splitlines()]
+    return {row[0].strip("| `"): row[1:] for row in cells}
+
+
+def form_of(each):
+    """What the second column must say of an attribute; None if words of its own are needed."""
     if each.kind == "flag":
         return "true, false"
     if each.kind == "choice":
         return ", ".join(f"`{option}`" for option in each.options)
+    if each.kind not in ("number", "whole") or each.name in OWN_WORDS:
+        return None
     lower, upper = each.range
     span = f"{lower:.10g} to {upper:.10g}" if upper < 1e9 else ""
     return ", ".join(filter(None, (each.unit.replace("^2", "²"), span)))
 
 
-def table_of(model):
-    """The table that the documentation has to have."""
-    rows = []
-    for each in MODELS[model].rows():
-        more = f"; [more]({each.link})" if each.link else ""
-        default = f"`{each.without}`" if each.options else each.without
-        rows.append(f"| `{each.name}` | {form(each)} | {default} | {each.use}{more} |\n")
-    return HEAD + "".join(rows)
+def default_of(each):
+    """What the third column must say of it; None if words of its own are needed."""
+    if each.options:
+        return f"`{each.options[0]}`"
+    if isinstance(each.default, bool):
+        return str(each.default).lower()
+    return None if each.default is None else f"{each.default:.10g}"
 
 
-def section_of(model):
-    if model in ELSEWHERE:
-        return (DOCS / ELSEWHERE[model]).read_text()
-    page = (DOCS / "viam.md").read_text()
-    found = re.search(rf"^## `devrel:so101:{model}`\n(.*?)(?=^## |\Z)", page, re.M | re.S)
-    return found[1]
-
-
-@pytest.mark.parametrize("model", [each for each in MODELS if ELSEWHERE.get(each) != ""])
+@pytest.mark.parametrize("model", [each for each in MODELS if each != "simulated-gripper"])
 def test_the_table_on_the_page_is_that_of_the_code(model):
-    tables = re.findall(r"(?:^\|.*\n)+", section_of(model), re.M)
-    assert table_of(model) in tables, f"put this table there:\n{table_of(model)}"
+    written = rows_of(model)
+    assert list(written) == [each.name for each in MODELS[model].rows()]
+    for each in MODELS[model].rows():
+        form, default, use = written[each.name]
+        assert form == (form_of(each) or form), each.name
+        assert default == (default_of(each) or default) != "", each.name
+        assert use.strip(" |"), each.name
