@@ -6,7 +6,8 @@ motion")``, then the new one is planned from there. Only a retarget does not sto
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import threading
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from contextlib import nullcontext, suppress
 from dataclasses import replace
@@ -16,13 +17,15 @@ from typing import TYPE_CHECKING, Literal, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from so101_motion.arm.joint_caps import CappedJoints, JointCaps, JointRange
 from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.arm.motion_queue import MotionQueue, Opening, wait_here
-from so101_motion.arm.open_ended_motions import OpenEndedMotions
-from so101_motion.arm.planned_arm import ArmParts, PlannedArm
-from so101_motion.arm.protocols import OtherArms
+from so101_motion.arm.open_ended_motions import OpenEndedMotions, Situation
+from so101_motion.arm.protocols import ArmExecutor, OtherArms
 from so101_motion.arm.replanned_motion import ReplannedMotion
 from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older, request_number
+from so101_motion.common.attributes import LoadConfig
+from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import (
     SUPERSEDED,
@@ -32,9 +35,9 @@ from so101_motion.common.errors import (
     MotionError,
     NotHolding,
 )
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import in_fault, lent_out
+from so101_motion.common.state import JointState, in_fault, lent_out
 from so101_motion.common.units import to_deg
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import APPROACH, GATE, STALE_AFTER, Following, FollowingSettings
@@ -42,13 +45,16 @@ from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future
 from so101_motion.control.streamed_trajectory import Stream
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
-from so101_motion.planning.request import Plan, Search
+from so101_motion.planning.request import Plan, PlanRequest, Search
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Payload, Strength
 from so101_motion.planning.timing.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from so101_motion.planning.collision.scene import Scene
+    from so101_motion.planning.kinematics.model import RobotModel
 
 
 Guard = Literal["scene"]
@@ -63,19 +69,49 @@ START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
 
 
-class Arm(PlannedArm):
+class Arm(CappedJoints):
     """Five joints that can be planned for, moved and stopped.
 
     Args:
-        parts: See ``ArmParts``.
+        model: Kinematics and limits.
+        executor: Moves the joints; owned by the rig.
+        planner: Takes a request to the planning process.
+        clock: The executor's clock.
+        speed: Joint speed cap [rad/s].
+        acceleration: Joint acceleration cap [rad/s^2].
+        scene: What is around the arm and in its hand.
 
     Attributes:
+        model: Kinematics and limits.
+        newest: The newest plan and its request, for display; None before the first.
+        cell_member: What keeps it clear of the other arms of its cell; None outside a cell.
         compliance: How it yields to a hand in manual mode.
         stops: How many stops were asked for, also while the arm was at rest.
     """
 
-    def __init__(self, **parts: Unpack[ArmParts]) -> None:
-        super().__init__(**parts)
+    def __init__(
+        self,
+        *,
+        model: RobotModel,
+        executor: ArmExecutor,
+        planner: Callable[[PlanRequest], Future[Plan]],
+        clock: Clock,
+        speed: float,
+        acceleration: float,
+        scene: Scene,
+    ) -> None:
+        super().__init__(JointCaps(speed=speed, acceleration=acceleration))
+        self.model, self._scene, self._clock = model, scene, clock
+        self._executor, self._planner = executor, planner
+        self._range = JointRange(self.model.lower, self.model.upper)
+        self._strength = Strength.of_servos(LoadConfig().servo_voltage)
+        self.set_load(LoadConfig())
+        self.newest: tuple[PlanRequest, Plan] | None = None
+        self._kept_off: tuple[Scene, Scene] | None = None  # made from which scene, and which
+        self.cell_member: OtherArms | None = None
+        self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
+        self._looking = threading.Lock()  # guards what follows
+        self._looked_with: CollisionModel | None = None
         self.stops = 0
         self.compliance = Compliance()
         self._open_ended = OpenEndedMotions(self.model, self._executor)
@@ -85,6 +121,99 @@ class Arm(PlannedArm):
     def newest_motion(self) -> Motion:
         """The motion asked for last, planning included; over when nothing is under way."""
         return self._motions.current
+
+    # What it is, and where
+
+    @property
+    def scene(self) -> Scene:
+        """What is around it and in its hand, for plans made from now on."""
+        return self._scene
+
+    @scene.setter
+    def scene(self, scene: Scene) -> None:
+        self._scene = scene
+        self._motions.current.wake()
+
+    @property
+    def state(self) -> JointState:
+        """The newest snapshot; never waits."""
+        return self._executor.state
+
+    @property
+    def is_moving(self) -> bool:
+        return self.state.arm_moving
+
+    @property
+    def is_movable_by_hand(self) -> bool:
+        """Whether the joints can be moved by hand: guided, or limp."""
+        return self.state.mode in (Mode.GUIDING, Mode.LIMP)
+
+    @property
+    def q(self) -> Array:
+        """Where the joints are, measured, shape (5,), [rad]."""
+        return self.state.q
+
+    @property
+    def T_base_tool(self) -> SE3:
+        """Where the tool is now, from the measured joints; maps to the base frame."""
+        return self.T_base("tool")
+
+    def T_base(self, frame: str = "tool") -> SE3:
+        """Where ``frame`` is now, from the measured joints; maps to the base frame."""
+        with self._kinematics:
+            return self.model.frame(self.state.q, frame)
+
+    def T_base_links(self) -> dict[str, SE3]:
+        """Where all seven links are now, by name, the jaw included."""
+        state = self.state
+        with self._kinematics:
+            return self.model.link_placements(state.q, state.q_jaw)
+
+    def touching(self) -> str:
+        """What is nearer to each other now than it may be, such as ``"the jaw close to 'crate'"``.
+
+        From the measured joints, with the scene, what ``keep_off`` adds, and the other arms of the
+        cell; empty if nothing is. May take some hundredths of a second.
+        """
+        state, scene = self.state, self._situation.scene
+        with self._looking:
+            collision = self._looked_with
+            if collision is None or collision.scene != scene:
+                collision = self._looked_with = CollisionModel(self.model, scene)
+            close = collision.first_contact(state.q, state.q_jaw)
+        if close is None:
+            return "" if self.cell_member is None else self.cell_member.touching()
+        return " close to ".join(map(scene.called, close))
+
+    def set_load(self, load: LoadConfig) -> None:
+        """Set what the gripper always carries and how strong the servos are, for plans from now on.
+
+        Raises:
+            ConfigError: A mass or position is out of range, or the servos are unknown.
+        """
+        self._payload = Payload.of(load, self.model)
+        self._strength = replace(
+            Strength.of_servos(load.servo_voltage), shares=self._strength.shares
+        )
+
+    def set_payload(self, payload: Payload) -> None:
+        """Set what the gripper carries, for plans from now on, until ``set_load`` is called."""
+        self._payload = payload
+
+    def set_servo_strength(self, shares: Sequence[float]) -> None:
+        """Set what share of its type's torque each joint's servo has, for plans from now on.
+
+        A servo above 1 counts as 1: more torque makes more heat as well.
+        """
+        self._strength = replace(self._strength, shares=tuple(min(each, 1.0) for each in shares))
+
+    @property
+    def range(self) -> JointRange:
+        return self._range
+
+    def set_range(self, lower: Array, upper: Array) -> None:
+        """Narrow the joint limits to those of the calibration, shapes (5,), [rad]."""
+        self._range = JointRange(self.model.lower, self.model.upper).narrowed(lower, upper)
 
     # Planning and moving
 
@@ -378,7 +507,7 @@ class Arm(PlannedArm):
         use = self._open_ended.renewal(self._situation_in(around))
         self._kept_off = own, around
         use()
-        self._look_around()
+        self._motions.current.wake()
 
     def stop(self) -> None:
         """Slow to rest along a jerk-limited ramp and hold; returns when the arm rests.
@@ -439,7 +568,77 @@ class Arm(PlannedArm):
         """End what is under way and the arm's own threads; the executor belongs to the rig."""
         self._motions.close()
 
+    def start_plan(
+        self,
+        goal: Goal,
+        *,
+        limits: MotionLimits | None = None,
+        search: Search | None = None,
+        lead: Trajectory | None = None,
+    ) -> Future[Plan]:
+        """Like ``plan``, but returns at once; cancelling the future ends the planning.
+
+        ``lead``: how the arm, which moves, would come to rest; see ``PlanRequest``. One route is
+        looked for then.
+        """
+        request = self.request(
+            goal, limits=limits, search=search, q_start=None if lead is None else lead.q[-1]
+        )
+        if lead is not None:  # which does not wait
+            request = replace(request, lead=lead, route_effort=1)
+        planning = self._planner(request)
+
+        def note(done: Future[Plan]) -> None:
+            if not done.cancelled() and done.exception() is None:
+                self.newest = (request, done.result())
+
+        planning.add_done_callback(note)
+        return planning
+
+    def request(
+        self,
+        goal: Goal,
+        *,
+        limits: MotionLimits | None = None,
+        search: Search | None = None,
+        q_start: Array | None = None,
+        q_jaw: float | None = None,
+    ) -> PlanRequest:
+        """The request that ``plan`` sends to the planner; arguments as there."""
+        state, search = self.state, search or Search()
+        lower, upper = self._range.with_tolerance()
+        return PlanRequest(
+            q_start=state.q_ref if q_start is None else q_start,
+            goal=goal,
+            limits=self.effective_limits(limits),
+            q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
+            scene=self._with_surroundings(search.scene or self.scene),
+            others=() if self.cell_member is None else self.cell_member.others(),
+            payload=self._payload,
+            strength=self._strength,
+            frames=search.frames,
+            lower=lower,
+            upper=upper,
+            dt=self._executor.dt,
+            seed=search.seed,
+            time_budget=search.time_budget,
+            route_effort=search.route_effort,
+        )
+
+    def _with_surroundings(self, scene: Scene) -> Scene:
+        """The scene of a plan: ``scene`` and what else is known to be around the arm."""
+        return scene
+
     # How
+
+    @property
+    def _situation(self) -> Situation:
+        known = self._kept_off
+        scene = self.scene if known is None or known[0] != self.scene else known[1]
+        return self._situation_in(scene)
+
+    def _situation_in(self, scene: Scene) -> Situation:
+        return Situation(scene, self._range, self._payload, self._strength)
 
     def _execute(self, motion: Motion, plan: Plan) -> None:
         self._leave_manual(motion)
@@ -504,9 +703,6 @@ class Arm(PlannedArm):
             with motion.begin():
                 holding = self._executor.hold()
             holding.result()
-
-    def _look_around(self) -> None:
-        self._motions.current.wake()
 
     def _must_hold(self) -> bool:
         """Whether the arm is guided or limp, so that it must hold before it moves."""

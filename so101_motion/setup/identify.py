@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from so101_motion.arm.arm import Arm
 from so101_motion.arm.joint_caps import JERK_TIME
 from so101_motion.arm.motion_handle import Motion, Step
-from so101_motion.arm.planned_arm import PlannedArm
 from so101_motion.calib.procedure.servo_fit import (
     Identified,
     JointRecord,
@@ -267,7 +267,7 @@ class IdentificationOutline:
         )
 
 
-def count_with(arm: PlannedArm, load: Load) -> None:
+def count_with(arm: Arm, load: Load) -> None:
     """Let plans count with a load that was weighed in the hand.
 
     Not if it is too light to be sure of, nor if the arm's scene says how heavy the things are that
