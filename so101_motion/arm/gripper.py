@@ -227,18 +227,13 @@ class Jaw(Protocol):
     """What ``move_jaw`` needs of a jaw; see ``Gripper``."""
 
     @property
-    def aperture(self) -> float:
-        """How far it is open: 0 closed, 1 open."""
+    def aperture(self) -> float: ...
 
     @property
-    def is_holding(self) -> bool:
-        """Whether the last grab got hold of something that is still there."""
+    def is_holding(self) -> bool: ...
 
-    def move(self, aperture: float, *, wait: bool = ...) -> Motion:
-        """Open or close to ``aperture``."""
-
-    def grab(self, aperture: float = ..., *, wait: bool = ...) -> Motion:
-        """Close until something is gripped or the jaw is closed."""
+    def move(self, aperture: float, *, wait: bool = ...) -> Motion: ...
+    def grab(self, aperture: float = ..., *, wait: bool = ...) -> Motion: ...
 
 
 def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:

@@ -26,39 +26,21 @@ class ArmExecutor(Protocol):
         """Period of the setpoints of its trajectories [s]."""
 
     @property
-    def state(self) -> JointState:
-        """The newest snapshot; never waits."""
+    def state(self) -> JointState: ...
 
     @property
     def is_resting(self) -> bool:
         """Whether the arm surely rests and is not guided by hand, so it need not be stopped."""
 
-    def execute(self, trajectory: Trajectory, *, channel: Channel = ...) -> Future[None]:
-        """Play ``trajectory``; done on arrival."""
-
-    def turn(self, following: Following, *, channel: Channel = ...) -> Future[None]:
-        """Let ``following`` take over from the present motion without stopping."""
-
-    def stop_limits(self, channel: Channel) -> MotionLimits:
-        """How hard a stop brakes."""
-
-    def play(self, source: S) -> S:
-        """Move the arm joints as ``source`` says; returns ``source``."""
-
-    def stop(self, channel: Channel | None = None, *, by: str = ...) -> Future[None]:
-        """Slow down to rest; done at rest."""
-
-    def interrupt(self, motion: Future[Any], by: str) -> Future[None]:
-        """End the motion whose future is ``motion``; no effect when it is over."""
-
-    def hold(self) -> Future[None]:
-        """Drive the joints where they are."""
-
-    def guide(self, compliance: Compliance, wall: Wall | None = None) -> Future[None]:
-        """Let the arm yield to a hand, up to a wall."""
-
-    def release(self) -> Future[None]:
-        """Switch torque off."""
+    def execute(self, trajectory: Trajectory, *, channel: Channel = ...) -> Future[None]: ...
+    def turn(self, following: Following, *, channel: Channel = ...) -> Future[None]: ...
+    def stop_limits(self, channel: Channel) -> MotionLimits: ...
+    def play(self, source: S) -> S: ...
+    def stop(self, channel: Channel | None = None, *, by: str = ...) -> Future[None]: ...
+    def interrupt(self, motion: Future[Any], by: str) -> Future[None]: ...
+    def hold(self) -> Future[None]: ...
+    def guide(self, compliance: Compliance, wall: Wall | None = None) -> Future[None]: ...
+    def release(self) -> Future[None]: ...
 
 
 class OtherArms(Neighbours, Protocol):
@@ -67,16 +49,10 @@ class OtherArms(Neighbours, Protocol):
     clock: Clock
 
     @property
-    def minded(self) -> frozenset[str]:
-        """The names of the arms that it keeps off."""
+    def minded(self) -> frozenset[str]: ...
 
-    def others(self) -> tuple[OtherArm, ...]:
-        """The other arms, for a plan that is made now."""
-
+    def others(self) -> tuple[OtherArm, ...]: ...
+    def touching(self) -> str: ...
     def entered(
         self, trajectory: Trajectory, pause: Callable[[float], None]
-    ) -> AbstractContextManager[Trajectory]:
-        """Publish that a planned motion begins now."""
-
-    def touching(self) -> str:
-        """What is very near to another arm now; empty if nothing is."""
+    ) -> AbstractContextManager[Trajectory]: ...

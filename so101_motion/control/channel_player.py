@@ -49,9 +49,6 @@ JUMP = 1e-4
 """How far the first setpoint of a motion may be from the reference [rad], and how much faster
 [rad/s]. Chosen: a fifteenth of what the servo resolves, far above rounding."""
 
-Recent = tuple[JointState, ...]
-"""The states of the last second."""
-
 
 def refuse_jump(joints: Sequence[str], jump: Array, unit: str) -> None:
     """Refuse a first setpoint that is ``jump`` [rad] or [rad/s], shape (n,), off the joints."""
@@ -61,46 +58,6 @@ def refuse_jump(joints: Sequence[str], jump: Array, unit: str) -> None:
             f"{joints[i]} would jump by {to_deg(float(jump[i])):.3g} {unit}:"
             " this motion does not begin where the arm is; plan again from there"
         )
-
-
-def left_behind(
-    joint: str, channel: str, off: float, words: tuple[str, str], recent: Recent
-) -> FollowingError:
-    """A joint is ``off`` [rad] from its setpoints; ``words`` say why, and what to check."""
-    happened, check = words
-    return FollowingError(
-        f"{joint} {happened} {to_deg(off):.1f} deg from where it should be; the {channel} stopped"
-        f" and holds. Check {check}, then move again",
-        joint=joint,
-        error=off,
-        recent=recent,
-    )
-
-
-def barred(joint: str, off: float, recent: Recent) -> FollowingError:
-    """A joint that a motion was to bring into its range is ``off`` [rad] outside."""
-    return FollowingError(
-        f"{joint} was outside its calibrated range and did not come in: {to_deg(off):.1f} deg"
-        " are missing; check what blocks it, or move it inside by hand",
-        joint=joint,
-        error=off,
-        recent=recent,
-    )
-
-
-def unsettled(
-    joint: str, off: float, speed: float, tolerances: Tolerances, recent: Recent
-) -> FollowingError:
-    """A joint is ``off`` [rad] from its goal, or moves at ``speed`` [rad/s], for too long."""
-    return FollowingError(
-        f"{joint} did not settle: after {tolerances.settle_timeout:g} s it is {to_deg(off):.2f} deg"
-        f" from its goal ({to_deg(tolerances.settle_position):.2g} deg allowed) and moves at"
-        f" {to_deg(speed):.1f} deg/s. Check that nothing touches the arm and that its load is"
-        " not too heavy, then move again",
-        joint=joint,
-        error=off,
-        recent=recent,
-    )
 
 
 _PUSHED = to_rad(3.0)
@@ -367,7 +324,14 @@ class ChannelPlayer:
         if motion.waits_until is not None:
             mask = self._recovery.mask
             if self._k > motion.waits_until:
-                error = barred(*self._recovery.farthest(), self._recent())
+                joint, away = self._recovery.farthest()
+                error = self._missed(
+                    joint,
+                    away,
+                    "was outside its calibrated range and did not come in:"
+                    f" {to_deg(away):.1f} deg are missing; check what blocks it, or move it inside"
+                    " by hand",
+                )
                 self._give_way(motion, mask, q, error)
                 return True
             off[mask], held_up[mask] = 0.0, False
@@ -438,8 +402,16 @@ class ChannelPlayer:
 
     def _lost(self, off: Array, held_up: NDArray[np.bool_]) -> FollowingError:
         i, channel = int(np.argmax(off)), self._channel
-        words = self._following.words(i, held_up=bool(held_up[i]))
-        return left_behind(channel.joints[i], channel.value, float(off[i]), words, self._recent())
+        happened, check = self._following.words(i, held_up=bool(held_up[i]))
+        return self._missed(
+            channel.joints[i],
+            float(off[i]),
+            f"{happened} {to_deg(float(off[i])):.1f} deg from where it should be; the"
+            f" {channel.value} stopped and holds. Check {check}, then move again",
+        )
+
+    def _missed(self, joint: str, off: float, happened: str) -> FollowingError:
+        return FollowingError(f"{joint} {happened}", joint=joint, error=off, recent=self._recent())
 
     def _give_way(
         self, motion: _Motion, lost: NDArray[np.bool_], q: Array, error: MotionError
@@ -478,8 +450,15 @@ class ChannelPlayer:
             self._finish(motion, None)
         elif passed > limits.settle_timeout:
             i = int(np.argmax(speed if arrived else off))
-            joint, recent = self._channel.joints[i], self._recent()
-            error = unsettled(joint, float(off[i]), float(speed[i]), limits, recent)
+            error = self._missed(
+                self._channel.joints[i],
+                float(off[i]),
+                f"did not settle: after {limits.settle_timeout:g} s it is"
+                f" {to_deg(float(off[i])):.2f} deg from its goal"
+                f" ({to_deg(limits.settle_position):.2g} deg allowed) and moves at"
+                f" {to_deg(float(speed[i])):.1f} deg/s. Check that nothing touches the arm and that"
+                " its load is not too heavy, then move again",
+            )
             self._finish(motion, error)
 
     def _finish(self, motion: _Motion, error: FollowingError | None) -> None:
