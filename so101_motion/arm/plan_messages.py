@@ -1,9 +1,8 @@
-"""Messages between this process and the planning process.
+"""Messages between this process and the planning process: a kind, and any number of parts.
 
-Both hold one end of a socket and send each other messages: a kind, and any number of parts. A
-request and its answer are pickled. Large arrays are parts of their own, so that neither end copies
-them while it holds the interpreter lock. A scene may be large and seldom changes, so it is sent
-once: both ends remember the last few, and from then on its digest stands for it.
+A request and its answer are pickled. Large arrays are parts of their own, so that neither end
+copies them while it holds the interpreter lock. A scene may be large and seldom changes, so it is
+sent once: both ends remember the last few, and from then on its digest stands for it.
 """
 
 from __future__ import annotations
@@ -80,7 +79,6 @@ class _Sender(pickle.Pickler):
         self._scenes = scenes
 
     def persistent_id(self, value: Any) -> tuple[bytes, bytes] | None:
-        """What stands for a scene: its digest and, the first time, its content."""
         if not isinstance(value, Scene):
             return None
         if self._scenes.note(value):
@@ -108,7 +106,6 @@ class _Receiver(pickle.Unpickler):
         self._scenes = scenes
 
     def persistent_load(self, sent: tuple[bytes, bytes]) -> Scene:
-        """The scene that was sent, now or earlier."""
         digest, content = sent
         if content:
             scene = pickle.Unpickler(io.BytesIO(content), buffers=self._arrays).load()
@@ -119,7 +116,6 @@ class _Receiver(pickle.Unpickler):
 
 
 def packed(value: object, scenes: Scenes) -> list[Part]:
-    """A value as the parts of a message."""
     sender = _Sender(scenes)
     sender.dump(value)
     return [sender.stream.getbuffer(), *sender.arrays]
@@ -135,12 +131,7 @@ Wait = Callable[[bool], None]
 
 
 class MessageSocket:
-    """One end of the socket.
-
-    Args:
-        end: The socket; ``close`` closes it.
-        wait: How to wait for the other end; for as long as it takes if not given.
-    """
+    """One end of the socket. ``wait`` waits for the other end; as long as it takes if not given."""
 
     def __init__(self, end: socket.socket, wait: Wait | None = None) -> None:
         end.setblocking(False)
@@ -148,15 +139,10 @@ class MessageSocket:
         self._wait = wait or self._forever
 
     def fileno(self) -> int:
-        """The socket, for ``select``."""
         return self._end.fileno()
 
     def send(self, kind: Kind, parts: Sequence[Part] = ()) -> None:
-        """Send a message.
-
-        Raises:
-            OSError: The other end is gone.
-        """
+        """Send a message; ``OSError`` if the other end is gone."""
         views = [memoryview(part).cast("B") for part in parts]
         head = _HEAD.pack(kind, len(views)) + b"".join(_SIZE.pack(len(view)) for view in views)
         for view in (memoryview(head), *views):
@@ -170,8 +156,7 @@ class MessageSocket:
     def send_copy(self, line: socket.socket) -> None:
         """Ask the other end for a copy of itself that answers on ``line``; never waits.
 
-        Raises:
-            OSError: The other end is gone, or takes nothing at present.
+        ``OSError`` if the other end is gone, or takes nothing at present.
         """
         head = _HEAD.pack(Kind.COPY, 0)
         if self._end.send(head) < len(head):
@@ -186,11 +171,7 @@ class MessageSocket:
         return socket.socket(fileno=line)
 
     def receive(self) -> tuple[Kind, list[bytearray]]:
-        """The next message.
-
-        Raises:
-            EOFError: The other end is gone.
-        """
+        """The next message; ``EOFError`` if the other end is gone."""
         kind, count = _HEAD.unpack(self._received(_HEAD.size))
         if count > _MOST_PARTS:
             raise EOFError("a message that cannot be read")
@@ -202,7 +183,6 @@ class MessageSocket:
         return bool(select.select([self._end], [], [], 0.0)[0])
 
     def close(self) -> None:
-        """Close the socket."""
         self._end.close()
 
     def _received(self, size: int) -> bytearray:

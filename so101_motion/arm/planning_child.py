@@ -1,14 +1,9 @@
 """The planning process: make plans for the parent process, and end with it.
 
-It answers one request after the other. For a request that shall not wait for the one before, it
-makes a copy of itself. While it works on one, the planner calls a checkpoint every
-few milliseconds (``planning/checkpoint.py``). The checkpoint looks whether the plan is still wanted
-and the parent is still there, and now and then tells the parent that there is progress. So an
-unwanted plan is given up at once, a process whose parent was killed ends at once, and a process
-that hangs is noticed.
-
-The parent handles signals that a terminal or a service manager sends to all processes; this process
-ignores them.
+It answers one request after the other; for one that shall not wait it makes a copy of itself. While
+it works, the planner calls a checkpoint every few milliseconds (``planning/checkpoint.py``), which
+looks whether the plan is still wanted and the parent is still there, and now and then tells the
+parent that there is progress. It ignores signals that a terminal sends to all processes.
 """
 
 from __future__ import annotations
@@ -50,11 +45,7 @@ class Child:
         self._next_look = self._next_sign = 0.0
 
     def checkpoint(self) -> None:
-        """Look whether this plan is still wanted, and tell the parent that there is progress.
-
-        Raises:
-            Abandoned: The plan is not wanted any more.
-        """
+        """Look whether this plan is still wanted, and tell the parent that there is progress."""
         now = time.monotonic()
         if now < self._next_look:
             return
@@ -67,11 +58,7 @@ class Child:
             self._line.send(Kind.ALIVE)
 
     def run(self) -> None:
-        """Load the planner, then answer requests until the parent ends.
-
-        Raises:
-            EOFError, OSError: The parent has ended.
-        """
+        """Answer requests until the parent ends, which raises ``EOFError`` or ``OSError``."""
         try:
             planner = self._loaded()
         except Exception as error:  # the parent must be told why

@@ -1,7 +1,6 @@
 """Start the planning process, ask it for plans, and detect when it dies or hangs.
 
-Parent and child talk over a socket: when the parent dies, even by ``kill -9``, the child sees the
-end of it and leaves.
+The two talk over a socket: when the parent dies, even by ``kill -9``, the child sees its end.
 """
 
 from __future__ import annotations
@@ -100,12 +99,7 @@ class PlanningProcess:
         return self._child.pid if self._child.poll() is None else None
 
     def wait_until_ready(self) -> None:
-        """Wait until it has loaded everything.
-
-        Raises:
-            ChildDied: It ended or hung first.
-            WorkerError: It cannot load; the error says why.
-        """
+        """Wait until it has loaded everything; ``WorkerError`` says why it cannot."""
         answer = self._converse(Kind.READY)
         if isinstance(answer, So101Error):
             raise answer
@@ -114,14 +108,9 @@ class PlanningProcess:
     def ask(
         self, request: PlanRequest | TeamTask[object], is_unwanted: Callable[[], bool]
     ) -> object:
-        """Have a plan made.
+        """Have a plan made: a plan, or a team's plans; None if it was given up.
 
-        Args:
-            request: What to plan.
-            is_unwanted: Whether the plan is not wanted any more; asked again after each ``wake``.
-
-        Returns:
-            The plan, or a team's plans; None if it was given up.
+        ``is_unwanted`` says whether it is not wanted any more; asked again after each ``wake``.
 
         Raises:
             ChildDied: The child ended or hung; there will be no answer.
@@ -140,7 +129,6 @@ class PlanningProcess:
         return answer
 
     def wake(self) -> None:
-        """Make it look whether the plan is still wanted."""
         with contextlib.suppress(OSError):  # full of calls already, or closed
             self._wake.send(b"\0")
 
@@ -149,7 +137,6 @@ class PlanningProcess:
         self._child.kill()
 
     def close(self) -> None:
-        """End the child and forget it."""
         self._child.kill()
         self._child.wait()
         self._close()
@@ -203,28 +190,21 @@ class PlanningProcess:
 
 
 class _Copy:
-    """A copy of a planning process, with the methods of ``Popen``: the system tells only its end.
-
-    Raises:
-        OSError: It has ended already.
-    """
+    """A copy of a planning process, like ``Popen``: the system tells only its end."""
 
     def __init__(self, pid: int) -> None:
         self._watch = os.pidfd_open(pid)
         self.pid = pid
 
     def poll(self) -> int | None:
-        """0 if it has ended."""
         return 0 if select.select([self._watch], [], [], 0.0)[0] else None
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for its end."""
         if not select.select([self._watch], [], [], timeout)[0]:
             raise subprocess.TimeoutExpired(_CHILD, timeout or 0.0)
         return 0
 
     def kill(self) -> None:
-        """End it at once."""
         with contextlib.suppress(ProcessLookupError):
             signal.pidfd_send_signal(self._watch, signal.SIGKILL)
 

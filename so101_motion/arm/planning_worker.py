@@ -1,26 +1,18 @@
 """Make plans in separate processes, and replace one when it dies.
 
 Planning holds the interpreter lock for milliseconds at a time, and a control loop in the same
-process then misses its ticks. So the planner lives in a child: it is started once, loads the model
-and the libraries while the parent is already answering, and from then on takes a ``PlanRequest``
-and gives back a ``Plan`` or the error it raised. Both are plain values.
+process then misses its ticks. So the planner lives in a child, which is started once, loads the
+model and the libraries while the parent is already answering, and takes plain values.
 
 Cancelling a future gives its plan up: a request that waits is dropped, one that is being worked on
-ends within milliseconds, so the newest never waits for those that it has superseded. A child that
-dies or hangs is replaced, and what it was asked is asked again, once.
-
-One child is enough for an arm. For many plans, ask for as many as there are processors: each takes
-the next request as soon as it has answered the one before.
+ends within milliseconds. A child that dies or hangs is replaced, and what it was asked is asked
+again, once.
 
 Arms that share a worker do not wait for each other, nor does an easy request for a hard one: copies
 of the child make the plans, in parallel, and the child itself only makes copies, at once because it
 sleeps; one that searches takes up to a second on a busy computer. One copy waits for the next
 request, others end when they have nothing to do. Measured here: a copy takes 6 ms and, after ten
-seconds of search, 4 MB; a further child 430 ms and 48 MB. Each arm has at most ``SHARE`` plans made
-at a time; its further ones wait for these.
-
-The child's end is ``planning_child.py``; between the two, ``planning_process.py`` and
-``plan_messages.py``.
+seconds of search, 4 MB; a further child 430 ms and 48 MB.
 """
 
 from __future__ import annotations
@@ -153,7 +145,6 @@ class PlanningWorker:
 
     @property
     def pids(self) -> tuple[int, ...]:
-        """The process ids of the children that live."""
         with self._lock:
             slots = tuple(self._slots)
         return tuple(pid for each in slots if (pid := each.pid) is not None)
@@ -176,7 +167,6 @@ class PlanningWorker:
             each.close()
 
     def _begin_more(self) -> None:
-        """Begin what waits for a child that can be copied."""
         with self._lock:
             while not self._closed and (taken := self._next()) is not None:
                 self._thread_for(taken).start()
@@ -259,8 +249,6 @@ class PlanningWorker:
 
 
 class _Asked(NamedTuple):
-    """A request that waits, or is being served."""
-
     answer: Future[Any]
     request: PlanRequest | TeamTask[Any] | None
     owner: object
@@ -284,7 +272,6 @@ class _ChildSlot:
 
     @property
     def is_ready(self) -> bool:
-        """Whether its child has loaded everything, and lives."""
         process = self._process
         return process is not None and process.is_ready and process.pid is not None
 
@@ -295,12 +282,10 @@ class _ChildSlot:
 
     @property
     def pid(self) -> int | None:
-        """The child's process id, or None while there is none."""
         process = self._process
         return process.pid if process is not None else None
 
     def wake(self) -> None:
-        """Make the child look whether its plan is still wanted."""
         process = self._process
         if process is not None:
             process.wake()
@@ -314,7 +299,6 @@ class _ChildSlot:
             process.kill()
 
     def close(self) -> None:
-        """Forget the child after ``kill``."""
         with self._lock:
             process, self._process = self._process, None
         if process is not None:
