@@ -19,7 +19,7 @@ import so101_motion as so101
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
-from so101_motion.tasks.teleop.gate import Phase
+from so101_motion.tasks.teleop.pilot import Phase
 
 GUIDED_THROUGH = np.radians([[40, 20, -30, 25, 60], [-40, -20, 20, -15, -60], [0, 0, 0, 0, 0]])
 ACCELERATION = to_rad(200.0)

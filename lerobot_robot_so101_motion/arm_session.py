@@ -13,7 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -62,13 +62,6 @@ PARKED_WITHIN = 60.0  # how long to wait for the motion to the park pose [s]; ch
 
 Waiter = Callable[["Future[None]", float], None]
 """Waits until a future is done, at most for so long [s]; raises the future's error."""
-
-
-class Taken(NamedTuple):
-    """A target within the arm's limits, as the arm follows it."""
-
-    q: Array  # joint angles, shape (5,), [rad]
-    aperture: float  # opening of the jaw, 0 to 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,7 +150,7 @@ class ArmSession:
         """The bodies or limits that keep the arm from its target; empty without any."""
         return () if self._following is None else self._following.held_by
 
-    def follow(self, q: Array, aperture: float) -> Taken:
+    def follow(self, q: Array, aperture: float) -> tuple[Array, float]:
         """Follow a target from the next control cycle on; moves to the first one and waits.
 
         Joint angles have shape (5,), [rad], the jaw's opening is 0 to 1. Returns the target within
@@ -167,14 +160,7 @@ class ArmSession:
         if following is None or following.future.done():
             following = self._begin(q)
         taken = self.state.q_ref if following is None else following.aim(q)
-        return Taken(taken, self._aim_jaw(aperture))
-
-    def hold(self) -> None:
-        """Slow to rest and wait for the next target."""
-        if self._following is not None:
-            self._following.hold()
-        if self._jaw is not None:
-            self._jaw.hold()
+        return taken, self._aim_jaw(aperture)
 
     def rest(self) -> None:
         """Come to rest and end the following; the arm holds, and the jaw keeps its grip."""

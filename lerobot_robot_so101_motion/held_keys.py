@@ -14,7 +14,7 @@ import sys
 import termios
 import tty
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -39,16 +39,6 @@ _BUTTON, _AXIS, _INITIAL = 1, 2, 0x80
 _SHOULDERS = (4, 5)
 _FULL = 32767.0
 _STILL = 0.15  # of a stick's travel
-
-
-class Held(Protocol):
-    """Keys or a gamepad."""
-
-    def read(self, now: float) -> Array:
-        """The seven numbers at ``now`` [s], shape (``AXES``,), -1 to 1."""
-
-    def close(self) -> None:
-        """Stop reading the device."""
 
 
 class TerminalKeys:
@@ -125,6 +115,9 @@ class Gamepad:
                 self._axes[number] = value / _FULL
             elif kind & ~_INITIAL == _BUTTON:
                 (self._pressed.add if value else self._pressed.discard)(number)
+
+
+Held = TerminalKeys | Gamepad
 
 
 def open_held(device: str) -> Held:

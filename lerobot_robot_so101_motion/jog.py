@@ -6,7 +6,7 @@ The Cartesian servo turns what is held into joint angles, the actions that the r
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -53,12 +53,9 @@ class SO101MotionJog(Teleoperator):
     config_class = SO101MotionJogConfig
     name = "so101_motion_jog"
 
-    def __init__(
-        self, config: SO101MotionJogConfig, *, opener: Callable[[str], Held] = open_held
-    ) -> None:
+    def __init__(self, config: SO101MotionJogConfig) -> None:
         super().__init__(config)
         self.config = config
-        self._opener = opener
         self._device: Held | None = None
         self._lead: _ToolLead | None = None
 
@@ -82,7 +79,7 @@ class SO101MotionJog(Teleoperator):
         """Open the keyboard or the gamepad."""
         if self._device is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
-        self._device = self._opener(self.config.device)
+        self._device = open_held(self.config.device)
         if self.config.device == "keyboard":
             _log.info(HELP)
 

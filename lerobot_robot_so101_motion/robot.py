@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from lerobot.cameras import Camera
 
     from so101_motion.arm.cell import Cell
-    from so101_motion.common.geometry import SE3, Array
+    from so101_motion.common.geometry import SE3
 
 _log = logging.getLogger(__name__)
 
@@ -175,7 +175,9 @@ class SO101Motion(SO101Device, Robot):
                 session.go(self._park)
             if not self.config.disable_torque_on_disconnect:
                 return
-            if not session.release_where_it_lies(self._lying()):
+            rest = SavedPoses().find("rest").q
+            lying = (rest,) if self._park is None else (self._park, rest)
+            if not session.release_where_it_lies(lying):
                 _log.warning(
                     "%s goes on holding, because it would drop in this pose. Support it and switch"
                     " it off, or let it move to a pose in which it lies at the end:"
@@ -184,10 +186,6 @@ class SO101Motion(SO101Device, Robot):
                 )
         except So101Error as error:
             _log.warning("%s holds its position: %s", self, error)
-
-    def _lying(self) -> tuple[Array, ...]:
-        rest = SavedPoses().find("rest").q
-        return (rest,) if self._park is None else (self._park, rest)
 
     # Helpers
 

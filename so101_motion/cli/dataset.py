@@ -72,7 +72,6 @@ def check(
     so101 dataset check pick --calibration arm.json --scene table.json --html report.html
     """  # noqa: D301
     from so101_motion.tasks.datasets import (
-        Thresholds,
         check_data_set,
         html_report,
         open_data_set,
@@ -84,7 +83,7 @@ def check(
         units=units or "",
         calibration=read_calibration(calibration_file) or data_set.calibration,
         scene=scene,
-        thresholds=Thresholds(speed=to_rad(speed)),
+        speed=to_rad(speed),
     )
     if html is not None:
         write_report(html, html_report(report))

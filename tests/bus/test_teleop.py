@@ -23,7 +23,7 @@ from so101_motion.common.errors import PortUnavailable
 from so101_motion.common.modes import Mode
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.teleop import Mirror, Recorder
-from so101_motion.tasks.teleop.gate import Phase
+from so101_motion.tasks.teleop.pilot import Phase
 
 
 @pytest.fixture

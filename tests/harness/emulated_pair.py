@@ -15,7 +15,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
-from so101_motion.tasks.teleop.gate import Phase
+from so101_motion.tasks.teleop.pilot import Phase
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 SERVOS = (1, 2, 3, 4, 5)

@@ -1,9 +1,7 @@
 """A sweep that takes no time: random numbers by shard, some of which fail or kill their process.
 
-Run as a script. ``toy_sweep.py FOLDER steps`` kills a run with -9 at each step that it takes in the
-file system, starts the next run after each death, and prints the SHA-256s. With a number N instead
-of ``steps`` it kills one sweep N times at random instants, and prints its SHA-256 and how many
-shards there were before the last run.
+Run as a script, ``toy_sweep.py FOLDER`` kills a run with -9 at each step that it takes in the file
+system, starts the next run after each death, and prints the SHA-256s.
 """
 
 import itertools
@@ -17,8 +15,6 @@ import numpy as np
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.tasks.sweeps import run_sweep
-
-SHARDS = 100  # of the sweep that is killed at random; two deaths leave half of them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,37 +71,6 @@ def at_each_step(base):
             return
 
 
-def at_random_instants(base, deaths):
-    """Kill one sweep ``deaths`` times, at random instants after a new shard was written.
-
-    The timer counts processor time, so that it does not matter how busy the computer is. Its signal
-    ends a process that does not handle it as suddenly as -9 does.
-    """
-    random, sweep = np.random.default_rng(0), ToySweep(shards=SHARDS)
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    for _ in range(deaths):
-        seconds = random.uniform(0.0005, 0.006)
-
-        def start_timer(_, seconds=seconds):
-            if not any(signal.getitimer(signal.ITIMER_PROF)):
-                signal.setitimer(signal.ITIMER_PROF, seconds)
-
-        child = os.fork()
-        if child == 0:
-            run_sweep(sweep, base, on_progress=start_timer)
-            os._exit(0)
-        assert os.WIFSIGNALED(os.waitpid(child, 0)[1]), "the sweep ended before it was killed"
-    last = run_sweep(sweep, base)
-    print(last.sha256, sweep.shards - last.computed)  # noqa: T201
-
-
-def main(base, how):
-    os.fsync = lambda _: None  # a process that dies takes nothing with it; only computers do
-    if how == "steps":
-        at_each_step(base)
-    else:
-        at_random_instants(base, int(how))
-
-
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2])
+    os.fsync = lambda _: None  # a process that dies takes nothing with it; only computers do
+    at_each_step(Path(sys.argv[1]))

@@ -11,8 +11,7 @@ from so101_motion.control.following import EASE, GATE, Following
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.pursuit import Pursuit
 from so101_motion.planning.timing.trajectory import Setpoint
-from so101_motion.tasks.teleop.gate import Phase
-from so101_motion.tasks.teleop.pilot import LOST_AFTER, Mirror, Pace, Pilot
+from so101_motion.tasks.teleop.pilot import LOST_AFTER, Mirror, Pace, Phase, Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
 
 DT = 0.01

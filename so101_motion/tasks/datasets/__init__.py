@@ -4,7 +4,6 @@ from so101_motion.tasks.datasets.check import CheckReport, check_data_set
 from so101_motion.tasks.datasets.convert import Conversion, convert_data_set
 from so101_motion.tasks.datasets.data_set import DataSet, Episode, open_data_set
 from so101_motion.tasks.datasets.html_report import html_report
-from so101_motion.tasks.datasets.joint_checks import Thresholds
 from so101_motion.tasks.datasets.moments import Moment
 from so101_motion.tasks.datasets.replay import (
     EpisodeReplay,
@@ -22,7 +21,6 @@ __all__ = [
     "EpisodeReplay",
     "Moment",
     "ReplayOutcome",
-    "Thresholds",
     "Units",
     "check_data_set",
     "convert_data_set",

@@ -23,7 +23,7 @@ from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.datasets.data_set import ACTION, STATE, DataSet, Episode
-from so101_motion.tasks.datasets.joint_checks import Differences, JointCheck, Thresholds, Tracking
+from so101_motion.tasks.datasets.joint_checks import SPEED_CAP, Differences, JointCheck, Tracking
 from so101_motion.tasks.datasets.metadata import EPISODES_3, UNITS
 from so101_motion.tasks.datasets.moments import (
     CONTACT,
@@ -174,7 +174,7 @@ def check_data_set(
     units: str = "",
     calibration: Stored | None = None,
     scene: Scene | None = None,
-    thresholds: Thresholds | None = None,
+    speed: float = SPEED_CAP,
 ) -> CheckReport:
     """Check a data set; reads each episode twice and holds one at a time.
 
@@ -183,7 +183,7 @@ def check_data_set(
         units: The units of its numbers, one of ``units.KINDS``; found out if empty.
         calibration: Of the arm that was recorded; None if it is not known.
         scene: What was around the arm; None for just the table.
-        thresholds: What counts as wrong; the usual thresholds by default.
+        speed: A faster joint is reported [rad/s].
 
     Raises:
         ConfigError: A file is broken, or there are no such units.
@@ -199,7 +199,7 @@ def check_data_set(
         lower=meant.lower[:5] if is_known else -anywhere,
         upper=meant.upper[:5] if is_known else anywhere,
         has_jaw=data_set.has_jaw,
-        thresholds=thresholds or Thresholds(),
+        speed=speed,
     )
     if data_set.metadata.is_mobile:
         scene = replace(scene or Scene(), floor_z=None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from html import escape
-from typing import NamedTuple
 
 import numpy as np
 
@@ -36,12 +35,8 @@ svg{display:block;max-width:100%;height:auto}svg text{font:11px system-ui,sans-s
 """
 
 
-class _Excerpt(NamedTuple):
-    """Times [s], and angles of the five joints as sent and as measured [deg], around a moment."""
-
-    t: Array
-    action_deg: Array
-    state_deg: Array | None
+_Excerpt = tuple[Array, Array, Array | None]
+"""Times [s], and angles of the five joints as sent and as measured [deg], around a moment."""
 
 
 def html_report(report: CheckReport) -> bytes:
@@ -152,7 +147,7 @@ def _excerpts(report: CheckReport) -> dict[int, _Excerpt]:
             k = np.arange(begin, min(end + 1, len(episode)))
             k = k[:: max(1, -(-len(k) // _MOST_POINTS))]
             state_deg = None if state is None else to_deg(state[k, :5])
-            found[id(moment)] = _Excerpt(k / fps, to_deg(action[k, :5]), state_deg)
+            found[id(moment)] = k / fps, to_deg(action[k, :5]), state_deg
     return found
 
 

@@ -33,27 +33,16 @@ _LONGEST_LAG = 0.5  # [s] that a state may be behind its action to be compared w
 _SLACK = 0.1  # [s] by which a joint may start later, or stop earlier, than its lag says; chosen
 _STILL = to_rad(1e-4)  # less is no change; a servo's count is 0.09 deg
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Thresholds:
-    """Beyond which values something is reported."""
-
-    speed: float = to_rad(180.0)  # speed of a joint [rad/s]; teleoperation's own cap
-    # speed of a single step that counts as a jump [rad/s]. Chosen: a servo without load turns at
-    # some 300 deg/s with 12 V.
-    jump: float = to_rad(400.0)
-    # smallest such step [rad]; a smaller one may be noise of the encoder
-    jump_step: float = to_rad(5.0)
-    # how far a joint may be beyond its travel [rad]; play and rounding. Chosen.
-    beyond: float = to_rad(2.0)
-    # how far a joint may be from where it was sent, without the lag [rad]. Chosen: droop and
-    # friction cause up to 5 deg with a stock follower.
-    tracking: float = to_rad(10.0)
-    tracking_time: float = 0.2  # how long it must be that far off [s]. Chosen.
-    frozen_time: float = 1.0  # how long a joint must stand while its action moves on [s]. Chosen.
-    # how far the action moves meanwhile [rad]. Chosen: more than a joint droops.
-    frozen_travel: float = to_rad(8.0)
-    gap: float = 1.5  # how many periods may pass from frame to frame. Chosen.
+# Beyond which values something is reported; all chosen.
+SPEED_CAP = to_rad(180.0)  # of a joint [rad/s]; teleoperation's own cap
+_JUMP = to_rad(400.0)  # in a single step [rad/s]: a servo without load turns at some 300 deg/s
+_JUMP_STEP = to_rad(5.0)  # smallest such step [rad]; a smaller one may be noise of the encoder
+_BEYOND = to_rad(2.0)  # of a joint's travel [rad]; play and rounding
+_OFF = to_rad(10.0)  # from where it was sent, without the lag [rad]; droop and friction cause 5 deg
+_OFF_TIME = 0.2  # how long it must be that far off [s]
+_FROZEN_TIME = 1.0  # how long a joint must stand while its action moves on [s]
+_FROZEN_TRAVEL = to_rad(8.0)  # how far the action moves meanwhile [rad]; more than a joint droops
+_GAP = 1.5  # periods that may pass from frame to frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,9 +100,9 @@ class JointCheck:
         lower: Array,
         upper: Array,
         has_jaw: bool,
-        thresholds: Thresholds,
+        speed: float,
     ) -> None:
-        self._moments, self._fps, self._from = moments, fps, thresholds
+        self._moments, self._fps, self._speed = moments, fps, speed
         self._lower, self._upper, self._has_jaw = lower, upper, has_jaw
 
     def check(self, episode: Episode, action: Array, state: Array | None) -> Tracking | None:
@@ -147,7 +136,7 @@ class JointCheck:
         with np.errstate(invalid="ignore", over="ignore"):
             step, count = np.diff(episode.t), np.diff(episode.frame)
             off = np.abs(step - period)
-        in_time = np.less_equal(off, (self._from.gap - 1.0) * period)
+        in_time = np.less_equal(off, (_GAP - 1.0) * period)
         wrong = np.array(np.logical_not(in_time) | np.not_equal(count, 1.0), dtype=np.bool_)
 
         def say(k: int, _: int) -> str:
@@ -159,7 +148,7 @@ class JointCheck:
             return f"{1e3 * step[k]:.0f} ms to the next frame; it should be {1e3 * period:.0f}"
 
         size = np.where(np.isfinite(step), np.abs(step), LARGEST_NUMBER)
-        about = About(TIME, "", "", self._from.gap * period, "s")
+        about = About(TIME, "", "", _GAP * period, "s")
         self._add_runs(episode, about, wrong, size, say)
 
     def _check_missing(self, episode: Episode, of: str, q: Array) -> None:
@@ -174,8 +163,8 @@ class JointCheck:
 
     def _check_steps(self, episode: Episode, of: str, i: int, q: Array) -> None:
         joint, step_deg = ARM_JOINTS[i], to_deg(np.abs(np.diff(q)))
-        limit_deg = to_deg(max(self._from.jump / self._fps, self._from.jump_step))
-        speed_deg = to_deg(self._from.speed)
+        limit_deg = to_deg(max(_JUMP / self._fps, _JUMP_STEP))
+        speed_deg = to_deg(self._speed)
         jumps = np.greater(step_deg, limit_deg)
         fast = np.greater(step_deg * self._fps, speed_deg) & np.logical_not(jumps)
 
@@ -194,7 +183,7 @@ class JointCheck:
 
     def _check_travel(self, episode: Episode, of: str, i: int, q: Array) -> None:
         joint, over_deg = ARM_JOINTS[i], to_deg(np.maximum(self._lower[i] - q, q - self._upper[i]))
-        limit_deg = to_deg(self._from.beyond)
+        limit_deg = to_deg(_BEYOND)
 
         def say(k: int, _: int) -> str:
             at_deg = to_deg(float(q[k]))
@@ -212,8 +201,8 @@ class JointCheck:
         at both ends.
         """
         slack = round(_SLACK * self._fps)
-        joint, least = ARM_JOINTS[i], max(round(self._from.frozen_time * self._fps), 2)
-        about = About(FROZEN, "state", joint, to_deg(self._from.frozen_travel), "deg")
+        joint, least = ARM_JOINTS[i], max(round(_FROZEN_TIME * self._fps), 2)
+        about = About(FROZEN, "state", joint, to_deg(_FROZEN_TRAVEL), "deg")
         for first, last in runs(np.abs(np.diff(state)) <= _STILL):
             begin, stood = max(first + slack - lag, 0), last + 2 - first
             part = action[begin : max(last + 2 - slack - lag, 0)]
@@ -233,10 +222,10 @@ class JointCheck:
         if found is None:
             return None
         lag = found.lag
-        least = max(round(self._from.tracking_time * self._fps), 1)
+        least = max(round(_OFF_TIME * self._fps), 1)
         lag_ms = 1e3 * lag / self._fps
         for i, joint in enumerate(ARM_JOINTS):
-            about = About(TRACKING, "", joint, to_deg(self._from.tracking), "deg")
+            about = About(TRACKING, "", joint, to_deg(_OFF), "deg")
             off_deg = to_deg(np.abs(off[:, i]))
             for first, last in runs(np.greater(off_deg, about.limit)):
                 if last - first + 1 < least:

@@ -50,6 +50,7 @@ def require() -> None:
 def _arrow() -> tuple[Any, Any]:
     try:
         import pyarrow
+        import pyarrow.compute
         import pyarrow.parquet
     except ImportError as error:
         raise ConfigError("data set", None, _HOW) from error
@@ -146,28 +147,25 @@ class Reader:
         types = self._arrow.types
         if types.is_fixed_size_list(column.type) or types.is_list(column.type):
             return self._vectors(name, column, 1)[:, 0]
-        if not (types.is_floating(column.type) or types.is_integer(column.type)):
+        if not self._is_number(column.type):
             raise refusal(self._path, f'column "{name}" must hold numbers, not {column.type}')
         return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
 
     def _vectors(self, name: str, column: Any, length: int) -> NDArray[np.float64]:
         types, kind = self._arrow.types, column.type
-        if types.is_fixed_size_list(kind):
-            fits = kind.list_size == length
-        elif types.is_list(kind) or types.is_large_list(kind):
-            offsets = np.asarray(column.offsets)
-            fits = bool(np.all(np.diff(offsets) == length))
-        else:
+        is_list = types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+        if not (is_list and self._is_number(kind.value_type)):
             raise refusal(self._path, f'column "{name}" must hold lists of numbers, not {kind}')
         if column.null_count:
             raise refusal(self._path, f'column "{name}" is empty in some rows')
-        if not fits:
+        lengths = np.asarray(self._arrow.compute.list_value_length(column))
+        if np.any(lengths != length):
             raise refusal(self._path, f'column "{name}" must hold {length} numbers in every row')
-        values = column.flatten()
-        if not (types.is_floating(values.type) or types.is_integer(values.type)):
-            raise refusal(self._path, f'column "{name}" must hold numbers, not {values.type}')
-        numbers = np.asarray(values.to_numpy(zero_copy_only=False), dtype=np.float64)
-        return numbers.reshape(-1, length)
+        values = column.flatten().to_numpy(zero_copy_only=False)
+        return np.asarray(values, dtype=np.float64).reshape(-1, length)
+
+    def _is_number(self, kind: Any) -> bool:
+        return bool(self._arrow.types.is_floating(kind) or self._arrow.types.is_integer(kind))
 
     def _broken(self, error: Exception) -> ConfigError:
         said = clipped(" ".join(str(error).split()), 200)

@@ -27,8 +27,7 @@ from so101_motion.rig.rig import Rig
 from so101_motion.tasks.guided import files
 from so101_motion.tasks.guided.path import TOLERANCE, GuidedPath, tool_line
 from so101_motion.tasks.guided.recorder import PathRecorder
-from so101_motion.tasks.guided.replay import TOLERANCE_RANGE, Replay, plan_replay
-from so101_motion.tasks.guided.run import start_replay
+from so101_motion.tasks.guided.replay import TOLERANCE_RANGE, Replay, plan_replay, start_replay
 from so101_motion.tasks.program.rehearsal import stands_at
 from so101_motion.tasks.teleop.local_arms import jaw_of
 

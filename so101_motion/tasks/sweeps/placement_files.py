@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -12,12 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.files import atomic
 from so101_motion.files.cell_file import CellArm, CellFile, write_cell
 from so101_motion.files.scene_file import scene_from, write_scene
-from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.program.files import write as write_program
 from so101_motion.tasks.sweeps.place import PlaceSweep
 from so101_motion.tasks.sweeps.placement import Base, Placement
@@ -37,37 +34,23 @@ def write_placement(
     both in the frame of that base. With other arms, ``best/01-cell.json`` is the cell with all of
     them, in which this one has the name ``arm``.
     """
-    for number, base in enumerate(placement.best, 1):
-        _write_base(sweep, base, folder, f"{number:02d}")
-        if sweep.others:
-            _write_cell({arm: sweep.region.base(base.lattice_index)}, sweep, folder, number)
-    rows = [in_figures(base) for base in placement.best]
-    _write_table(folder, sweep.by, placement.sha256, rows)
-    atomic.write(folder / "map.svg", placement_map(placement, sweep).encode())
-
-
-def _write_base(sweep: PlaceSweep, base: Base, folder: Path, called: str) -> None:
     best = folder / "best"
     best.mkdir(exist_ok=True)
-    write_program(task_from(json.loads(sweep.task)).program(base.q), best / f"{called}.json")
-    seen = sweep.region.seen_from(_scene(sweep), sweep.region.base(base.lattice_index))
-    write_scene(seen, best / f"{called}-scene.json")
-
-
-def _write_cell(placed: Mapping[str, SE3], sweep: PlaceSweep, folder: Path, number: int) -> None:
-    arms = {**placed, **{each.name: each.T_cell_base for each in sweep.others}}
-    cell = tuple(CellArm(name=name, T_cell_base=T) for name, T in arms.items())
-    place = folder / "best" / f"{number:02d}-cell.json"
-    write_cell(CellFile(arms=cell, scene=replace(_scene(sweep), attached=())), place)
-
-
-def _write_table(folder: Path, by: str, sha256: str, rows: Sequence[Mapping[str, object]]) -> None:
-    table = json.dumps({"by": by, "sha256": sha256, "best": rows}, indent=1)
+    task = task_from(json.loads(sweep.task))
+    scene = scene_from(json.loads(sweep.scene), folder=None)
+    for number, base in enumerate(placement.best, 1):
+        T_cell_base = sweep.region.base(base.lattice_index)
+        write_program(task.program(base.q), best / f"{number:02d}.json")
+        write_scene(sweep.region.seen_from(scene, T_cell_base), best / f"{number:02d}-scene.json")
+        if sweep.others:
+            arms = {arm: T_cell_base, **{each.name: each.T_cell_base for each in sweep.others}}
+            placed = tuple(CellArm(name=name, T_cell_base=T) for name, T in arms.items())
+            cell = CellFile(arms=placed, scene=replace(scene, attached=()))
+            write_cell(cell, best / f"{number:02d}-cell.json")
+    rows = [in_figures(base) for base in placement.best]
+    table = json.dumps({"by": sweep.by, "sha256": placement.sha256, "best": rows}, indent=1)
     atomic.write(folder / "placement.json", (table + "\n").encode())
-
-
-def _scene(sweep: PlaceSweep) -> Scene:
-    return scene_from(json.loads(sweep.scene), folder=None)
+    atomic.write(folder / "map.svg", placement_map(placement, sweep).encode())
 
 
 def in_figures(base: Base) -> dict[str, Any]:

@@ -85,8 +85,6 @@ class ReachSweep:
     # direction of the tool's z axis in the base frame; None for any
     approach: tuple[float, float, float] | None = None
     tolerance: float = math.radians(5.0)  # how far the approach may be off [rad]
-    rolls: tuple[float, ...] = (0.0,)  # the roll angles that are tried [rad]
-    q_jaw: float = 0.0  # the jaw's angle [rad]
     payload: float = 0.0  # what the hand carries, at the jaw's tip [kg]
     voltage: float = SERVO_VOLTAGES[0]  # the servos' rated voltage [V]
 
@@ -96,8 +94,6 @@ class ReachSweep:
             raise ConfigError("spacing", self.spacing, known)
         if self.approach is not None and not 1e-6 < math.hypot(*self.approach) < math.inf:
             raise ConfigError("approach", self.approach, "must be a direction, such as 0,0,-1")
-        if not self.rolls:
-            raise ConfigError("rolls", self.rolls, "must have at least one angle")
 
     kind = "reach"
     unit = "points"
@@ -166,11 +162,11 @@ class _Fan:
         self._chain = ArmChain(model, sweep.frame)
         self._loaded = model if payload is None else model.with_payload(payload.mass, payload.com)
         self._holding = Strength.of_servos(sweep.voltage).holding
-        pitches = -math.pi + 2.0 * math.pi / PITCHES * np.arange(PITCHES)
+        pitches = 2.0 * math.pi / PITCHES * np.arange(PITCHES, dtype=np.float64) - math.pi
         if sweep.approach is not None:
             pitches = pitches[:1]  # it follows from the approach
-        self._pitch = np.tile(pitches, len(sweep.rolls))[None, None]
-        self._roll = np.repeat(np.array(sweep.rolls), len(pitches))[None, None]
+        self._pitch = pitches[None, None]
+        self._roll: Array = np.zeros_like(self._pitch)
         self._hands = hands(self._structure, sweep.frame, self._roll)
         self._bits = np.array([[1, 2], [4, 8]], dtype=np.uint8)[None, :, None, :]
 
@@ -197,7 +193,7 @@ class _Fan:
         n = len(points)
         limits, branches = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
         np.bitwise_or.at(limits, place, ways.bit)
-        free = np.logical_not(self._collision.touching(ways.q, self._sweep.q_jaw))
+        free = np.logical_not(self._collision.touching(ways.q))
         q, place = ways.q[free], place[free]
         np.bitwise_or.at(branches, place, ways.bit[free])
         counts = np.bincount(place, minlength=n)
@@ -206,7 +202,7 @@ class _Fan:
         )
         level = np.zeros(len(q))
         for step in STEPS:
-            level -= self._collision.touching(q, self._sweep.q_jaw, extra=step)
+            level -= self._collision.touching(q, extra=step)
         order = np.lexsort((-left, -level, left < 0.0, place))
         best = order[np.unique(place[order], return_index=True)[1]]
         return {
@@ -223,8 +219,7 @@ class _Fan:
         """The columns of the best configurations; ``place`` has the row of each, of ``n``."""
         J = self._chain.positions_and_jacobians(q)[1]
         volumes = np.sqrt(np.maximum(np.linalg.det(J @ J.transpose(0, 2, 1)), 0.0))
-        jaw, collision = self._sweep.q_jaw, self._collision
-        clearances = np.array([collision.clearance(each, jaw).distance for each in q])
+        clearances = np.array([self._collision.clearance(each).distance for each in q])
         columns = {}
         for name, values in (
             ("clearance", clearances),

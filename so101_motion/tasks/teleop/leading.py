@@ -9,7 +9,7 @@ from so101_motion.arm.stop_order import NUMBERS, STOP, request_number
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.operation import LocalOperation, Offer, View
 from so101_motion.rig.rig import Rig
-from so101_motion.tasks.teleop.gate import Phase
+from so101_motion.tasks.teleop.pilot import Phase
 from so101_motion.tasks.teleop.session import Teleop
 from so101_motion.tasks.teleop.sides import LocalArm, LocalFollower, LocalLeader
 

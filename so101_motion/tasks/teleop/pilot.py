@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,6 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.following import APPROACH, GATE
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.tasks.teleop.gate import Gate, Phase
 from so101_motion.tasks.teleop.predictor import LONGEST, Predictor
 
 HORIZON = 0.006
@@ -79,6 +79,81 @@ class Pace:
     approach: MotionLimits = APPROACH  # caps of the arm while it comes to the leader
 
 
+class Phase(Enum):
+    """The phase of a teleoperation."""
+
+    STOPPED = "stopped"
+    APPROACHING = "approaching"
+    MIRRORING = "mirroring"
+    WAITING = "waiting"
+
+
+class Gate:
+    """Decides in every period whether and how fast the follower may move. For one thread at a time.
+
+    ::
+
+        STOPPED --begin--> APPROACHING --close enough--> MIRRORING
+                               |  <------ held back ----- |   ^
+                               +------ trouble ------+----+   | close enough
+                                                     v        |
+                           (from anywhere: stop)   WAITING ---+
+
+    *Close enough*: every joint is within ``GATE`` of where the leader wants it. After trouble
+    nothing moves by itself: the follower holds until the leader is brought back to it, or the user
+    begins again. After a pause, in which the leader did not answer for a moment, it goes on as
+    before when the leader answers again near where it was expected.
+    """
+
+    def __init__(self) -> None:
+        self.phase = Phase.STOPPED
+        self.reason = ""  # why it waits
+        self.gap: tuple[str, float] = ("", 0.0)  # the joint farthest off, and how far [rad]
+        self.is_paused = False  # whether it only waits for an answer of the leader
+        self._before = Phase.STOPPED  # it paused
+
+    def begin(self) -> None:
+        self.phase, self.reason, self.is_paused = Phase.APPROACHING, "", False
+
+    @property
+    def pauses_mirroring(self) -> bool:
+        """Whether it mirrored until the pause, so that the leader cannot be far."""
+        return self.is_paused and self._before is Phase.MIRRORING
+
+    def stop(self) -> None:
+        self.phase, self.reason, self.is_paused = Phase.STOPPED, "", False
+
+    def trouble(self, reason: str) -> None:
+        """Hold the follower, because one side is lost."""
+        if self.phase is not Phase.STOPPED:
+            self.phase, self.reason, self.is_paused = Phase.WAITING, reason, False
+
+    def pause(self, reason: str) -> None:
+        """Hold the follower while the leader is silent for a moment."""
+        if self.phase in (Phase.APPROACHING, Phase.MIRRORING):
+            self._before = self.phase
+            self.phase, self.reason, self.is_paused = Phase.WAITING, reason, True
+
+    def hold_back(self) -> None:
+        """Note that an obstacle stops the follower; it continues at its slow pace."""
+        if self.phase is Phase.MIRRORING and self.gap[1] > GATE:
+            self.phase = Phase.APPROACHING
+
+    def is_open(self, off: Array) -> bool:
+        """Whether no joint is further off than ``GATE``; ``off`` has shape (5,), [rad]."""
+        i = int(np.argmax(np.abs(off)))
+        self.gap = (ARM_JOINTS[i], float(abs(off[i])))
+        return self.gap[1] <= GATE
+
+    def lets_go(self, off: Array) -> bool:
+        """Whether the follower may move to the leader, ``off`` from it, shape (5,), [rad]."""
+        if self.is_paused:
+            self.phase, self.reason, self.is_paused = self._before, "", False
+        if self.is_open(off) and self.phase in (Phase.APPROACHING, Phase.WAITING):
+            self.phase, self.reason, self.is_paused = Phase.MIRRORING, "", False
+        return self.phase in (Phase.APPROACHING, Phase.MIRRORING)
+
+
 class Target(NamedTuple):
     """A target of the follower."""
 
@@ -88,20 +163,10 @@ class Target(NamedTuple):
 
 
 class Pilot:
-    """Computes the follower's targets. Several threads may use it.
+    """Computes the follower's targets, by the clock of both sides. Several threads may use it.
 
-    Args:
-        clock: The clock of both sides.
-        predictor: Predicts the leader's angles.
-        mirror: Maps them to the follower's.
-        pace: The follower's caps.
-        horizon: How far ahead to predict [s].
-        lost_after: Hold when the leader has not answered for so long [s].
-
-    Attributes:
-        gate: Decides whether the follower may move.
-        pace: The follower's caps.
-        beyond: The joints that the leader wants beyond the follower's range, by name.
+    It predicts ``horizon`` [s] ahead, and holds when the leader has not answered for ``lost_after``
+    [s]. ``beyond`` names the joints that the leader wants beyond the follower's range.
     """
 
     def __init__(
@@ -137,17 +202,14 @@ class Pilot:
             self.gate.begin()
 
     def stop(self) -> None:
-        """Hold until ``begin``."""
         with self._lock:
             self.gate.stop()
 
     def trouble(self, reason: str) -> None:
-        """Hold because of trouble, until the gate opens."""
         with self._lock:
             self.gate.trouble(reason)
 
     def hold_back(self) -> None:
-        """Note that an obstacle stops the follower; it continues at its slow pace."""
         with self._lock:
             self.gate.hold_back()
 

@@ -15,7 +15,6 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -111,12 +110,6 @@ class Recorder:
                 self._file.close()
 
 
-class _File(Protocol):
-    def write(self, index: int, row: RecordedSample) -> None: ...
-
-    def close(self) -> None: ...
-
-
 class _Csv:
     def __init__(self, path: Path, fps: float, middles: Array) -> None:
         self._fps, self._zero = fps, np.append(middles, 0.0)
@@ -180,8 +173,8 @@ class _Mcap:
         self._file.close()
 
 
-def _opened(path: Path, epoch: float, fps: float, middles: Array) -> _File:
-    kinds: dict[str, Callable[[], _File]] = {
+def _opened(path: Path, epoch: float, fps: float, middles: Array) -> _Csv | _Mcap:
+    kinds: dict[str, Callable[[], _Csv | _Mcap]] = {
         ".csv": lambda: _Csv(path, fps, middles),
         ".mcap": lambda: _Mcap(path, epoch),
     }

@@ -21,8 +21,7 @@ import numpy as np
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.units import to_deg
-from so101_motion.tasks.teleop.gate import Phase
-from so101_motion.tasks.teleop.pilot import HORIZON, LOST_AFTER, Mirror, Pace, Pilot
+from so101_motion.tasks.teleop.pilot import HORIZON, LOST_AFTER, Mirror, Pace, Phase, Pilot
 from so101_motion.tasks.teleop.predictor import LONGEST, Predictor
 from so101_motion.tasks.teleop.recording import RecordedSample, Recorder
 from so101_motion.tasks.teleop.sides import Follower, Leader, Side, SideState

@@ -32,8 +32,8 @@ from so101_motion.tasks.teleop import (
     pilot,
 )
 from so101_motion.tasks.teleop.config import TeleopConfig
-from so101_motion.tasks.teleop.gate import Phase
 from so101_motion.tasks.teleop.local_arms import middles_of
+from so101_motion.tasks.teleop.pilot import Phase
 from so101_motion.tasks.teleop.recording import FPS
 from so101_motion.tasks.teleop.sides import Follower, Leader
 from so101_motion.viam.conversion import convert

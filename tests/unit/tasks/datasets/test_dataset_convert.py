@@ -160,16 +160,6 @@ def test_statistics_of_all_episodes_are_those_of_all_frames(tmp_path):
     assert "unknown" not in found
 
 
-def test_there_and_back_on_disk(tmp_path):
-    root = write_data_set(tmp_path / "a", [swing()])
-    a = units_of("range", stored(tmp_path))
-    b = units_of("degrees", stored(tmp_path, "b.json", shift=40, excess=20))
-    convert_data_set(open_data_set(root), tmp_path / "b", source=a, target=b)
-    convert_data_set(open_data_set(tmp_path / "b"), tmp_path / "c", source=b, target=a)
-    x, y = (numbers_of(open_data_set(path))[0][0] for path in (root, tmp_path / "c"))
-    assert np.abs(a.to_model(x) - a.to_model(y)).max() < 1e-5
-
-
 def test_only_the_arm_that_is_meant_is_converted(tmp_path):
     names = [f"{side}_{name}" for side in ("left", "right") for name in NAMES]
     both = np.concatenate([swing(), swing(phase=1.0)], axis=1)

@@ -9,12 +9,7 @@ import pytest
 from harness.lerobot_data import pa  # noqa: F401  # skips where pyarrow is not installed
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.tasks.datasets import (
-    check_data_set,
-    convert_data_set,
-    open_data_set,
-    units_of,
-)
+from so101_motion.tasks.datasets import check_data_set, convert_data_set, open_data_set, units_of
 
 ARCHIVES = Path(__file__).parents[3] / "data" / "lerobot"
 WHOLE = (

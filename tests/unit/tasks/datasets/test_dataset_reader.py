@@ -151,7 +151,7 @@ N = 180
         ({"action": pa.array(["x"] * N)}, "lists of numbers"),
         ({"action": vectors(np.zeros((N, 5)))}, "6 numbers"),
         ({"action": pa.array([[0.0] * (6 - k % 2) for k in range(N)])}, "numbers"),
-        ({"action": pa.array([["x"] * 6] * N)}, "must hold numbers"),
+        ({"action": pa.array([["x"] * 6] * N)}, "lists of numbers"),
         ({"action": pa.array([None] + [[0.0] * 6] * (N - 1))}, "empty in some rows"),
         ({"timestamp": pa.array(["now"] * N)}, "must hold numbers"),
         ({"episode_index": pa.array([0.5] * N)}, "whole number"),

@@ -7,13 +7,7 @@ import pytest
 from harness.facing_arms import Facing, FacingArms
 
 from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
-from so101_motion.tasks.program import (
-    Program,
-    Waypoint,
-    Where,
-    rehearse,
-    start_program,
-)
+from so101_motion.tasks.program import Program, Waypoint, Where, rehearse, start_program
 from so101_motion.tasks.program.rehearsal import PASSING
 
 pytestmark = pytest.mark.usefixtures("planning_process")

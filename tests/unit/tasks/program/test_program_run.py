@@ -100,9 +100,18 @@ def until(rig: Rig, condition: Callable[[], object]) -> None:
     pytest.fail("did not come true")
 
 
-def finish(rig: Rig, run: ProgramRun) -> None:
-    until(rig, run.future.done)
+def finish(rig: Rig, run: ProgramRun, look: Callable[[], object] = lambda: None) -> list[object]:
+    """Let the run end; returns what ``look`` saw meanwhile, each as long as it lasted."""
+    seen = []
+
+    def is_over() -> bool:
+        if (now := look()) not in seen[-1:]:
+            seen.append(now)
+        return run.future.done()
+
+    until(rig, is_over)
     run.future.result()
+    return seen
 
 
 def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: PausesKnown) -> None:
@@ -145,17 +154,8 @@ def test_of_waypoints_that_are_passed_the_slowest_step_counts_up_to_the_stop(rig
 def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(
     rig: Rig, clock: PausesKnown
 ) -> None:
-    seen: list[tuple[int, int, str]] = []
     run = start(rig, program(at(A, aperture=0.6), at(B, aperture=0.0, pause=1.0), rounds=2))
-
-    def look() -> bool:
-        where = (run.where.round, run.where.index, run.where.doing)
-        if not seen or seen[-1] != where:
-            seen.append(where)
-        return run.future.done()
-
-    until(rig, look)
-    run.future.result()
+    seen = finish(rig, run, lambda: (run.where.round, run.where.index, run.where.doing))
     assert run.share == 1.0
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
     assert rig.gripper.aperture == pytest.approx(0.0, abs=0.02)
@@ -223,19 +223,6 @@ def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
 
 
-def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew(
-    rig: Rig, clock: PausesKnown
-) -> None:
-    rehearsal = rehearse(Solo.of(rig), program(at(A, pause=1.0), at(B)))
-    run = start_program(Solo.of(rig), rehearsal)
-    until(rig, lambda: run.where.doing == "pausing")
-    rig.gripper.move(0.5, wait=False)
-    until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
-    finish(rig, run)
-    assert run.leg.plan is not rehearsal.legs[1].plan
-    np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
-
-
 def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig: Rig) -> None:
     with pytest.raises(ConfigError, match="has no waypoint"):
         rehearse(Solo.of(rig), Program())
@@ -264,19 +251,13 @@ def test_a_run_goes_through_loops_and_says_which_time_it_is(rig: Rig) -> None:
     made = program(at(A), at(B, pause=0.1), at(np.zeros(5)), rounds=2)
     inner, outer = Loop(first=1, last=1, times=2), Loop(first=0, last=1, times=2)
     run = start(rig, made.with_loop(outer).with_loop(inner))
-    seen: list[tuple[int, int, tuple[int, ...]]] = []
     shares = [0.0]
 
-    def look() -> bool:
-        now = run.where
-        where = (now.round, now.index, now.laps)
-        if not seen or seen[-1] != where:
-            seen.append(where)
+    def look() -> tuple[object, ...]:
         shares.append(run.share)
-        return run.future.done()
+        return run.where.round, run.where.index, run.where.laps
 
-    until(rig, look)
-    run.future.result()
+    seen = finish(rig, run, look)
     there = [(0, (0,)), (1, (0, 0)), (1, (0, 1)), (0, (1,)), (1, (1, 0)), (1, (1, 1)), (2, ())]
     rounds = [(lap, *each) for lap in (0, 1) for each in there]
     assert [where for where in seen if where in rounds] == rounds
@@ -371,34 +352,31 @@ def test_a_passed_waypoint_that_cannot_be_reached_is_named(rig: Rig) -> None:
 
 def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: PausesKnown) -> None:
     run = start(rig, program(*passing(*AROUND), rounds=2))
-    seen: list[tuple[int, int]] = []
     slowest = np.inf
 
-    def look() -> bool:
+    def look() -> tuple[int, int]:
         nonlocal slowest
         where = (run.where.round, run.where.index)
-        if not seen or seen[-1] != where:
-            seen.append(where)
         if where == (0, 2):
             slowest = min(slowest, float(np.abs(rig.arm.state.qd_ref).max()))
-        return run.future.done()
+        return where
 
-    until(rig, look)
-    run.future.result()
+    seen = finish(rig, run, look)
     assert seen[:-1] == [(lap, k) for lap in (0, 1) for k in range(4)]
     assert slowest > to_rad(10.0)
     np.testing.assert_allclose(rig.arm.state.q, AROUND[-1], atol=to_rad(0.1))
 
 
-def test_a_leg_with_passed_waypoints_is_planned_anew_as_a_whole(
-    rig: Rig, clock: PausesKnown
+@pytest.mark.parametrize("places", [(B,), AROUND[1:]])
+def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew_as_a_whole(
+    rig: Rig, clock: PausesKnown, places: tuple[np.ndarray, ...]
 ) -> None:
-    rehearsal = rehearse(Solo.of(rig), program(at(A, pause=1.0), *passing(*AROUND[1:])))
+    rehearsal = rehearse(Solo.of(rig), program(at(A, pause=1.0), *passing(*places)))
     run = start_program(Solo.of(rig), rehearsal)
     until(rig, lambda: run.where.doing == "pausing")
     rig.gripper.move(0.5, wait=False)
     until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
     finish(rig, run)
     assert run.leg.plan is not rehearsal.legs[1].plan
-    assert run.leg.plan is not None
-    assert len(run.leg.plan.path) == 4
+    assert len(places) == 1 or len(run.leg.plan.path) == 4
+    np.testing.assert_allclose(rig.arm.state.q, places[-1], atol=to_rad(0.1))

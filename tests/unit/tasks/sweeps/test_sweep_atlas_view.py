@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from so101_motion.tasks.sweeps import Atlas, ReachSweep, run_sweep
-from so101_motion.tasks.sweeps.atlas_view import (
-    FIGURES,
-    Shown,
-    in_words,
-    shades,
-    voxels,
-)
+from so101_motion.tasks.sweeps.atlas_view import FIGURES, Shown, in_words, shades, voxels
 
 
 @pytest.fixture(scope="module")

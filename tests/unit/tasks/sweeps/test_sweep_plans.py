@@ -7,13 +7,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.sweeps import (
-    Atlas,
-    PlansSweep,
-    episodes,
-    plans_summary,
-    run_sweep,
-)
+from so101_motion.tasks.sweeps import Atlas, PlansSweep, episodes, plans_summary, run_sweep
 from so101_motion.tasks.sweeps.plans import PROBLEMS, scene_of_shard
 
 FEW = PlansSweep(count=5, fps=50)

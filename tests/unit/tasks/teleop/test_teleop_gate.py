@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from so101_motion.tasks.teleop.gate import GATE, Gate, Phase
+from so101_motion.tasks.teleop.pilot import GATE, Gate, Phase
 
 NEAR = np.array([0.0, 0.9 * GATE, 0.0, 0.0, 0.0])
 FAR = np.array([0.0, 0.0, -3.0 * GATE, 0.0, 0.0])
@@ -37,21 +37,15 @@ def test_the_table(phase, near, far):
 
 
 @pytest.mark.parametrize("phase", Phase)
-def test_trouble_makes_whatever_runs_wait(phase):
+def test_trouble_makes_whatever_runs_wait_and_a_stop_ends_it(phase):
     gate = gate_in(phase)
     gate.trouble("no answer")
-    if phase is Phase.STOPPED:
-        assert gate.phase is Phase.STOPPED
-    else:
-        assert (gate.phase, gate.reason) == (Phase.WAITING, "no answer")
-
-
-@pytest.mark.parametrize("phase", Phase)
-def test_a_stop_ends_it_from_anywhere(phase):
-    gate = gate_in(phase)
-    gate.stop()
-    assert gate.phase is Phase.STOPPED
-    assert not gate.lets_go(NEAR)
+    waits = (Phase.WAITING, "no answer")
+    assert (gate.phase, gate.reason) == ((phase, "") if phase is Phase.STOPPED else waits)
+    for ended in (gate, gate_in(phase)):
+        ended.stop()
+        assert ended.phase is Phase.STOPPED
+        assert not ended.lets_go(NEAR)
 
 
 @pytest.mark.parametrize("phase", [Phase.APPROACHING, Phase.MIRRORING])
@@ -82,17 +76,11 @@ def test_the_gap_is_that_of_the_joint_furthest_off():
     assert gate.gap == ("elbow_flex", pytest.approx(3.0 * GATE))
 
 
-def test_a_follower_held_back_far_from_the_leader_comes_slowly():
+@pytest.mark.parametrize(("off", "goes_on"), [(FAR, False), (NEAR, True)])
+def test_a_follower_held_back_far_from_the_leader_comes_slowly(off, goes_on):
     gate = gate_in(Phase.MIRRORING)
-    gate.lets_go(FAR)
+    gate.lets_go(off)
     gate.hold_back()
-    assert gate.phase is Phase.APPROACHING
+    assert gate.phase is (Phase.MIRRORING if goes_on else Phase.APPROACHING)
     assert gate.lets_go(FAR)
-    assert gate.phase is Phase.APPROACHING
-
-
-def test_a_follower_held_back_near_the_leader_goes_on():
-    gate = gate_in(Phase.MIRRORING)
-    gate.lets_go(NEAR)
-    gate.hold_back()
-    assert gate.phase is Phase.MIRRORING
+    assert gate.phase is (Phase.MIRRORING if goes_on else Phase.APPROACHING)

@@ -11,7 +11,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
-from so101_motion.tasks.teleop.gate import Phase
+from so101_motion.tasks.teleop.pilot import Phase
 
 pytestmark = pytest.mark.usefixtures("planning_process")
 
@@ -138,26 +138,18 @@ def test_a_leader_that_is_not_let_go_of_may_be_moved_by_a_program():
         assert both.leader.arm.state.mode is Mode.HOLDING
 
 
-def test_another_motion_of_the_follower_ends_the_session():
+@pytest.mark.parametrize("planned", [False, True])
+def test_another_motion_of_the_follower_ends_the_session(planned):
     with pair() as both:
         both.start()
         both.advance(0.2)
-        motion = both.follower.arm.retarget(0.3 * AWAY)
-        both.advance(3.0)
-        assert motion.future.exception() is None
-        both.until_ended_by("a newer motion")
-        assert both.follower.arm.state.q == pytest.approx(0.3 * AWAY, abs=1e-3)
-
-
-def test_a_planned_motion_of_the_follower_ends_the_session_with_the_same_reason():
-    with pair() as both:
-        both.start()
-        both.advance(0.2)
-        motion = both.follower.arm.move(JointGoal(q=0.3 * AWAY), wait=False)
+        arm, q = both.follower.arm, 0.3 * AWAY
+        motion = arm.move(JointGoal(q=q), wait=False) if planned else arm.retarget(q)
         while not motion.future.done():
             both.advance(0.05)
         assert motion.future.exception() is None
         both.until_ended_by("a newer motion")
+        assert arm.state.q == pytest.approx(q, abs=1e-3)
 
 
 def test_a_stop_of_the_follower_ends_the_session_and_says_so():
