@@ -16,11 +16,10 @@ import shutil
 import sys
 import termios
 import textwrap
-import threading
 import time
 import tty
 from collections.abc import Callable
-from concurrent.futures import Future, wait
+from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import UTC, datetime
 from typing import Any, Self, TextIO, TypeVar
 
@@ -130,32 +129,23 @@ class Terminal:
             KeyboardInterrupt: Ctrl-C was pressed; ``work`` has ended.
             Exception: As ``work`` raised it.
         """
-        future: Future[T] = Future()
-        thread = threading.Thread(target=_into, args=(future, work), name="so101-guided")
-        thread.start()
         self.pressed = ""
-        try:
-            while not future.done():
-                self.show(picture())
-                if self.is_manned:
-                    self.pressed = self.key(_FRAME) or self.pressed
-                else:
-                    wait((future,), _FRAME)
-        except (Quit, KeyboardInterrupt):
-            if not future.done():
-                self.say("finishing the step that has begun ...")
-            raise
-        finally:
-            wait((future,))  # a join that Ctrl-C has interrupted believes the thread has ended
-            thread.join()
-        return future.result()
-
-
-def _into(future: Future[T], work: Callable[[], T]) -> None:
-    try:
-        future.set_result(work())
-    except BaseException as error:  # raised by ``run``
-        future.set_exception(error)
+        with ThreadPoolExecutor(1, thread_name_prefix="so101-guided") as beside:
+            future = beside.submit(work)
+            try:
+                while not future.done():
+                    self.show(picture())
+                    if self.is_manned:
+                        self.pressed = self.key(_FRAME) or self.pressed
+                    else:
+                        wait((future,), _FRAME)
+            except (Quit, KeyboardInterrupt):
+                if not future.done():
+                    self.say("finishing the step that has begun ...")
+                raise
+            finally:
+                wait((future,))  # a join that Ctrl-C has interrupted believes the thread has ended
+            return future.result()
 
 
 def sentence(text: str) -> str:

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import itertools
 import logging
-import threading
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -59,7 +59,7 @@ class FailureRecorder:
     def __init__(self, source: str) -> None:
         self.latest: Path | None = None
         self._source = source
-        self._writing: threading.Thread | None = None
+        self._writer = ThreadPoolExecutor(1, thread_name_prefix="so101-record")
 
     def record(self, error: Exception, states: tuple[JointState, ...]) -> None:
         """Write ``states`` on another thread, and add the file's path to ``error``."""
@@ -74,25 +74,13 @@ class FailureRecorder:
         content = {"written": now.isoformat(), "source": self._source, "error": str(error)}
         error.args = (f"{error}. The second before is in {path}",)
         self.latest = path
-        before = self._writing
-        self._writing = threading.Thread(
-            target=_write, args=(path, content, states, before), name="so101-record"
-        )
-        self._writing.start()
+        self._writer.submit(_write, path, content, states)
 
     def close(self) -> None:
-        if self._writing is not None:
-            self._writing.join()
+        self._writer.shutdown()
 
 
-def _write(
-    path: Path,
-    content: Mapping[str, object],
-    states: tuple[JointState, ...],
-    before: threading.Thread | None,
-) -> None:
-    if before is not None:
-        before.join()
+def _write(path: Path, content: Mapping[str, object], states: tuple[JointState, ...]) -> None:
     rows = [_row(state, states[-1].t) for state in states]
     try:
         user_storage.write(path, {**content, "states": rows}, schema=SCHEMA)
