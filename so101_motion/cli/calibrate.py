@@ -134,7 +134,7 @@ def _before(path: Path) -> Calibration:
 def _on_machine(source: MachineSource, events: TextIO | None) -> None:
     from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.terminal import Terminal, sentence
-    from so101_motion.common.remote_operation import RemoteOperation
+    from so101_motion.common.operation import RemoteOperation
     from so101_motion.viam.client import Machine
 
     key = {"api_key_id": source.api_key_id, "api_key": source.api_key}

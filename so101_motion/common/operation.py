@@ -5,20 +5,24 @@ immutable value of plain data that says what a person should do now and which co
 and ``ask``, which carries out a command. It knows no surface. Four adapters, each written once,
 bring any operation to a person or a program: ``cli/operation_terminal.py``,
 ``viewer/page/operation_panel.py``, ``viam/requests/operation_commands.py`` and
-``common/remote_operation.py``. How to add a command: docs/architecture.md.
+``RemoteOperation`` below. How to add a command: docs/architecture.md.
 """
 
 from __future__ import annotations
 
 import inspect
+import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, Protocol
 
+import msgspec
+
 from so101_motion.common.attributes import Attributes, suggest
-from so101_motion.common.errors import ConfigError, NotPossibleNow
+from so101_motion.common.errors import ConfigError, NotPossibleNow, So101Error
 
 Tone = Literal["good", "busy", "warm", "bad", "dim"]
 
@@ -233,3 +237,68 @@ def _read(given: Attributes, key: str, one: inspect.Parameter) -> Any:
     if value % 1.0 or value < 0.0:
         raise ConfigError(key, given.raw(key), "must be a whole number, 0 or more")
     return round(value)
+
+
+_PERIOD = 0.12  # how often the view is read [s]; chosen: bars that move with the hand
+
+_SEEN = 1.0  # [s]; a view that nobody has looked at for longer is not read again
+
+Json = Mapping[str, Any]
+
+
+class RemoteOperation(Operation):
+    """An operation of another process, used as if it were a local one.
+
+    While somebody looks at it, a thread reads its view several times a second, so ``view`` never
+    waits. When the other side does not answer, the last view stays, with the reason as its trouble;
+    the operation itself goes on over there.
+
+    Args:
+        send: Sends a request to it, such as a DoCommand, and returns the answer; raises
+            ``So101Error``.
+        name: The operation's name over there.
+        period: How often its view is read while somebody looks at it [s].
+
+    Raises:
+        So101Error: It does not answer, or has no such operation.
+    """
+
+    def __init__(self, send: Callable[[Json], Json], name: str, *, period: float = _PERIOD) -> None:
+        self._send, self._period = send, period
+        self._request = {"command": "operation", "name": name}
+        self._view, self._seen_at = self._read(), time.monotonic()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name=f"so101-{name}", daemon=True)
+        self._thread.start()
+
+    @property
+    def view(self) -> View:
+        """What was read last; never waits."""
+        self._seen_at = time.monotonic()
+        return self._view
+
+    def ask(self, command: str, /, **arguments: Any) -> Json:
+        try:
+            answer = self._send({**self._request, "ask": command, "arguments": arguments})["answer"]
+            return msgspec.json.decode(answer, type=dict[str, Any])
+        finally:
+            self._look()
+
+    def close(self) -> None:
+        """Stop reading; the operation goes on over there."""
+        self._closing.set()
+        self._thread.join()
+
+    def _read(self) -> View:
+        return msgspec.json.decode(self._send(self._request)["view"], type=View)
+
+    def _watch(self) -> None:
+        while not self._closing.wait(self._period):
+            if time.monotonic() - self._seen_at < _SEEN:
+                self._look()
+
+    def _look(self) -> None:
+        try:
+            self._view = self._read()
+        except So101Error as error:
+            self._view = replace(self._view, trouble=str(error), is_connected=False)

@@ -10,7 +10,7 @@ from harness.terminal_user import Typist
 from harness.viam_machine import SIM, running_machine
 
 from so101_motion.common.errors import MachineRefused, MachineUnavailable
-from so101_motion.common.remote_operation import RemoteOperation
+from so101_motion.common.operation import RemoteOperation
 from so101_motion.viam.client import MachineRig
 
 PAUSE = threading.Event()

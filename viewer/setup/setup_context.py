@@ -14,8 +14,7 @@ from so101_motion.calib.motors.setup_view import SetupProgress
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
-from so101_motion.common.operation import Operation
-from so101_motion.common.remote_operation import RemoteOperation
+from so101_motion.common.operation import Operation, RemoteOperation
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.servo_driver import ServoSettings

@@ -13,8 +13,7 @@ import numpy as np
 
 from so101_motion.arm.stop_order import NUMBERS, refuse_older
 from so101_motion.common.errors import MachineUnavailable, So101Error
-from so101_motion.common.operation import Operation, View
-from so101_motion.common.remote_operation import RemoteOperation
+from so101_motion.common.operation import Operation, RemoteOperation, View
 from so101_motion.files import user_storage
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig

@@ -18,8 +18,7 @@ from so101_motion.arm.stop_order import NUMBERS, is_older
 from so101_motion.cli.operation_terminal import OperationTerminal
 from so101_motion.cli.terminal import Quit, Terminal
 from so101_motion.common.errors import ConfigError, MachineRefused, NotPossibleNow, So101Error
-from so101_motion.common.operation import LocalOperation, Offer, Row, View
-from so101_motion.common.remote_operation import RemoteOperation
+from so101_motion.common.operation import LocalOperation, Offer, RemoteOperation, Row, View
 from so101_motion.viam.conversion.convert import to_result
 from so101_motion.viam.requests.commands import answer
 from so101_motion.viam.requests.operation_commands import operation_commands
