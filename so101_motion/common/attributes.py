@@ -298,18 +298,15 @@ def checked_number(
     """``value`` as a float; ``ConfigError``, with the range, if it is not finite or out of it."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ConfigError(key, value, f"must be a number{_range(lower, upper, unit)}")
-    if not _is_finite(value):
+    try:
+        is_finite = math.isfinite(value)
+    except OverflowError:  # a whole number above 1e308, as JSON may have it
+        is_finite = False
+    if not is_finite:
         raise ConfigError(key, value, f"must be a finite number{_range(lower, upper, unit)}")
     if not lower <= value <= upper:
         raise ConfigError(key, value, f"out of range; must be a number{_range(lower, upper, unit)}")
     return float(value)
-
-
-def _is_finite(value: float) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # a whole number above 1e308, as JSON may have it
-        return False
 
 
 _LONGEST_WORD = 64
@@ -350,9 +347,7 @@ def ignorable(
     """The unknown names among ``values`` that can be left out, as the published module does.
 
     A name that looks like a misspelt known one is refused: what it stands for may bound a motion.
-
-    So are so many that they are not compared. Names that are known ``elsewhere`` are well spelt;
-    ``kind`` is what a name is called in messages.
+    So are so many that they are not compared. Names that are known ``elsewhere`` are well spelt.
     """
     names = tuple(known)
     unknown = tuple(key for key in values if key not in names)

@@ -23,7 +23,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 _EPSILON = 1e-9
 """Times closer together than this count as equal [s]: the rounding of ``t0 + k * dt``."""
@@ -68,13 +68,9 @@ class MonotonicClock:
         thread.join()
 
 
-class _Wait:
-    """The time ``until`` [s] and the event ``wake`` that a thread waits for."""
-
-    __slots__ = ("until", "wake")
-
-    def __init__(self, until: float, wake: threading.Event) -> None:
-        self.until, self.wake = until, wake
+class _Wait(NamedTuple):
+    until: float  # [s]
+    wake: threading.Event
 
 
 class ManualClock:

@@ -61,9 +61,6 @@ class _Interrupts:
             os._exit(130)
         self.raise_once()
 
-    def on_timer(self, number: int, frame: FrameType | None) -> None:
-        self.raise_once()
-
     def raise_once(self) -> None:
         if not self.first or self.holds or self.is_taken or _is_handled():
             return
@@ -89,7 +86,7 @@ def listen(on_hung: Callable[[str], None], on_import: Callable[[str], None]) -> 
         number = getattr(signal, name)
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _this.on_signal)
-    signal.signal(signal.SIGALRM, _this.on_timer)
+    signal.signal(signal.SIGALRM, lambda *_: _this.raise_once())
     sys.unraisablehook = _unraisable
 
 
