@@ -106,17 +106,11 @@ class GoalLimiter:
         here: Callable[[int], float],
         free: Collection[int] = (),
     ) -> None:
-        """Check the next command.
+        """Check the next command, ``q_cmd`` [rad], at ``now`` [s]; ``free`` as for ``begin``.
 
-        Args:
-            q_cmd: Commanded joint angles [rad].
-            qd_cmd: Velocities there of the first joints [rad/s]; None or NaN if not known.
-            now: The time [s].
-            here: The confirmed angle of a joint [rad], else NaN.
-            free: As for ``begin``.
-
-        Raises:
-            CommandRefused: It moves more than the caps allow; the last command stays in force.
+        ``qd_cmd`` are velocities there of the first joints [rad/s], NaN if not known; ``here``
+        gives the confirmed angle of a joint [rad], else NaN. ``CommandRefused`` if it moves more
+        than the caps allow; the last command stays in force.
         """
         elapsed = max(now - self._t, 0.0)
         if elapsed > PAUSE + CATCH_UP:

@@ -65,10 +65,8 @@ class BusLease:
     def call(self, job: Callable[[Bus], T]) -> T:
         """Run ``job`` with the bus on the port's thread; waits for it.
 
-        Raises:
-            MotionError: The bus has been given back, or the port was closed.
-            PortUnavailable: There is no port at present.
-            Exception: What ``job`` raised, or the watching job before it.
+        Raises what ``job`` raised, or the watching job before it; ``MotionError`` if the bus has
+        been given back, or the port was closed.
         """
 
         def run() -> T:
@@ -108,13 +106,9 @@ class BusLease:
     def give_back(self, *, hold: bool | None = False) -> None:
         """End the loan; set the servos up with the present calibration. May be called twice.
 
-        Args:
-            hold: Whether all joints are held where they are afterwards; otherwise all are limp.
-                None to hold them if a servo holds.
-
-        Raises:
-            BusError: The servos cannot be set up or held now. The loan is over anyway; the arm is
-                in a fault until they can.
+        All joints are limp afterwards, or with ``hold`` held where they are; None to hold them if a
+        servo holds. The loan is over even if the servos cannot be set up or held now
+        (``BusError``); the arm is in a fault until they can.
         """
         self._end(hold)
 

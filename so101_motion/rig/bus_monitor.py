@@ -27,15 +27,8 @@ _END = reg.PRESENT_POSITION.address + reg.PRESENT_POSITION.size
 class BusMonitor:
     """Reads the servos of a port without driving them. Other threads may read its attributes.
 
-    Args:
-        opener: Opens the port, at any baud rate, even if its adapter has another name by now.
-        clock: The rig's clock.
-        ids: The servo of each joint that may be there.
-        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
-
-    Attributes:
-        positions: Position of each servo that answered last [tick], by joint; replaced whole.
-        driven: The joints whose torque was on then.
+    ``ids`` has the servo of each joint that may be there. ``positions`` are those of servos that
+    answered last [tick], by joint, replaced whole; ``driven`` the joints whose torque was on then.
     """
 
     def __init__(

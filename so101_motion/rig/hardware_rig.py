@@ -260,13 +260,6 @@ def open_without_waiting(settings: ServoSettings) -> HardwareRig:
 
     The port's thread looks for them every second and then holds them where they stand. Until then
     ``HardwareRig.not_ready`` says why, and methods that need them raise.
-
-    Args:
-        settings: The port, and the settings asked of it.
-
-    Raises:
-        ConfigError: Another component uses the port with other settings.
-        PortUnavailable: The port cannot be opened.
     """
     return _open(settings, waits=False)
 

@@ -76,12 +76,8 @@ def find_joints(
 ) -> JointSetups:
     """Find the servos that ``settings`` name and their calibration.
 
-    Args:
-        bus: Their bus.
-        settings: Their ids, calibration file and zeros.
-        required: Joints that are set up even if their servos do not answer.
-        timeout: How long to wait for silent servos [s].
-        expected: Joints that are waited for as well, and left out if they do not answer.
+    Joints that are ``required`` are set up even if their servos do not answer within ``timeout``
+    [s]; those ``expected`` are waited for as well, and left out if they do not answer.
 
     Raises:
         OtherCalibration: Servos that are to be driven hold another one.

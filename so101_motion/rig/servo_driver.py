@@ -80,17 +80,12 @@ class ServoDriver:
     Until ``connect``, ``find`` or a later ``read`` has set them up every use raises ``NotReady``;
     but ``read`` returns ``no_reading`` as long as they have not been looked for.
 
-    Args:
-        settings: The settings that components ask for.
-        clock: The rig's clock.
-        gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
-        per_kg: What each kilogram in the hand adds to it.
-        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
-        open_port: Opens the port, even if its adapter has another name by now; a ``PortOpener`` by
-            default.
+    ``gravity`` is the torque that holds a pose, shapes (6,), [rad] to [N m], ``per_kg`` what each
+    kilogram in the hand adds to it. ``open_port`` opens the port, even if its adapter has another
+    name by now. ``reply_timeout`` is as in ``Bus``.
 
     Attributes:
-        settings: The settings to be used; may be set.
+        settings: The settings that components ask for; may be set.
         in_force: The settings with which the servos were set up last.
         setups: Calibration by joint, for every joint that has a servo.
         notes: What the user should know about the calibration.

@@ -102,18 +102,12 @@ _CALM = (Mode.HOLDING, Mode.LIMP, Mode.FAULT)
 class SharedPort:
     """The rig of a port and its users. ``hardware_rig.py`` calls its methods one at a time.
 
-    Args:
-        settings: The settings of its first user.
-        clock: The rig's clock.
-        reply_timeout: How long to wait for an answer beyond the time on the wire [s]; None for as
-            long as the period of the setpoints allows.
-        open_port: See ``ServoDriver``.
-        waits: Whether the servos are found before this returns, or soon after.
+    ``settings`` are those of its first user. Answers are waited for ``reply_timeout`` [s]; None for
+    as long as the period of the setpoints allows. Servos are found before this returns if it
+    ``waits``, else soon after.
 
-    Attributes:
-        shares: The settings of each component that uses it.
-        is_closing: Whether the last one is leaving.
-        failures: Records the second before a failure.
+    ``shares`` are the settings of each component that uses it; ``is_closing`` is whether the last
+    one is leaving; ``failures`` records the second before a failure.
     """
 
     def __init__(

@@ -114,12 +114,9 @@ def reply_timeout_in(period: float) -> float:
 class Bus:
     """The servos on one open port, which is the bus's own now. Used by one thread at a time.
 
-    Args:
-        port: The port.
-        names: What the servos are called in messages, by id.
-        counters: Counters to continue, by id; for a bus that comes back on a new port.
-        reply_timeout: How long to wait for an answer beyond the time on the wire [s]. For a sync
-            read it includes the time on the wire, where that is short enough.
+    ``names`` are used in messages, by id; ``counters`` are continued, for a bus that comes back on
+    a new port. Answers are waited for ``reply_timeout`` beyond the time on the wire [s]; for a sync
+    read it includes that time, where it is short enough.
     """
 
     def __init__(
@@ -179,13 +176,8 @@ class Bus:
     def write(self, servo_id: int, register: Register, value: int) -> None:
         """Write a register and read it back.
 
-        A servo saves an EEPROM register only while it is unlocked; see ``store``.
-
-        Raises:
-            NoReply: The servo is silent.
-            CorruptReply: No answer was sound.
-            ServoFault: The register holds something else.
-            ValueError: The register does not take ``value``.
+        A servo saves an EEPROM register only while it is unlocked; see ``store``. ``ServoFault`` is
+        raised if the register holds something else then, otherwise as by ``read``.
         """
         params = bytes((register.address, *register.encode(value)))
         held = None
@@ -322,16 +314,10 @@ class Bus:
         """Read ``count`` bytes from ``start`` of many servos, in one transaction.
 
         Servos answer in the order they are listed, each in its own time slot. Once the last one has
-        answered, no other will, so waiting ends. A servo that did not answer is missing in the
-        result.
+        answered, no other will, so waiting ends. A servo that did not answer is missing.
 
-        Args:
-            servo_ids: The servos to ask.
-            start: The first address.
-            count: How many bytes.
-            tries: How often to ask servos that do not answer, 1 to 4; later tries wait longer. A
-                control loop has time for one only, and asks again in its next cycle.
-            given_up: Servos known to be silent; they are asked only once.
+        Silent ones are asked 1 to 4 ``tries``; later tries wait longer. A control loop has time for
+        one only, and asks again in its next cycle. Those ``given_up`` are asked only once.
         """
         found: dict[int, Answer] = {}
         # The silent ones first, so that the last one is there to be waited for.

@@ -50,13 +50,8 @@ class StaleReplies:
         If stale replies of every length may come, the length is chosen whose stale reply is due
         soonest. That takes many questions in a row without waiting for replies.
 
-        Args:
-            servo_ids: The servos to ask.
-            start: The first address that is needed.
-            count: How many bytes are needed.
-            now: The time [s].
-            again: Whether an older reply to the same question would do no harm.
-            most: Longest reply there is time for [byte]; at least eight lengths are tried.
+        With ``again`` an older reply to the same question would do no harm. ``most`` is the longest
+        reply there is time for [byte]; at least eight lengths are tried.
         """
         if not (again and start == self._start):
             self._expect_copies()

@@ -223,18 +223,11 @@ class ServedPort(Protocol):
 
 
 class Emulator:
-    """An emulated arm on a port, until closed.
+    """An emulated arm on a port, until closed; a pseudo-terminal unless ``serve`` makes another.
 
-    Args:
-        options: What to emulate.
-        now: The clock the physics follows [s].
-        gravity: Holding torque [N m] as a function of the six joint angles [rad].
-        serve: Makes the port; a pseudo-terminal by default.
-
-    Attributes:
-        world: The servos; its methods disturb them.
-        bus: The wire; ``bus.faults`` may be changed at any time.
-        on_open: Called with every emulator of this process as it is made.
+    ``now`` is the clock the physics follows [s], ``gravity`` as in ``World``. The methods of
+    ``world`` disturb the servos, ``bus.faults`` the wire; both may be used at any time. ``on_open``
+    is called with every emulator of this process as it is made.
     """
 
     on_open: ClassVar[list[Callable[[Emulator], None]]] = []

@@ -93,19 +93,10 @@ class Guard:
         decivolts: int,
         torque: int,
     ) -> bool:
-        """Update the flags after ``dt`` seconds.
+        """Update the flags after ``dt`` [s]; return whether torque must go off (over-current).
 
-        Args:
-            dt: Time since the last check [s].
-            demand: Output of the loop, in thousandths of full duty.
-            moved: How far the output moved meanwhile [tick].
-            current: Through the bridge [A].
-            temperature: [degC].
-            decivolts: Supply [0.1 V].
-            torque: Register 40.
-
-        Returns:
-            Whether torque must be switched off (over-current).
+        ``demand`` is the output of the loop in thousandths, ``moved`` how far the output moved
+        meanwhile [tick], ``current`` that of the bridge [A], ``torque`` register 40.
         """
         limits = self.limits
         if (

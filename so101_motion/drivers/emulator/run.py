@@ -84,18 +84,11 @@ def run_emulator(
     commands: TextIO | None = None,
     gravity: Gravity = no_gravity,
 ) -> None:
-    """Emulate an arm until ``stop`` is set or Ctrl-C.
+    """Emulate an arm until ``stop`` is set, by a signal handler or another thread, or Ctrl-C.
 
-    Args:
-        options: What to emulate.
-        announce: Called with the port first, then with each message for the user.
-        stop: Set it from a signal handler or another thread to end.
-        commands: A file with one fault a line as it is typed, e.g. standard input; ``end`` before
-            a fault ends it. See ``parse_fault``.
-        gravity: Holding torque [N m] as a function of the six joint angles [rad].
-
-    Raises:
-        ConfigError: The options name something that does not exist.
+    ``announce`` is called with the port first, then with each message for the user. ``commands`` is
+    a file with one fault a line as it is typed, e.g. standard input; ``end`` before a fault ends it
+    (see ``parse_fault``). ``gravity`` is as in ``World``.
     """
     with Emulator(options, gravity=gravity) as emulator:
         try:

@@ -76,13 +76,8 @@ def _written(start: int, stop: int) -> frozenset[int]:
 class Servo:
     """A servo in its joint, which starts at ``q`` [rad].
 
-    Args:
-        joint: Its joint.
-        kind: Its type.
-        q: Joint angle to start at.
-        factory: EEPROM values that differ from the table's defaults, by row.
-        goal_enables_torque: Whether writing a goal switches torque on.
-        dither: How far position readings scatter [tick].
+    ``factory`` has EEPROM values that differ from the table's defaults, ``dither`` is how far
+    position readings scatter [tick].
 
     Attributes:
         connected: False while its cable is unplugged: no power, no answers.

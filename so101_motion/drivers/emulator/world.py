@@ -42,17 +42,10 @@ def no_gravity(q: Array) -> Array:
 
 
 class World:
-    """The servos with the torques on them and their common supply.
+    """The servos along the cable, base to gripper, with the torques on them and their supply.
 
-    Args:
-        servos: Along the cable, base to gripper; the last one drives the jaw.
-        t: Time at which it starts [s].
-        gravity: Holding torque as a function of the joint angles.
-        supply: The power supply; its voltage may be changed at any time.
-
-    Attributes:
-        hand: The scripted hand; replace it to start another script.
-        lock: Held while anything changes; re-entrant.
+    It starts at ``t`` [s]. The ``supply``'s voltage may be changed at any time, and ``hand`` be
+    replaced to start another script. ``lock``, re-entrant, is held while anything changes.
     """
 
     def __init__(

@@ -41,23 +41,13 @@ _FRESH = 0.1
 class Chain:
     """The servos on one port, for the I/O thread. Other threads may read its attributes.
 
-    Args:
-        open_port: Opens the serial port.
-        clock: The clock of the rig.
-        maps: The servo of each joint, by index.
-        compensation: Computes the goals; its ``held`` remembers those that were sent.
-        names: Names of the joints, by index.
-        ram: What RAM registers must hold in every servo.
-        reply_timeout: See ``Bus``.
-        counters: See ``Bus``.
+    ``maps`` has the servo of each joint, by index, ``ram`` what RAM registers must hold in every
+    servo; ``reply_timeout`` and ``counters`` as in ``Bus``. ``compensation`` computes the goals,
+    and its ``held`` remembers those that were sent.
 
     Attributes:
         index: The joint of each servo.
         ram: What RAM registers must hold, by servo.
-        presence: Which servos answer.
-        connection: The port, present or not.
-        at: Estimates the joints' positions.
-        out_of_range: The joints outside their limits.
         is_set_up: Whether the port is open and the servos have been found.
         on_command: Called with every command as it is sent; None for nobody.
         t_sent: When goals were sent last [s].
@@ -233,10 +223,7 @@ class Chain:
     ) -> None:
         """Send the arm joints to ``q_goal`` [rad] with these shares of their drive, and the jaw.
 
-        Args:
-            q_goal: Angles of the arm joints.
-            shares: The share of full drive that each may use, 0 to 1.
-            but: Joints that get no goal, besides those outside their limits.
+        The joints in ``but`` get no goal, like those outside their limits.
         """
         now, data, sent = self._clock.now(), {}, {}
         silent, left = self.presence.silent, self.out_of_range.left

@@ -71,13 +71,9 @@ class FeetechArm:
         per_kg: Additional torque for each kilogram in the hand; None if unknown.
         speed: Speed cap kept by the servos themselves [rad/s].
         acceleration: Acceleration cap of the servos [rad/s^2]; well above plans, or they lag.
-        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
-        counters: The servos' counters so far, by id, if there has been an arm on this port before.
+        reply_timeout: See ``Bus``; ``counters``, too.
         figures: How servos were found to differ from their type, by joint name.
         compensates: Whether goals compensate weight, friction and lag.
-
-    Attributes:
-        models: The servos' models, base to jaw.
 
     Raises:
         BusError: The port cannot be opened, or a servo cannot be reached or set up.
@@ -183,11 +179,8 @@ class FeetechArm:
             follows_target: Whether the motion follows a target and is not planned, so that a joint
                 may turn round at any moment.
 
-        Raises:
-            PortUnavailable: There is no port at present.
-            CommandRefused: The command is further away than the caps allow (``goal_limiter.py``);
-                the joints hold the last command.
-            NoReply: The position of a joint that is to be held is not confirmed.
+            Raises: CommandRefused: It is further away than the caps allow; the joints hold the last
+            command. NoReply: The position of a joint that is to be held is not confirmed.
         """
         with self._chain.watching():
             bus, now = self._chain.bus(), self._clock.now()
@@ -221,10 +214,7 @@ class FeetechArm:
         """Switch torque on at the last written goal, or switch it off.
 
         A joint outside its limits and a silent jaw are left as they are; if another servo is
-        silent, the arm is not switched on.
-
-        Raises:
-            BusError: A servo did not obey. When switching off, all servos are tried first.
+        silent, the arm is not switched on. Off, all servos are tried before an error is raised.
         """
         with self._chain.watching():
             bus = self._chain.bus()
@@ -243,17 +233,11 @@ class FeetechArm:
                     self._chain.limit_again()
 
     def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
-        """Let the joints of the arm yield to a hand; the jaw holds on.
+        """Let the joints of the arm, which must be held, yield to a hand; the jaw holds on.
 
         ``read`` has to be called a hundred times a second then. Only RAM registers are written.
-
-        Args:
-            compliance: How stiff they are. None ends it: they hold where they are.
-            wall: How far a hand may lead them without resistance; None for anywhere.
-
-        Raises:
-            BusError: A servo did not obey.
-            RuntimeError: The joints are not held.
+        Without a ``compliance`` it ends, and they hold where they are. ``wall`` says how far a hand
+        may lead them without resistance; None for anywhere.
         """
         with self._chain.watching():
             bus = self._chain.bus()
@@ -270,10 +254,6 @@ class FeetechArm:
         """Pull the limp joints of the arm softly; see ``hand_pull.py``.
 
         ``read`` has to be called a hundred times a second then. Only RAM registers are written.
-
-        Raises:
-            BusError: A servo did not obey, or a joint's position is not confirmed.
-            RuntimeError: The joints are held.
         """
         with self._chain.watching():
             if self._torque:

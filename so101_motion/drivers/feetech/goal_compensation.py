@@ -136,14 +136,10 @@ _GIVEN_UP = 2.0
 class GoalCompensation:
     """Adds the compensation to commands; in plain lists, which are faster than numpy for six.
 
-    Args:
-        maps: The servo of each joint there is, by index.
-        gravity: The torque that holds a pose.
-        limiter: What bounds commands and goals.
-        per_kg: Additional torque for each kilogram in the hand; None if unknown.
-        figures: How servos were found to differ from their type, by index.
-        compensates: Whether anything is added at all. If not, the offsets at which the servos were
-            found are faded out within ``_GIVEN_UP``.
+    Servos (``maps``) and how they were found to differ from their type (``figures``) are by index;
+    ``per_kg`` is the additional torque for each kilogram in the hand, None if unknown. If it is not
+    to compensate anything, the offsets at which the servos were found are faded out within
+    ``_GIVEN_UP``.
 
     Attributes:
         q: Commanded joint angles [rad].

@@ -117,12 +117,8 @@ N = 5
 class HandGuiding:
     """Computes the goals of the arm joints while a hand guides them.
 
-    Args:
-        compliance: How stiff they are.
-        trim: The gravity compensation that has carried them until now.
-        q: Their angles [rad].
-        now: The time [s].
-        wall: How far a hand may lead them without resistance; None for anywhere.
+    ``trim`` has carried them until now, at ``q`` [rad]. ``wall`` says how far a hand may lead them
+    without resistance; None for anywhere.
     """
 
     def __init__(

@@ -72,14 +72,8 @@ def judge(
 ) -> tuple[ServoTrouble, ...]:
     """Everything that is wrong with a servo, worst first; empty when all is well.
 
-    Args:
-        volts: Its supply [V].
-        lowest_volts: The lower limit in its registers [V].
-        highest_volts: The upper limit in its registers [V]; None if not known.
-        celsius: Its temperature [degC].
-        load: Its drive, -1 to 1.
-        amps: Its current [A].
-        faults: The status bits it shows, as ``Fault.names``.
+    ``lowest_volts`` and ``highest_volts`` are the limits in its registers [V], the upper one None
+    if it is not known. ``load`` is its drive, -1 to 1; ``faults`` as ``Fault.names``.
     """
     reported = frozenset(faults)
     found = []

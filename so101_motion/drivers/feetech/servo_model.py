@@ -61,11 +61,7 @@ def full_drive_error(p_gain: int) -> float:
 class ServoModel:
     """Model of one servo: its type, and how it was found to differ from it.
 
-    Args:
-        sold_as: Its type.
-        p_gain: Proportional gain of its position loop.
-        braking: How fast its set-point slows down [rad/s^2].
-        figures: How it differs from its type.
+    ``braking`` is how fast its set-point slows down [rad/s^2].
 
     Attributes:
         is_known: Whether an identification has found how it differs from its type.
