@@ -1,8 +1,8 @@
 """Find the servos on a bus and the calibration of each.
 
-For each servo the calibration file counts first, then the servo's own registers, then the defaults.
-Without a file the registers are read again at each start. For the zero see ``zero``: only a file
-can have more than the middle of the travel, and only the configuration overrides a file.
+For each servo the calibration file counts first, then its own registers, read again at each start,
+then the defaults. For the zero see ``zero``: only a file can have more than the middle of the
+travel, and only the configuration overrides a file.
 
 If the servos hold another calibration than the file, that may be of another arm: they are not
 driven; where they are only looked at, their own calibration is used. Opening an arm stores nothing:

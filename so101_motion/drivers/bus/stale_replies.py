@@ -1,11 +1,10 @@
 """Tell the reply to a question from late replies to earlier questions.
 
-A reply names its servo, but neither the question nor the register. Only its length depends on the
-question: a servo can be asked for more bytes than are needed, and the reply has exactly as many.
-So while a reply is overdue, the next question to that servo uses another length, and the stale
-reply is skipped when it comes. Some adapters also deliver a reply twice. So when a question differs
-from the one before, copies of the last replies are expected as well. (A control cycle repeats the
-same question; a copy of its reply would merely be old.)
+Only the length of a reply depends on the question: a servo can be asked for more bytes than are
+needed. So while a reply is overdue, the next question to that servo uses another length, and the
+stale reply is skipped when it comes. Some adapters also deliver a reply twice. So when a question
+differs from the one before, copies of the last replies are expected as well. (A control cycle
+repeats the same question; a copy of its reply would merely be old.)
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """One virtual STS3215: carries out instructions on its registers and its drive.
 
-A write changes the memory first (``memory.py`` decides which bytes and for how long). Then this
-file does what the written registers trigger, in the firmware's order: homing offset, mode, torque,
-and last acceleration, speed and goal. A read updates the measured registers just before it copies
-them. Position and set-point (56 and 67) are the exception: a servo measures them once in a control
+A write changes the memory first, then triggers what the written registers do, in the firmware's
+order: homing offset, mode, torque, and last acceleration, speed and goal. A read measures first.
+Position and set-point (56 and 67) are the exception: a servo measures them once in a control
 period, so right after a change of mode or homing offset they are still what they were before.
 
 A written goal starts the profile and switches torque on by itself. Reports disagree about the
@@ -11,8 +10,8 @@ torque (the factory image switches it on, one bench saw that it did not), so ``g
 can turn that off: then goals that reach a limp servo do nothing.
 
 In speed and PWM mode a servo turns at the value of its register as soon as that is written; in step
-mode it turns by as many ticks as its goal says. How these modes are controlled (the position loop
-follows a set-point that moves on) is chosen; the recordings are of the position mode alone.
+mode by as many ticks as its goal says. How these modes are controlled (the position loop follows a
+set-point that moves on) is chosen; the recordings are of the position mode alone.
 
 Sources: as in ``registers.py``; what a write triggers: github.com/0o8o0-blip/sts3215-firmware,
 uart_subsys.c and pid_motor.c (behaviour only).

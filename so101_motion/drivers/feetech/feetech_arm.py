@@ -1,22 +1,20 @@
 """Drive the real arm: up to six servos on a serial bus as one ``JointDriver``.
 
 A control cycle is two transactions: a sync write of the goals and a sync read of the positions; ten
-times a second the read also brings voltage, current, temperature, load and faults. Speed and
-acceleration are capped in the servos' own registers as well.
+times a second the read also brings voltage, current, temperature, load and faults.
 
 *Switching torque on moves nothing.* While the servos are limp, ``write`` only remembers the goal;
 ``set_torque`` then writes it, reads it back, switches torque on and reads that back. The goal is
 the joint's position plus the offset with which the servo carries the joint's weight. A servo that
 already drives its joint, because an earlier process left it so or the cable was out for a moment,
-stands a little off its goal under its load; the first goal keeps exactly that distance. A joint
-outside its limits is left as it is until a goal inside comes (``out_of_range.py``).
+stands a little off its goal under its load; the first goal keeps exactly that distance.
 
 *One silent servo does not disturb the others*, and no lost answer is asked for twice in a cycle:
 the next cycle comes soon. For a quarter of a second a joint without an answer is assumed to follow
 its goals (``joint_estimate.py``), for half a second if all are silent. Then ``read`` raises
-``NoReply`` once, which ends the motion; after that the others are read as before, and the silent
-servo is asked with them. When it answers again it is set up anew; one that had restarted is made to
-hold where it is, and ``ServoFault`` is raised once.
+``NoReply`` once, which ends the motion; after that the others are read as before. When the servo
+answers again it is set up anew; one that had restarted is made to hold where it is, and
+``ServoFault`` is raised once.
 
 *The port may go away.* Every ``read`` then tries to reopen it and sets the servos up again. They
 hold meanwhile, and get no new goal before somebody asks for one.

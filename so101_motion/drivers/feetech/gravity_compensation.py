@@ -3,26 +3,23 @@
 ``Trim`` offsets the goals by the distance the servos will give way, in two parts:
 
 *Feed-forward*, from the model: the torque that holds the commanded pose and the friction of the
-motion, turned into a distance by ``servo_model.py``. It acts while the arm moves, so the whole path
-is followed and not only its end. Friction opposes the motion. When a joint turns round, its
-friction does not change sides at once but over twice ``ENGAGING`` of travel, so a trembling command
-does not shake the goals. When the command comes to rest, friction stays on the side it was.
+motion, turned into a distance by ``servo_model.py``; it acts while the arm moves. When a joint
+turns round, its friction does not change sides at once but over twice ``ENGAGING`` of travel, so a
+trembling command does not shake the goals. At rest it stays on the side it was.
 
 *A slow integral*, for the rest: while command and joint stand still, the measured error is added
 up. It first turns friction over to the side where it is needed, quickly, as long as nothing moves.
-The rest is load that the model does not know, and is kept for the motions that follow. The part
-that a mass in the gripper explains is kept as that mass, because its torque changes with the pose;
-the remainder stays with its joint. While the joint moves without its command the integral waits.
-While the command moves it learns slowly, from the error beyond the uncompensated lag: when that lag
-was taken for weight, a joint that followed a target at 50 deg/s went up to 3 deg past the place
-where it was stopped.
+The rest is load that the model does not know, and is kept for the motions that follow: the part
+that a mass in the gripper explains as that mass, because its torque changes with the pose, the
+remainder joint by joint. While the command moves it learns slowly, from the error beyond the
+uncompensated lag: when that lag was taken for weight, a joint that followed a target at 50 deg/s
+went up to 3 deg past the place where it was stopped.
 
-Three rules keep the integral from doing harm. An error too large for the arm's weight is not droop:
-the joint is held fast or still moving, and nothing is learnt. The integral is bounded by the torque
-it can cause. And errors of a tick or two are ignored, as are, half a second after the
-command has come to rest, all errors of joints that have arrived: with play and friction a joint
-would otherwise hunt from one side of its goal to the other for ever. The jaw has no trim: its error
-is the grip.
+An error too large for the arm's weight is not droop: the joint is held fast or still moving, and
+nothing is learnt. The integral is bounded by the torque it can cause. Errors of a tick or two are
+ignored, as are, half a second after the command has come to rest, all errors of joints that have
+arrived: with play and friction a joint would otherwise hunt from one side of its goal to the other
+for ever. The jaw has no trim: its error is the grip.
 """
 
 from __future__ import annotations

@@ -1,20 +1,19 @@
 """Guide the arm by hand: the joints carry their weight and yield to a push.
 
-How it works. A joint holds an angle, its *anchor*, softly: like a spring with the requested P gain.
-Pushed beyond the dead band it takes the anchor along, so it stays where it is left. An offset of
-the goal carries its weight, as when it holds (``gravity_compensation.py``).
+A joint holds an angle, its *anchor*, softly: like a spring with the requested P gain. Pushed beyond
+the dead band it takes the anchor along, so it stays where it is left. An offset of the goal carries
+its weight, as when it holds (``gravity_compensation.py``).
 
 The servo's own spring is stiffer than that, and its gain is in EEPROM, which is not changed. So the
-goal is not the anchor but a point between the joint and the anchor; it moves with the joint, a
-hundred times a second. The torque limit, in RAM, is what carries the weight and a little more, or
-what a wall pushes with: the joint can never push harder than that against a hand, whatever else
-goes wrong.
+goal is a point between the joint and the anchor; it moves with the joint, a hundred times a second.
+The torque limit, in RAM, is what carries the weight and a little more, or what a wall pushes with:
+the joint can never push harder than that against a hand, whatever else goes wrong.
 
 *A joint in motion* is helped against its friction and its motor brake, which are most of what a
 hand feels. But the servo's set-point is late: at 30 deg/s it is 1.5 deg behind, and would pull the
 joint back with all that the limit leaves. So the limit of a moving joint is exactly the wanted
 drive, and where that drives it on, the goal lies beyond it by more than the set-point lags. Then
-the limit decides how hard the servo drives, and not the goal; the limit acts at once.
+the limit decides how hard the servo drives, and it acts at once.
 
 That is why such a joint cannot drive itself on. Let J be its inertia, K its motor brake per speed,
 T the age of the speed that the limit is computed from, and v the speed at which it is let go. The
@@ -23,30 +22,26 @@ servo makes at most the share h (``HELP_BRAKE``) of K times the speed T ago, cou
 however old the speed is. Without any friction it would still go D, where
 J v = K D - h K (D + T min(v, c)), so D = (v J / K + h T min(v, c)) / (1 - h). J is at most
 0.036 kg m^2, K is 1.3 N m s/rad at a servo of 12 V, and T is 0.06 s: half the window of the speed,
-half a cycle and the servo's loop. That is 5 deg at 30 deg/s and 12 deg at 90 deg/s; the friction
-makes it less. Friction is helped only while the joint moves: help that outlasts the motion would
-let a joint that has stopped creep on.
+half a cycle and the servo's loop. That is 5 deg at 30 deg/s and 12 deg at 90 deg/s. Friction is
+helped only while the joint moves, or a joint that has stopped would creep on.
 
 *A load that was learnt* while the arm held may be wrong in another pose, or gone: somebody has
-taken the object out of the jaws. Carried on, it would throw the arm up as soon as the hand lets go.
-So it is treated like friction. It is carried at first, and while a joint sinks under it. A joint
-that gives way to it, moving where it pushes, counts on it no longer after twice ``ENGAGING``.
-However much of that load is really there, what is left of it opposes the motion. So a hand that
-lifts the joint lifts the load itself. What was learnt is taken for a mass in the gripper as far as
-possible: one too large only makes the arm heavier to lift, one too small would let it sink where
-its arm is longer.
+taken the object out of the jaws, and the arm would fly up as soon as the hand lets go. So it is
+treated like friction: carried at first, and while a joint sinks under it. A joint that gives way to
+it, moving where it pushes, counts on it no longer after twice ``ENGAGING``. However much of it is
+really there opposes the motion then, so a hand that lifts the joint lifts the load itself. What was
+learnt is taken for a mass in the gripper as far as possible: one too large only makes the arm
+heavier to lift, one too small would let it sink where its arm is longer.
 
 A weight that nothing has learnt would let a joint sink once it is released. While it is slow, the
 joint therefore learns a small offset that keeps it at its anchor. A slow hand teaches it one, too,
-hence the bound. The offset may always shrink, so a joint that a hand has led slowly catches itself
-when it is released.
+hence the bound. The offset may always shrink.
 
 *Walls.* Where the arm would touch something ``LOOK_AHEAD`` later, the anchor stays behind, and the
 hand feels a damped spring that pushes with ``Compliance.wall`` at most. A hand that is stronger
 takes the anchor along, so the joint does not go back far when it is let go. Only the joints that
-lead into contact are held back, so a hand can lead the arm along a wall. A joint that comes to a
-wall within ``LEAD`` is no longer helped against its motor brake: it slows down, and its set-point
-is back at the joint when the wall begins to push.
+lead into contact are held back. A joint that comes to a wall within ``LEAD`` is no longer helped
+against its motor brake: its set-point is back at the joint when the wall begins to push.
 """
 
 from __future__ import annotations

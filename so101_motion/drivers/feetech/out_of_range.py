@@ -1,16 +1,15 @@
 """Leave joints that are outside their limits alone, and bring them in slowly when asked.
 
-A servo clamps every goal into its limits. So a joint outside cannot be commanded to stay there:
-with any goal it moves to its limit, as fast as its caps let it. It therefore gets no goal at all
-before a command inside the limits, and stays as it was found: limp, or held by a goal from before
-these limits were set.
+A servo clamps every goal into its limits. So with any goal a joint outside moves to its limit, as
+fast as its caps let it. It therefore gets no goal at all before a command inside the limits, and
+stays as it was found: limp, or held by a goal from before these limits were set.
 
-The first goal inside the limits brings it in: its caps are lowered to a crawl, then it is driven.
-Once inside it gets its caps back and is a joint like any other. If a goal outside comes before
-that, it is stopped where it is: its torque is switched off and on again, and a servo that is
-switched on holds its present position. So is a joint that a hand has guided outside. (LeRobot
-relies on that on many arms. With a firmware that behaves otherwise, the joint would move on to its
-limit: at a crawl, or at its caps if a hand had guided it.)
+The first goal inside brings it in: its caps are lowered to a crawl, then it is driven. Once inside
+it gets its caps back. If a goal outside comes before that, it is stopped where it is: its torque is
+switched off and on again, and a servo that is switched on holds its present position. So is a joint
+that a hand has guided outside. (LeRobot relies on that on many arms. With a firmware that behaves
+otherwise, the joint would move on to its limit: at a crawl, or at its caps if a hand had guided
+it.)
 """
 
 from __future__ import annotations

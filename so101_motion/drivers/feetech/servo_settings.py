@@ -1,7 +1,6 @@
 """Judge the settings of a servo: which of them keep it from moving its joint well.
 
-One list for everybody: opening the arm, ``so101 doctor``, ``diagnose`` and the motor setup. A
-setting is *adapted* when it only tells the servo how to take the driver's numbers, or how hard it
+A setting is *adapted* when it only tells the servo how to take the driver's numbers, or how hard it
 follows them: opening the arm then sets it as new **until power-off** (the memory stays locked). A
 setting that protects the servo, or that tells which way it turns, is never changed by opening. The
 motor setup (``so101 setup --repair``) sets all of them as new for good.

@@ -3,18 +3,17 @@
 EEPROM: settings with which it would not move well (``servo_settings.py``) are set right, and it
 gets its homing offset and limits where a calibration is given, all until power-off: nothing is
 stored. A servo with a setting that forbids to move it is refused. RAM: the speed and acceleration
-caps and the torque limit. A servo that restarts forgets its RAM and comes up limp, with no cap at
-all, so this runs again whenever one was silent.
+caps and the torque limit. A servo that restarts comes up limp, with no cap at all, so this runs
+again whenever one was silent.
 
-A servo that is driven stays driven, and its joint stays where it is, whatever is changed:
+A servo that is driven stays driven, and its joint stays where it is:
 
 * A goal outside new limits is left as it is, and the caps are set to a crawl before the limits are
   written, in case the firmware then moves. See ``out_of_range.py``.
 * A servo whose gains or mode are set right gets a goal with which it pulls as hard as before; it is
   limp for some milliseconds.
 * A servo that cannot reach its goal for lack of torque (a program died that had lowered the limit)
-  would jump there once the limit is raised. Its goal is first moved to where it pulls as hard as
-  before.
+  would jump there once the limit is raised. Its goal is first moved to where it pulls as before.
 """
 
 from __future__ import annotations

@@ -1,19 +1,12 @@
 """Open a serial port exclusively and read it without spinning; only this file imports pyserial.
 
-``SerialPort`` is locked in two ways: ``flock`` refuses other programs that lock (pyserial can),
-``TIOCEXCL`` those that just open. The error names the program that holds the port
-(``port_list.py``).
-
-Reading sleeps in ``poll`` until bytes arrive or the timeout ends, so waiting for a servo costs no
-processor time. A port that goes away (USB unplugged) shows as a hang-up, an I/O error or an end of
-file; all become ``PortUnavailable``.
+``flock`` refuses other programs that lock (pyserial can), ``TIOCEXCL`` those that just open.
+Reading sleeps in ``poll`` until bytes arrive or the timeout ends. A port that goes away (USB
+unplugged) shows as a hang-up, an I/O error or an end of file; all become ``PortUnavailable``.
 
 Reading, writing and discarding never wait (the port is non-blocking) and keep Python's interpreter
 lock: a thread that releases it waits half a millisecond for each busy thread to get it back, and a
 control cycle makes six such calls. Only ``poll`` releases it.
-
-``find_again`` finds a port after it was unplugged and plugged in: under its name, or, for an
-adapter with a serial number, under the name that this adapter has now.
 """
 
 from __future__ import annotations
