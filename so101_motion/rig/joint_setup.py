@@ -89,20 +89,17 @@ def find_joints(
     drives = bool(required or expected)
     interrupted = _end_interrupted(bus, file, drives or settings.may_file_be_missing)
     held = {joint: _held(bus, ids[joint]) for joint in present}
-    travels = {
-        joint: each["range_max"] - each["range_min"]
-        for joint, each in held.items()
-        if isinstance(each, Mapping)
-    }
+    known = {joint: each for joint, each in held.items() if isinstance(each, Mapping)}
+    travels = {joint: each["range_max"] - each["range_min"] for joint, each in known.items()}
     wrong = record.misplaced((), travels)
     if wrong and drives:
         raise ServoFault(f"{wrong}; {record.NEW_IDS}", servo_id=ids[GRIPPER_JOINT])
     if file is None and settings.finds_file:
-        file = _saved_for(held)
+        file = _saved_for(known)
     stored, notes = _read_file(file, settings.may_file_be_missing)
     notes = interrupted + notes + ((f"{wrong}; {record.NEW_IDS}",) if wrong else ())
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
-    other = _other_calibration(bus, stored, filed, ids, held)
+    other = _other_calibration(bus, stored, filed, ids, known)
     if other is not None:
         if drives:
             raise other
@@ -119,8 +116,8 @@ def find_joints(
         if found is None:
             found, source, note = _from_servo(joint, ids[joint], held.get(joint))
         is_own = stored is not None and found is stored.calibration.get(joint)
-        known = stored.zeros.get(joint) if stored and is_own else None
-        zero = in_force(known, (settings.zero_offsets or {}).get(joint), found, joint_zero)
+        filed_zero = stored.zeros.get(joint) if stored and is_own else None
+        zero = in_force(filed_zero, (settings.zero_offsets or {}).get(joint), found, joint_zero)
         offset = _offset(found, held.get(joint)) if source == "file" else None
         if source == "file" and isinstance(here := held.get(joint), Mapping):
             note = _NOT_STORED if compare.is_blank(here) else None
@@ -239,9 +236,8 @@ def _held(bus: Bus, servo_id: int) -> _Held:
         return error
 
 
-def _saved_for(held: Mapping[str, _Held]) -> Path | None:
+def _saved_for(known: Mapping[str, Mapping[str, int]]) -> Path | None:
     """The calibration file that this package has saved and that agrees with the servos."""
-    known = {joint: each for joint, each in held.items() if isinstance(each, Mapping)}
     for found in file_search.find():
         if (
             found.origin == "saved"
@@ -267,10 +263,9 @@ def _other_calibration(
     stored: Stored | None,
     filed: Mapping[int, JointCalibration],
     ids: Mapping[str, int],
-    held: Mapping[str, _Held],
+    known: Mapping[str, Mapping[str, int]],
 ) -> OtherCalibration | None:
     """The error that the servos hold something else than the file, if they do."""
-    known = {joint: each for joint, each in held.items() if isinstance(each, Mapping)}
     named = {joint: filed[ids[joint]] for joint in known if ids[joint] in filed}
     rows = compare.conflicts(named, known)
     if stored is None or not rows:

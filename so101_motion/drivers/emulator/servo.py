@@ -150,11 +150,6 @@ class Servo:
     def status(self) -> int:
         return self.drive.guard.flags
 
-    @property
-    def acknowledges(self) -> bool:
-        """Whether it answers instructions other than ping and read."""
-        return self.memory.raw(reg.STATUS_LEVEL) != 0
-
     def execute(self, code: int, params: bytes, now: float) -> bytes | None:
         """Carry out an instruction other than sync read and sync write.
 
@@ -187,7 +182,7 @@ class Servo:
                 self.memory.save_backup()
             case _:
                 pass  # an unknown instruction is acknowledged like any other
-        return b"" if self.acknowledges else None
+        return b"" if self.memory.raw(reg.STATUS_LEVEL) else None
 
     def read(self, address: int, count: int) -> bytes | None:
         scatter = self._random.randint(-self._dither, self._dither) if self._dither else 0

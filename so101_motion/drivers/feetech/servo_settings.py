@@ -36,7 +36,7 @@ _SOFTEST = 16  # P gain; LeRobot's, the softest any program uses on purpose
 _MOST_I = 50  # I gain; an emulated joint swings with 254. Chosen
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class OddSetting:
     """A setting with which a servo does not move its joint well, with the register's value."""
 
@@ -129,19 +129,19 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
     turned = phase & reg.REVERSED
     if turned and not (counts_down and turned == reg.REVERSED):
         yield OddSetting(
-            sentence=f"it drives or counts backwards (its phase register is {phase}, as new 12)",
-            as_new={reg.PHASE: _sound(phase) & ~reg.REVERSED},
+            f"it drives or counts backwards (its phase register is {phase}, as new 12)",
+            {reg.PHASE: _sound(phase) & ~reg.REVERSED},
             forbids=True,
         )
     elif phase & reg.MULTI_TURN:
         text = f"it counts more than one turn (its phase register is {phase}, as new 12)"
-        yield OddSetting(sentence=text, as_new={reg.PHASE: _sound(phase)}, is_adapted=True)
+        yield OddSetting(text, as_new={reg.PHASE: _sound(phase)}, is_adapted=True)
     elif phase != _sound(phase):
         text = (
             f"it takes speeds 50 times, or 0 for a standstill (its phase register is {phase}, as"
             " new 12)"
         )
-        yield OddSetting(sentence=text, as_new={reg.PHASE: _sound(phase)}, is_adapted=True)
+        yield OddSetting(text, as_new={reg.PHASE: _sound(phase)}, is_adapted=True)
     for rows, is_adapted in ((PROTECTING, False), (ADAPTED, True)):
         for row in rows:
             value = held.get(row.register.name, row.as_new)
@@ -149,8 +149,8 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
             lets_go = row.register is reg.OVERLOAD_TORQUE and held.get("protective_torque", 20) < 15
             if not row.lowest <= value <= row.highest:
                 yield OddSetting(
-                    sentence=row.sentence.format(value),
-                    as_new={row.register: row.as_new},
+                    row.sentence.format(value),
+                    {row.register: row.as_new},
                     is_adapted=is_adapted,
                     forbids=lets_go or (row.register is reg.PROTECTION_CURRENT and value in _TRIPS),
                 )
@@ -159,43 +159,41 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
     needed = _LEAST_TORQUE.get(held.get("id", 0), _ELSEWHERE)
     if most < round(1000 * needed / (kind.torque_per_volt * kind.volts)):
         yield OddSetting(
-            sentence=f"its largest torque is {most} of 1000",
-            as_new={reg.MAX_TORQUE: 1000},
-            forbids=True,
+            f"its largest torque is {most} of 1000", {reg.MAX_TORQUE: 1000}, forbids=True
         )
     hottest = held.get("max_temperature", 70)
     if not 60 <= hottest <= 80:
         yield OddSetting(
-            sentence=f"it takes {hottest} degC for too hot, as new 70",
-            as_new={reg.MAX_TEMPERATURE: 70},
+            f"it takes {hottest} degC for too hot, as new 70",
+            {reg.MAX_TEMPERATURE: 70},
             forbids=hottest < held.get("present_temperature", 0) + 5,
         )
     unloading = held.get("unloading_condition", PROTECTIONS)
     if unloading & PROTECTIONS != PROTECTIONS:
         yield OddSetting(
-            sentence="its protection against heat or overload is switched off",
-            as_new={reg.UNLOADING: unloading | PROTECTIONS},
+            "its protection against heat or overload is switched off",
+            {reg.UNLOADING: unloading | PROTECTIONS},
         )
     p_gain, d_gain, i_gain = (held.get(row.name, new) for row, new in _GAINS.items())
     if p_gain < _SOFTEST or i_gain > _MOST_I:
         yield OddSetting(
-            sentence=f"its gains (P {p_gain}, D {d_gain}, I {i_gain}) are none that a program sets"
+            f"its gains (P {p_gain}, D {d_gain}, I {i_gain}) are none that a program sets"
             " on purpose; as new 32, 32, 0",
-            as_new=_GAINS,
+            _GAINS,
             is_adapted=True,
         )
     top = held.get("max_acceleration", 0)
     if 0 < top < TOP_ACCELERATION_UNITS:
         yield OddSetting(
-            sentence=f"its highest acceleration is {top} x 100 tick/s^2, so it falls behind",
-            as_new={reg.MAX_ACCELERATION: TOP_ACCELERATION_UNITS},
+            f"its highest acceleration is {top} x 100 tick/s^2, so it falls behind",
+            {reg.MAX_ACCELERATION: TOP_ACCELERATION_UNITS},
             is_adapted=True,
         )
     lower, upper = held.get("min_position", 0), held.get("max_position", 4095)
     if lower >= upper:
         yield OddSetting(
-            sentence=f"its limits {lower} to {upper} leave it no travel",
-            as_new={reg.MIN_POSITION: 0, reg.MAX_POSITION: reg.TICKS_PER_TURN - 1},
+            f"its limits {lower} to {upper} leave it no travel",
+            {reg.MIN_POSITION: 0, reg.MAX_POSITION: reg.TICKS_PER_TURN - 1},
             is_adapted=True,
         )
 
