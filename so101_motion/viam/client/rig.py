@@ -42,11 +42,10 @@ from so101_motion.planning.goals import Goal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Search
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.viam.client.executor import STOPPING, MachineExecutor
+from so101_motion.viam.client.executor import STOPPING, MachineExecutor, MotionRunner
 from so101_motion.viam.client.link import LOSSES, PATIENCE, Access, Link
 from so101_motion.viam.client.machine import Machine, is_there
 from so101_motion.viam.client.reports import GripperReport, ask_arm, ask_gripper, next_state
-from so101_motion.viam.client.runner import MotionRunner
 from so101_motion.viam.conversion.world_state import UniqueNames, taken_in
 from so101_motion.viam.requests.commands import in_deg
 

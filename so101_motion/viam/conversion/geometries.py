@@ -8,10 +8,11 @@ STL file on under the label of a PLY file. So both are recognised by what they c
 from __future__ import annotations
 
 import math
+import uuid
 
 import numpy as np
 from google.protobuf import json_format
-from viam.proto.common import Geometry
+from viam.proto.common import Geometry, Transform
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
@@ -79,3 +80,16 @@ def _cloud(geometry: Geometry, label: str) -> ShapeFile:
     is_turned = not np.allclose(centre.R, np.eye(3), atol=1e-9)
     data = geometry.pointcloud.point_cloud
     return shape_file("pcd", data, name=label, centre=None if is_turned else centre.p)
+
+
+_NAMESPACE = uuid.UUID("8f3b1b5e-6a0c-4d8e-9d38-5a0f1f1c9a51")
+
+
+def shown_id(frame: str, label: str) -> bytes:
+    return uuid.uuid5(_NAMESPACE, f"{frame}/{label}").bytes
+
+
+def is_ours(thing: Transform) -> bool:
+    """Whether this module shows the transform: the arm's own scene, a goal, a path."""
+    frame = thing.pose_in_observer_frame.reference_frame
+    return thing.uuid == shown_id(frame, thing.reference_frame)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import aclosing, suppress
@@ -27,20 +28,34 @@ from so101_motion.arm.arm import SCENE
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.calib.record import store
-from so101_motion.common.attributes import Attributes, checked_number
-from so101_motion.common.errors import SUPERSEDED, ConfigError, Interrupted, MotionError, So101Error
+from so101_motion.common.attributes import (
+    ACCELERATION_RANGE_DEG,
+    SPEED_RANGE_DEG,
+    Attributes,
+    checked_number,
+)
+from so101_motion.common.errors import (
+    SUPERSEDED,
+    ConfigError,
+    Interrupted,
+    MotionError,
+    So101Error,
+    SurroundingsUnknown,
+)
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import LONGEST_GUIDING
 from so101_motion.common.operation import LocalOperation, Moving
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.files.scene_file import obstacles_from
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.files.scene_file import arms_to, obstacles_from, scene_to
+from so101_motion.planning.collision.apart import ROOM
+from so101_motion.planning.collision.scene import Scene, StandingArm
 from so101_motion.planning.goals import Goal, JointGoal, LeaveContactGoal, PathGoal, PoseGoal
 from so101_motion.planning.request import Plan, Search
 from so101_motion.rig.rig import Rig
 from so101_motion.tasks.guided.teaching import TAUGHT, TeachingOperation
-from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, compliance
+from so101_motion.tasks.teleop.local_arms import jaw_of
+from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, SensesConfig, compliance
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.conversion.planner_options import (
@@ -52,7 +67,6 @@ from so101_motion.viam.conversion.planner_options import (
 )
 from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.models.configured import Configured, Dependencies
-from so101_motion.viam.models.dependencies import motion_name, motion_service, sources
 from so101_motion.viam.models.gripper_resource import GripperResource
 from so101_motion.viam.requests import await_motion
 from so101_motion.viam.requests.commands import (
@@ -61,17 +75,17 @@ from so101_motion.viam.requests.commands import (
     Request,
     Taking,
     answer,
-    motion_params,
-    planning_commands,
+    arguments,
+    in_deg,
 )
 from so101_motion.viam.requests.manual import ManualMode
 from so101_motion.viam.requests.operation_commands import operation_commands
-from so101_motion.viam.requests.programs import ENTRIES, run_program
-from so101_motion.viam.requests.streaming import played
+from so101_motion.viam.surroundings.camera_view import CameraView
 from so101_motion.viam.surroundings.guarded_scene import GuardedScene
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
 from so101_motion.viam.surroundings.machine_cell import MachineCell
-from so101_motion.viam.surroundings.surroundings import Surroundings
+from so101_motion.viam.surroundings.store_watch import StoreWatch
+from so101_motion.viam.surroundings.surroundings import Source, Surroundings
 
 AT_START = to_rad(0.5)
 """Largest distance from the arm to a first waypoint that counts as the start [rad]; chosen. Motion
@@ -80,6 +94,9 @@ services send the present joints as the first waypoint, and an arm rests up to t
 
 _BLIND = "how deep the arm was in contact is not known, so the way out may have led deeper"
 """What the answer of ``leave_contact`` says then."""
+
+_PROGRAM = ("schema", "waypoints", "steps", "loops", "rounds")
+"""The entries of a program's file (``tasks/program/files.py``)."""
 
 
 def scene_of(wanted: ArmConfig) -> Scene:
@@ -128,16 +145,15 @@ class ArmResource(Configured, Arm):
         self._manual = ManualMode(arm, self.logger, self.guarded_scene)
         self.teaching = TeachingOperation(rig, partial(store.resolve, "paths"), self._set_manual)
         self._operations: dict[str, LocalOperation] = {}
-        hold = partial(self.set_manual_mode, False)
-        run = partial(run_program, rig, around, hold, self.arrived)
         self._ended_by = ""  # why no other motion may begin
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
             "exit_manual_mode": self._exit_manual_mode,
-            **planning_commands(arm, around.standing),
+            "get_planning_setup": self._get_planning_setup,
+            "get_surroundings": self._get_surroundings,
             "leave_contact": self._leave_contact,
             **self._asked("teaching", self.teaching, TAUGHT),
-            "run_program": Taking(run, ENTRIES),
+            "run_program": Taking(self._run_program, _PROGRAM),
         }
 
     def _asked(
@@ -326,7 +342,9 @@ class ArmResource(Configured, Arm):
         await self.ready()
         with grpc_statuses():
             async with self.guarded_scene.kept_known():
-                playing = played(self._start_stream(), batches, self._point, self._come_to_rest)
+                playing = await_motion.played(
+                    self._start_stream(), batches, self._point, self._come_to_rest
+                )
                 async with aclosing(playing) as updates:
                     async for update in updates:
                         yield update
@@ -460,7 +478,91 @@ class ArmResource(Configured, Arm):
         return convert.to_result(result)
 
     async def _motion_params(self, request: Request) -> dict[str, Any]:
-        return motion_params(self._arm, request)
+        """Answer ``set_speed``, ``set_acceleration`` and ``get_motion_params``; all or none."""
+        given, arm = arguments(request, KEYS), self._arm
+        wanted = {
+            key: checked_number(key, request[key], lower=lower, upper=upper, unit=unit)
+            for key, (lower, upper), unit in (
+                ("set_speed", SPEED_RANGE_DEG, "deg/s"),
+                ("set_acceleration", ACCELERATION_RANGE_DEG, "deg/s^2"),
+            )
+            if key in request
+        }
+        wants_params = given.flag("get_motion_params", False)
+        result: dict[str, Any] = {}
+        if "set_speed" in wanted:
+            result["speed_set"] = wanted["set_speed"]
+            arm.set_speed(to_rad(wanted["set_speed"]))
+        if "set_acceleration" in wanted:
+            result["acceleration_set"] = wanted["set_acceleration"]
+            arm.set_acceleration(to_rad(wanted["set_acceleration"]))
+        if wants_params:
+            result["current_speed_degs_per_sec"] = in_deg(arm.speed)
+            result["current_acceleration_degs_per_sec_per_sec"] = in_deg(arm.acceleration)
+        return result
+
+    async def _get_planning_setup(self) -> dict[str, Any]:
+        lower, upper = self._arm.range
+        return convert.to_result({
+            "scene": scene_to(self._arm.scene),
+            "joint_min_deg": to_deg(lower),
+            "joint_max_deg": to_deg(upper),
+        })  # fmt: skip
+
+    async def _get_surroundings(self) -> dict[str, Any]:
+        """What is around the arm besides its scene, as in a scene file; or why it is ``unknown``.
+
+        Other arms count where they are now and where their motions end.
+        """
+        own, member = self._arm.scene, self._arm.cell_member
+        try:
+            now = await self.surroundings.standing(own)
+        except SurroundingsUnknown as error:
+            return {"unknown": str(error)}
+        added = Scene(
+            obstacles=now.obstacles[len(own.obstacles) :],
+            attached=now.attached[len(own.attached) :],
+        )
+        told = await asyncio.to_thread(scene_to, added)
+        others = [
+            StandingArm(
+                name=other.name,
+                T_base_arm=other.T_base_other,
+                q=other.course.q[:: max(len(other.course.q) - 1, 1)],
+                attached=other.attached,
+                room=ROOM,
+            )
+            for other in ([] if member is None else member.others())
+        ]
+        shown = {key: told.get(key, []) for key in ("obstacles", "attached")}
+        return convert.to_result({**shown, "arms": arms_to(others)})
+
+    async def _run_program(self, given: Attributes) -> dict[str, Any]:
+        """Plan a program, and run it as one motion: a Stop or a newer motion ends all of it."""
+        from so101_motion.tasks.program import ARM, ProgramRun, Rehearsal, Solo, rehearse
+        from so101_motion.tasks.program.files import program_from, rounds_to
+
+        content = {key: given.raw(key) for key in _PROGRAM if given.given(key)}
+        program = (await asyncio.to_thread(program_from, content)).on([ARM])
+        await self.set_manual_mode(False)  # holds again after a fault, too
+        solo = Solo(self._arm, jaw_of(self.rig), self.rig.clock)
+        loop, around = asyncio.get_running_loop(), self.surroundings
+
+        def planned() -> Rehearsal:
+            """Called on the arm's planning thread once it rests."""
+            if around.is_asked():
+                reading = asyncio.run_coroutine_threadsafe(around.around(solo.arm.scene), loop)
+                solo.scene = wait_here(reading)
+            return rehearse(solo, program)
+
+        run = ProgramRun(solo, program, planned)
+        await self.arrived(run.motions[ARM])
+        assert run.rehearsal is not None
+        return {
+            "waypoints": len(program),
+            "rounds": rounds_to(program.rounds),
+            "round_s": round(run.rehearsal.duration, 3),
+        }
 
     async def _leave_contact(self) -> dict[str, Any]:
         await self.ready()
@@ -493,3 +595,41 @@ class ArmResource(Configured, Arm):
         with suppress(So101Error):  # the servos may not answer any more
             self.cell.leave(self.short_name, self.rig)
         self.rig.close()
+
+
+def motion_name(service: str) -> str:
+    return service if "/" in service else f"rdk:service:motion/{service}"
+
+
+def motion_service(name: str | None, dependencies: Dependencies) -> MotionService | None:
+    if name is None:
+        return None
+    client: MotionService | None = _named("motion", name.rpartition("/")[2], dependencies)
+    if client is None:
+        raise ConfigError("motion", name, "is not a motion service of this machine; check the name")
+    return client
+
+
+def sources(
+    senses: SensesConfig, dependencies: Dependencies, logger: logging.Logger
+) -> Sequence[Source]:
+    """The store and the camera that report the surroundings; the caller closes them.
+
+    A resource that the machine does not have makes a source too; planning with it fails.
+    """
+    found: list[Source] = []
+    if senses.store is not None:
+        store = _named("world_state_store", senses.store, dependencies)
+        found.append(StoreWatch(senses.store, store, logger))
+    if senses.camera is not None:
+        camera = _named("camera", senses.camera, dependencies)
+        finder = _named("vision", senses.vision, dependencies)
+        found.append(CameraView(senses.camera, camera, senses.vision, finder))
+    return found
+
+
+def _named(subtype: str, name: str | None, dependencies: Dependencies) -> Any:
+    for resource, client in dependencies.items():
+        if (resource.subtype, resource.name) == (subtype, name):
+            return client
+    return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any, ClassVar, Self
 
 from viam.proto.app.robot import ComponentConfig
@@ -10,11 +11,11 @@ from viam.proto.common import ResourceName
 from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
-from so101_motion.common.attributes import Config
+from so101_motion.common.attributes import Attribute, Config, ignorable
 from so101_motion.common.errors import LONGEST_QUOTE, clipped
+from so101_motion.viam.component_config import MANUAL_RANGES
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
-from so101_motion.viam.ignored_attributes import without_ignored
 
 Dependencies = Mapping[ResourceName, ResourceBase]
 
@@ -23,7 +24,7 @@ class Configured:
     """The base of all models: checks a configuration and builds the resource; inherited first."""
 
     CONFIG: ClassVar[type[Config]]
-    """The attributes that it knows; others are left out, see ``ignored_attributes``."""
+    """The attributes that it knows; others are left out, see ``without_ignored``."""
 
     MODEL: ClassVar[Model]
 
@@ -65,3 +66,32 @@ class Configured:
     @classmethod
     def build(cls, name: str, wanted: Any, dependencies: Dependencies) -> Self:
         raise NotImplementedError
+
+
+def without_ignored(
+    attributes: Mapping[str, object], rows: tuple[Attribute, ...]
+) -> tuple[Mapping[str, object], tuple[str, ...]]:
+    """Leave out the attributes that a model does not know, as the published module does; name them.
+
+    They are remarks, or of an arm that is simulated for a while. One that looks like a misspelt
+    attribute of the model is refused: it may be a cap.
+    """
+    names = [row.name for row in rows]
+    known = {key: value for key, value in attributes.items() if key in names}
+    ignored: tuple[str, ...] = ()
+    if len(known) < len(attributes):
+        ignored = ignorable(attributes, names, elsewhere=names_of_the_family())
+    manual = known.get("manual_mode")
+    if isinstance(manual, Mapping) and not manual.keys() <= MANUAL_RANGES.keys():
+        left_out = ignorable(manual, MANUAL_RANGES, kind="key of manual_mode")
+        known["manual_mode"] = {k: value for k, value in manual.items() if k not in left_out}
+        ignored += tuple(f"manual_mode.{key}" for key in left_out)
+    return known, ignored
+
+
+@cache
+def names_of_the_family() -> frozenset[str]:
+    """The names of all attributes that some model of this module has."""
+    from so101_motion.viam.published_models import MODELS  # needed only here, by few machines
+
+    return frozenset(row.name for each in MODELS.values() for row in each.rows())

@@ -28,7 +28,6 @@ from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.conversion.kinematics import chain
 from so101_motion.viam.models.arm_resource import AT_START, ArmResource, scene_of
 from so101_motion.viam.models.configured import Dependencies
-from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
 from so101_motion.viam.requests.servo_commands import (
     ServoCommands,
     health,
@@ -72,8 +71,7 @@ class HardwareArm(ArmResource):
             rig, self._clear, partial(self.logger.info, "identification: %s")
         )
         self._commands |= {
-            **ServoCommands(rig, servo_ids, self._manual).commands,
-            **JawServoCommands(rig, self.logger).commands,
+            **ServoCommands(rig, servo_ids, self._manual, self.logger).commands,
             **self._asked("identification", identification, ("identify",)),
         }
 

@@ -51,9 +51,8 @@ from so101_motion.viam.conversion.planner_options import (
 )
 from so101_motion.viam.conversion.tool_constraints import ToolConstraints
 from so101_motion.viam.conversion.world_state import allowing, scene_with
-from so101_motion.viam.models.arm_resource import AT_START, ArmResource
+from so101_motion.viam.models.arm_resource import AT_START, ArmResource, sources
 from so101_motion.viam.models.configured import Dependencies
-from so101_motion.viam.models.dependencies import sources
 from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
 from so101_motion.viam.requests.await_motion import TurnQueue
 from so101_motion.viam.requests.commands import Request, answer

@@ -1,7 +1,6 @@
 """List the models of this module; each is imported when a configuration first asks for it.
 
-A machine has two or three of the nine. What it does not have costs neither time at the start nor
-memory.
+What a machine does not have costs neither time at the start nor memory.
 """
 
 from __future__ import annotations
@@ -25,20 +24,25 @@ from so101_motion.common.realtime import import_quietly
 from so101_motion.viam.models.configured import Configured, Dependencies
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class RegisteredModel:
     """A model that is imported when it is first used.
 
     Attributes:
+        name: Without ``devrel:so101:``.
         file: The file in this folder that has it, without ending.
         plans: Whether it has an arm, and so needs the planning process.
     """
 
     api: API
-    model: Model
+    name: str
     file: str
     class_name: str
     plans: bool = False
+
+    @property
+    def model(self) -> Model:
+        return Model.from_string(f"devrel:so101:{self.name}")
 
     def load(self) -> type[Configured]:
         """Import it; takes half a second the first time."""
@@ -55,28 +59,16 @@ class RegisteredModel:
         return made
 
 
-def _of(
-    api: API, model: str, file: str, class_name: str, *, plans: bool = False
-) -> RegisteredModel:
-    return RegisteredModel(
-        api=api,
-        model=Model.from_string(f"devrel:so101:{model}"),
-        file=file,
-        class_name=class_name,
-        plans=plans,
-    )
-
-
 MODELS = (
-    _of(Arm.API, "arm", "hardware_arm", "HardwareArm", plans=True),
-    _of(Gripper.API, "gripper", "hardware_gripper", "HardwareGripper"),
-    _of(Arm.API, "simulated", "simulated", "SimulatedArm", plans=True),
-    _of(Gripper.API, "simulated-gripper", "simulated_gripper", "SimulatedGripper"),
-    _of(Sensor.API, "calibration", "calibration", "So101Calibration"),
-    _of(Discovery.API, "discovery", "discovery", "So101Discovery"),
-    _of(Motion.API, "motion", "motion_service", "So101Motion"),
-    _of(Generic.API, "teleop", "teleop", "So101Teleop"),
-    _of(WorldStateStore.API, "world-state", "world_state_store", "So101WorldState"),
+    RegisteredModel(Arm.API, "arm", "hardware_arm", "HardwareArm", plans=True),
+    RegisteredModel(Gripper.API, "gripper", "hardware_gripper", "HardwareGripper"),
+    RegisteredModel(Arm.API, "simulated", "simulated", "SimulatedArm", plans=True),
+    RegisteredModel(Gripper.API, "simulated-gripper", "simulated_gripper", "SimulatedGripper"),
+    RegisteredModel(Sensor.API, "calibration", "calibration", "So101Calibration"),
+    RegisteredModel(Discovery.API, "discovery", "discovery", "So101Discovery"),
+    RegisteredModel(Motion.API, "motion", "motion_service", "So101Motion"),
+    RegisteredModel(Generic.API, "teleop", "teleop", "So101Teleop"),
+    RegisteredModel(WorldStateStore.API, "world-state", "world_state_store", "So101WorldState"),
 )
 """Every model of this module."""
 

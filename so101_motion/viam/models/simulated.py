@@ -16,9 +16,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.rig.rig import TICK, Rig
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.viam.component_config import SimulatedArmConfig
-from so101_motion.viam.models.arm_resource import ArmResource, scene_of
+from so101_motion.viam.models.arm_resource import ArmResource, motion_service, scene_of
 from so101_motion.viam.models.configured import Dependencies
-from so101_motion.viam.models.dependencies import motion_service
 from so101_motion.viam.requests.commands import Taking, in_deg
 
 LONGEST_STEP = 3600.0

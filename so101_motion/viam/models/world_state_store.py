@@ -31,8 +31,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import FLOOR, Box, Scene, Shape, ShapeFile, Sphere
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
-from so101_motion.viam.conversion.geometries import to_geometry
-from so101_motion.viam.conversion.shown_things import shown_id
+from so101_motion.viam.conversion.geometries import shown_id, to_geometry
 from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
 from so101_motion.viam.requests.await_motion import TurnQueue, in_own_thread
 

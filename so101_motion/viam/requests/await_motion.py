@@ -10,14 +10,19 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Sequence
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
+from viam.components.arm import Arm
+
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_queue import Opening
 from so101_motion.common.errors import Interrupted
+from so101_motion.common.geometry import Array
 from so101_motion.common.operation import Moving
 from so101_motion.control.request_queue import own_thread
+from so101_motion.control.streamed_trajectory import Stream, TimedPoint
 
 T = TypeVar("T")
 
@@ -91,3 +96,58 @@ def log_failure_of(motion: Motion, logger: logging.Logger) -> None:
             logger.warning("a motion that no caller waits for did not arrive: %s", error)
 
     motion.future.add_done_callback(report)
+
+
+Batch = Sequence[Arm.TrajectoryPoint]
+
+FARTHEST = 2.0
+"""How far ahead points may reach before the next batch is received [s]; chosen: longer than the
+gaps of a network, and a stop discards little."""
+
+_LOOK = 0.02  # [s] between two checks of how far ahead they reach
+
+
+async def played(
+    opening: Opening[Stream],
+    batches: AsyncIterator[Batch],
+    read: Callable[[Arm.TrajectoryPoint], Array],
+    come_to_rest: Rest,
+) -> AsyncGenerator[Arm.TrajectoryUpdate, None]:
+    """Push batches into a stream as they arrive, and wait until the arm has arrived.
+
+    ``read`` gives the joint angles of a point [rad]. Yields an acknowledgement for each batch.
+    """
+    over, opened = (asyncio.wrap_future(f) for f in (opening.motion.future, opening.opened))
+    opened.add_done_callback(lambda done: done.cancelled() or done.exception())  # retrieved
+    empty = True
+    try:
+        stream = await asyncio.shield(opened)
+        while (batch := await _next(batches, over)) is not None:
+            stream.push(
+                [TimedPoint(t=point.time.total_seconds(), q=read(point)) for point in batch]
+            )
+            empty = False
+            yield Arm.TrajectoryUpdate()
+            while stream.ahead > FARTHEST and not over.done():
+                await asyncio.wait([over], timeout=_LOOK)
+        if not empty:
+            stream.finish()
+            await asyncio.shield(over)
+    finally:
+        opening.motion.interrupt("cancelled")
+        await come_to_rest(over)
+
+
+async def _next(batches: AsyncIterator[Batch], over: asyncio.Future[None]) -> Batch | None:
+    """The next batch, None after the last; raises the motion's error if it ends first."""
+    coming = asyncio.ensure_future(anext(batches, None))
+    either: tuple[asyncio.Future[Any], ...] = (coming, over)
+    try:
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+    except asyncio.CancelledError:
+        coming.cancel()
+        raise
+    if over.done():
+        coming.cancel()
+        over.result()
+    return await coming

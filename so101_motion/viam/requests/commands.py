@@ -11,27 +11,17 @@ it, unless it may have been meant to change a motion: a misspelt argument, a key
 
 from __future__ import annotations
 
-import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
-from functools import partial
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
-from so101_motion.arm.arm import Arm
 from so101_motion.common.attributes import (
-    ACCELERATION_RANGE_DEG,
-    SPEED_RANGE_DEG,
     Attributes,
-    checked_number,
     ignorable,
     suggest,
 )
-from so101_motion.common.errors import LONGEST_QUOTE, ConfigError, SurroundingsUnknown, clipped
-from so101_motion.common.units import to_deg, to_rad
-from so101_motion.files.scene_file import arms_to, scene_to
-from so101_motion.planning.collision.apart import ROOM
-from so101_motion.planning.collision.scene import Scene, StandingArm
-from so101_motion.viam.conversion.convert import to_result
+from so101_motion.common.errors import LONGEST_QUOTE, ConfigError, clipped
+from so101_motion.common.units import to_deg
 
 _log = logging.getLogger(__name__)
 
@@ -134,79 +124,6 @@ def _suggestion(request: Request, commands: Collection[str], names: tuple[str, .
         return f'"{first}" is a command, not a key: send {{"command": "{first}", ...}}'
     also = f" or one of {', '.join(names)}" if names else ""
     return f'send {{"command": ...}}{also}; ' + suggest(first, (*commands, *names))
-
-
-def planning_commands(
-    arm: Arm, standing: Callable[[Scene], Awaitable[Scene]]
-) -> dict[str, Command]:
-    """What a planner outside this process asks for."""
-    return {
-        "get_planning_setup": partial(_setup, arm),
-        "get_surroundings": partial(_surroundings, arm, standing),
-    }
-
-
-async def _setup(arm: Arm) -> dict[str, Any]:
-    lower, upper = arm.range
-    setup = {
-        "scene": scene_to(arm.scene),
-        "joint_min_deg": to_deg(lower),
-        "joint_max_deg": to_deg(upper),
-    }
-    return to_result(setup)
-
-
-async def _surroundings(arm: Arm, standing: Callable[[Scene], Awaitable[Scene]]) -> dict[str, Any]:
-    """What is around the arm besides its scene, as in a scene file; or why that is ``unknown``."""
-    own = arm.scene
-    try:
-        now = await standing(own)
-    except SurroundingsUnknown as error:
-        return {"unknown": str(error)}
-    added = Scene(
-        obstacles=now.obstacles[len(own.obstacles) :], attached=now.attached[len(own.attached) :]
-    )
-    told = await asyncio.to_thread(scene_to, added)
-    shown = {key: told.get(key, []) for key in ("obstacles", "attached")}
-    return to_result({**shown, "arms": arms_to(_others(arm))})
-
-
-def _others(arm: Arm) -> Iterator[StandingArm]:
-    """The other arms that it keeps off: where each is now, and where its motion ends."""
-    for other in () if arm.cell_member is None else arm.cell_member.others():
-        q = other.course.q
-        yield StandingArm(
-            name=other.name,
-            T_base_arm=other.T_base_other,
-            q=q[:: max(len(q) - 1, 1)],
-            attached=other.attached,
-            room=ROOM,
-        )
-
-
-def motion_params(arm: Arm, request: Request) -> dict[str, Any]:
-    """Answer ``set_speed``, ``set_acceleration`` and ``get_motion_params``; sets all or nothing."""
-    given = arguments(request, KEYS)
-    speed_deg = _wanted(request, "set_speed", SPEED_RANGE_DEG, "deg/s")
-    acceleration_deg = _wanted(request, "set_acceleration", ACCELERATION_RANGE_DEG, "deg/s^2")
-    wants_params = given.flag("get_motion_params", False)
-    result: dict[str, Any] = {}
-    if speed_deg is not None:
-        arm.set_speed(to_rad(speed_deg))
-        result["speed_set"] = speed_deg
-    if acceleration_deg is not None:
-        arm.set_acceleration(to_rad(acceleration_deg))
-        result["acceleration_set"] = acceleration_deg
-    if wants_params:
-        result["current_speed_degs_per_sec"] = in_deg(arm.speed)
-        result["current_acceleration_degs_per_sec_per_sec"] = in_deg(arm.acceleration)
-    return result
-
-
-def _wanted(request: Request, key: str, bounds: tuple[float, float], unit: str) -> float | None:
-    if key not in request:
-        return None
-    return checked_number(key, request[key], lower=bounds[0], upper=bounds[1], unit=unit)
 
 
 def in_deg(value: float) -> float:

@@ -1,28 +1,36 @@
-"""Answer the arm's commands about its servos: ping, diagnose, calibration, torque.
+"""Answer the arm's commands about its servos: ping, diagnose, calibration, torque, the jaw.
 
 Keys and answers are the published module's. Its ``diagnose``, ``verify_config`` and
 ``reinitialize`` could not succeed in a running module; here they can. Commands that talk to the
 servos run on the I/O thread and are refused while the arm moves.
+
+With the ``servo_…`` commands of its later versions programs move the jaw through the arm when no
+gripper is configured. If a gripper component moves the same jaw, the newer motion takes over.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, TypeVar
 
+import numpy as np
+
+from so101_motion.arm.motion_handle import Motion
 from so101_motion.calib.motors.arm_identification import look
 from so101_motion.calib.record import store
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError, MotionError, NoReply, So101Error
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import ARM_JOINTS, JointReading, lent_out
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, lent_out
 from so101_motion.common.units import to_deg
 from so101_motion.control.limit_recovery import remarks
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.servo_driver import ServoDriver
 from so101_motion.setup.diagnosis import explain, label
-from so101_motion.viam.requests.await_motion import run_to_end
+from so101_motion.viam.requests.await_motion import log_failure_of, run_to_end
 from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.manual import ManualMode
 
@@ -101,11 +109,25 @@ def out_of_range(reading: JointReading) -> dict[str, dict[str, float]]:
     }
 
 
+_PATIENCE_MS = 3000.0
+"""How long ``servo_wait_stop`` waits without ``timeout_ms`` [ms]; the published default."""
+
+_LOOK = 0.02
+"""Time between two checks while it waits [s]."""
+
+
 class ServoCommands:
     """Answers the requests about servos."""
 
-    def __init__(self, rig: HardwareRig, servo_ids: tuple[int, ...], manual: ManualMode) -> None:
-        self._rig, self._ids, self._manual = rig, servo_ids, manual
+    def __init__(
+        self,
+        rig: HardwareRig,
+        servo_ids: tuple[int, ...],
+        manual: ManualMode,
+        logger: logging.Logger,
+    ) -> None:
+        self._rig, self._ids, self._manual, self._logger = rig, servo_ids, manual, logger
+        self._latest: Motion | None = None  # of the jaw
         self.commands: Mapping[str, Command] = {
             "set_torque": Taking(self._set_torque, ("enable",)),
             "ping": self._ping,
@@ -119,6 +141,12 @@ class ServoCommands:
             "get_calibration": self._get_calibration,
             "health": self._health,
             "set_torque_limit": Taking(self._set_torque_limit, ("value",)),
+            "servo_capabilities": self._capabilities,
+            "servo_move": Taking(self._move_jaw, ("servo_id", "percent", "raw", "speed")),
+            "servo_moving": Taking(self._jaw_moving, ("servo_id",)),
+            "servo_position": Taking(self._jaw_position, ("servo_id",)),
+            "servo_stop": Taking(self._stop_jaw, ("servo_id",)),
+            "servo_wait_stop": Taking(self._wait_for_jaw, ("servo_id", "timeout_ms")),
         }
 
     # Torque
@@ -150,16 +178,20 @@ class ServoCommands:
     # State
 
     async def _ping(self) -> dict[str, Any]:
+        def ping_all(servos: ServoDriver) -> None:
+            for setup in servos.setups.values():
+                servos.bus.ping(setup.map.servo_id)
+
         if self._rig.arm.state.mode in (Mode.MOVING, Mode.STOPPING):
-            silent = [joint for joint in self._rig.servos.health if joint.is_silent]
-            for joint in silent:
-                raise NoReply(
-                    f"no reply from servo {joint.servo_id} ({joint.joint}); check its cable",
-                    servo_id=joint.servo_id,
-                    register="a ping",
-                )
+            for joint in self._rig.servos.health:
+                if joint.is_silent:
+                    raise NoReply(
+                        f"no reply from servo {joint.servo_id} ({joint.joint}); check its cable",
+                        servo_id=joint.servo_id,
+                        register="a ping",
+                    )
         else:
-            await on_bus(self._rig, _ping_all)
+            await on_bus(self._rig, ping_all)
         return {"success": True}
 
     async def _controller_status(self) -> dict[str, Any]:
@@ -274,11 +306,89 @@ class ServoCommands:
             "calibration_file": str(file or ""),
         }
 
+    # The jaw
 
-def _ping_all(servos: ServoDriver) -> None:
-    bus = servos.bus
-    for setup in servos.setups.values():
-        bus.ping(setup.map.servo_id)
+    async def _capabilities(self) -> dict[str, Any]:
+        return {
+            "servo_commands": True,
+            "servo_ids": [self._jaw_id] if GRIPPER_JOINT in self._rig.servos.setups else [],
+        }
+
+    async def _move_jaw(self, given: Attributes) -> dict[str, Any]:
+        self._check_jaw(given)
+        jaw = self._rig.gripper
+        echo: dict[str, Any]
+        if given.given("raw"):
+            raw = given.required("raw", lower=0.0, upper=4095.0, unit="ticks")
+            q = self._rig.servos.to_angle(GRIPPER_JOINT, round(raw))
+            aperture, echo = (q - jaw.closed) / (jaw.opened - jaw.closed), {"raw": raw}
+        else:
+            percent = given.required("percent", unit="%")
+            aperture, echo = percent / 100.0, {"percent": min(max(percent, 0.0), 100.0)}
+        aperture = min(max(aperture, 0.0), 1.0)  # limited, as in the published module
+        limits = jaw.limits
+        if given.given("speed"):
+            ticks = given.required("speed", lower=1.0, upper=4096.0, unit="ticks/s")
+            asked = np.full(1, 2.0 * np.pi * ticks / 4096.0)
+            limits = replace(limits, velocity=np.minimum(asked, limits.velocity))
+        await out_of_fault(self._rig)
+        # An object in the way of a closing jaw is gripped, not crushed.
+        go = jaw.grab if aperture < jaw.aperture else jaw.move
+        self._latest = go(aperture, limits=limits, wait=False)
+        log_failure_of(self._latest, self._logger)
+        return echo
+
+    async def _jaw_moving(self, given: Attributes) -> dict[str, Any]:
+        self._check_jaw(given)
+        return {"moving": self._jaw_is_moving()}
+
+    async def _jaw_position(self, given: Attributes) -> dict[str, Any]:
+        self._check_jaw(given)
+        jaw = self._rig.gripper
+        raw = self._rig.servos.to_ticks(GRIPPER_JOINT, jaw.q_jaw)
+        return {"percent": round(100.0 * min(max(jaw.aperture, 0.0), 1.0), 3), "raw": raw}
+
+    async def _stop_jaw(self, given: Attributes) -> dict[str, Any]:
+        self._check_jaw(given)
+        await asyncio.wrap_future(self._rig.gripper.start_stop())
+        return {}
+
+    async def _wait_for_jaw(self, given: Attributes) -> dict[str, Any]:
+        self._check_jaw(given)
+        patience_ms = given.number("timeout_ms", _PATIENCE_MS, lower=0.0, upper=6e5, unit="ms")
+        waited_ms = 0.0
+        while self._jaw_is_moving():
+            if waited_ms >= patience_ms:
+                raise MotionError(
+                    f"servo {self._jaw_id} still moves after {patience_ms:g} ms; raise"
+                    " timeout_ms, or send servo_stop"
+                )
+            await asyncio.sleep(_LOOK)
+            waited_ms += 1000.0 * _LOOK
+        return {}
+
+    def _jaw_is_moving(self) -> bool:
+        begun = self._latest is not None and not self._latest.future.done()
+        return begun or self._rig.gripper.is_moving
+
+    @property
+    def _jaw_id(self) -> int:
+        return self._rig.settings.ids()[GRIPPER_JOINT]
+
+    def _check_jaw(self, given: Attributes) -> None:
+        asked = given.required("servo_id", lower=1.0, upper=6.0)
+        if asked != self._jaw_id:
+            raise ConfigError(
+                "servo_id",
+                asked,
+                f"moves the arm, not the jaw; give {self._jaw_id}, the jaw's servo",
+            )
+        if GRIPPER_JOINT not in self._rig.servos.setups:
+            raise ConfigError(
+                "servo_id",
+                asked,
+                "did not answer when the arm was opened; check its cable, then send reinitialize",
+            )
 
 
 def _differing(servos: ServoDriver) -> list[str]:

@@ -1,15 +1,23 @@
-"""The machine's bodies and frames at one moment, seen from one arm."""
+"""The machine's frames and bodies at one moment, seen from one arm.
+
+A component has two frames. ``<name>_origin`` is its configured pose in its parent; ``<name>`` is
+the end of its kinematics, such as the tool of an arm, or the same frame if it has no kinematics. A
+component attached to ``<name>`` moves with its joints, one attached to ``<name>_origin`` does not.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 import so101_description
-from viam.proto.common import Transform
+from viam.proto.common import Geometry, Transform
+from viam.proto.robot import FrameSystemConfig
 
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import (
     FLOOR,
@@ -22,9 +30,151 @@ from so101_motion.planning.collision.scene import (
     Shape,
     ShapeFile,
 )
-from so101_motion.viam.conversion.frames import WORLD, Frames
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.frames import LONGEST_CHAIN, WORLD, Frames
 from so101_motion.viam.conversion.world_state import UniqueNames, taken_in
-from so101_motion.viam.surroundings.frame_tree import FrameTree
+
+MOST_PARTS = 1_000
+"""Most components of a frame system; chosen, larger machines have dozens."""
+
+_ORIGIN = "_origin"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Part:
+    """One component in the frame system.
+
+    Attributes:
+        geometry: That of its frame's configuration; None without one.
+        has_end: Whether it has kinematics, so that its end may be elsewhere than its origin.
+        has_joints: Whether that end moves.
+        kinematics: The name in its kinematics; for an arm of this module the component's name, from
+            which the frame's name may differ.
+    """
+
+    name: str
+    parent: str
+    T_parent_origin: SE3
+    geometry: Geometry | None
+    has_end: bool
+    has_joints: bool
+    kinematics: str
+
+
+class FrameTree:
+    """The components of a frame system; one left out goes if its parent is missing."""
+
+    def __init__(
+        self, configs: Iterable[FrameSystemConfig], left_out: Collection[str] = ()
+    ) -> None:
+        self.parts: dict[str, Part] = {}
+        for config in configs:
+            part = _part(config)
+            if part.name in self.parts:
+                raise SurroundingsUnknown(
+                    f'two components of the machine are called "{clipped(part.name, 80)}"',
+                    component=part.name,
+                    remedy='rename one, or give the remote machine that has it a "prefix"',
+                )
+            if len(self.parts) == MOST_PARTS:
+                given = f"more than {MOST_PARTS} components"
+                raise ConfigError("frame system", given, "are more than can be planned around")
+            self.parts[part.name] = part
+        for name in list(self.parts):
+            try:
+                for _ in self.above(name):
+                    pass
+            except ConfigError:
+                if name not in left_out:
+                    raise
+                del self.parts[name]
+
+    def has(self, frame: str) -> bool:
+        """Whether ``frame`` is the frame or the origin of a component."""
+        return frame in self.parts or frame.removesuffix(_ORIGIN) in self.parts
+
+    def above(self, name: str) -> Iterator[tuple[str, bool]]:
+        """The components that ``name`` is attached to, nearest first; True with one for its end."""
+        frame, steps = self.parts[name].parent, 0
+        while frame != WORLD:
+            holder = frame if frame in self.parts else frame.removesuffix(_ORIGIN)
+            if holder not in self.parts:
+                reason = (
+                    f'has the parent "{frame}", which is not a frame; {suggest(frame, self.parts)}'
+                )
+                raise ConfigError("frame", name, reason)
+            steps += 1
+            if steps > LONGEST_CHAIN:
+                reason = f"is attached to itself, or has more than {LONGEST_CHAIN} parents"
+                raise ConfigError("frame", name, reason)
+            yield holder, frame in self.parts
+            frame = self.parts[holder].parent
+
+    def is_held(self, name: str, arm: str) -> bool:
+        """Whether a component moves with the tool of ``arm``."""
+        return (arm, True) in self.above(name)
+
+    def ends_needed(self) -> set[str]:
+        """The components with kinematics whose end has something attached."""
+        return {
+            holder
+            for name in self.parts
+            for holder, at_end in self.above(name)
+            if at_end and self.parts[holder].has_end
+        }
+
+    def T_world(self, frame: str, ends: Mapping[str, SE3]) -> SE3:
+        """The pose of a frame or origin; ``ends``: poses of components' ends in their origins."""
+        if frame == WORLD:
+            return SE3.identity()
+        name = frame if frame in self.parts else frame.removesuffix(_ORIGIN)
+        T = self.parts[name].T_parent_origin
+        if frame in self.parts and frame in ends:
+            T = T @ ends[frame]
+        for holder, at_end in self.above(name):
+            part = self.parts[holder]
+            T = part.T_parent_origin @ (ends[holder] @ T if at_end and holder in ends else T)
+        return T
+
+
+def _part(config: FrameSystemConfig) -> Part:
+    frame = config.frame
+    name, seen = frame.reference_frame, frame.pose_in_observer_frame
+    if not name or name == WORLD:
+        raise ConfigError("frame", name, "is not the name of a component")
+    try:
+        T_parent_origin = convert.from_pose(seen.pose)
+    except ConfigError as error:
+        raise ConfigError(f"frame of {name}", error.value, error.reason) from error
+    is_old = config.HasField("kinematics") and len(config.kinematics.fields) > 0
+    has_end = is_old or config.HasField("model")
+    joints = len(config.model.joints) if config.HasField("model") else 0
+    return Part(
+        name=name,
+        parent=seen.reference_frame or WORLD,
+        T_parent_origin=T_parent_origin,
+        geometry=frame.physical_object if frame.HasField("physical_object") else None,
+        has_end=has_end,
+        has_joints=joints > 0 or (is_old and _has_joints(config)),
+        kinematics=_kinematics_name(config),
+    )
+
+
+def _kinematics_name(config: FrameSystemConfig) -> str:
+    fields = config.kinematics.fields
+    name = fields["name"].string_value if "name" in fields else ""  # indexing would add one
+    return config.model.name or name
+
+
+def _has_joints(config: FrameSystemConfig) -> bool:
+    """Whether kinematics given as a struct have joints; True if that cannot be read."""
+    fields = config.kinematics.fields
+    if "joints" not in fields:
+        return "links" not in fields  # a model that is written in another way
+    return fields["joints"].WhichOneof("kind") != "list_value" or bool(
+        fields["joints"].list_value.values
+    )
+
 
 _SAME = 1.5e-3
 """Less motion than this counts as none [m]. Chosen: a tick or two of a holding servo move its tool

@@ -25,7 +25,7 @@ from viam.services.worldstatestore import WorldStateStore
 
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.viam.conversion.shown_things import is_ours
+from so101_motion.viam.conversion.geometries import is_ours
 from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames, scene_with
 from so101_motion.viam.surroundings.machine_bodies import LONGEST_READ
 from so101_motion.viam.surroundings.machine_view import MachineView

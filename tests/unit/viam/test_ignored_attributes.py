@@ -9,7 +9,7 @@ from so101_motion.viam.component_config import (
     SimulatedArmConfig,
     SimulatedGripperConfig,
 )
-from so101_motion.viam.ignored_attributes import without_ignored
+from so101_motion.viam.models.configured import without_ignored
 
 URDF = next(row for row in HardwareArmConfig.rows() if row.name == "use_urdf")
 

@@ -12,7 +12,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.frames import set_machine
-from so101_motion.viam.surroundings import component_geometries, frame_tree
+from so101_motion.viam.surroundings import machine_bodies, machine_view
 from so101_motion.viam.surroundings.machine_bodies import ALL, MachineBodies
 from so101_motion.viam.surroundings.machine_cell import MachineCell
 from so101_motion.viam.surroundings.machine_view import scene_around
@@ -169,7 +169,7 @@ async def test_components_are_asked_each_time_unless_their_answer_adds_nothing(a
     np.testing.assert_allclose(body.T.p, (-0.1, 0.07, 0), atol=1e-9)
     assert (board.asked, door.asked, desk.asked) == (1, 2, 1)
     desk.geometries = [a_box(30, 30, 30, "desk:body")]
-    monkeypatch.setattr(component_geometries, "_ASK_AGAIN", 0.0)
+    monkeypatch.setattr(machine_bodies, "_ASK_AGAIN", 0.0)
     assert len((await reader.read()).bodies) == 3, "both that of the frame and what it says now"
 
 
@@ -255,7 +255,7 @@ async def test_two_components_of_one_name_are_refused_with_what_helps(around):
 
 
 async def test_a_chain_and_a_frame_system_without_end_are_refused(around):
-    names = [f"part {i}" for i in range(frame_tree.MOST_PARTS + 1)]
+    names = [f"part {i}" for i in range(machine_view.MOST_PARTS + 1)]
     chain = [hanging(name, above) for name, above in zip(names[1:], names, strict=False)]
     with pytest.raises(SurroundingsUnknown, match="is attached to itself, or has more than"):
         await around(FakeMachine(ARM, hanging(names[0]), *chain[:-2])).read()

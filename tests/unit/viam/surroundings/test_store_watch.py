@@ -16,7 +16,7 @@ from so101_motion.common.errors import SurroundingsUnknown
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.viam.conversion.frames import set_machine
-from so101_motion.viam.conversion.shown_things import shown_id
+from so101_motion.viam.conversion.geometries import shown_id
 from so101_motion.viam.surroundings import store_watch
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
 from so101_motion.viam.surroundings.machine_cell import MachineCell
