@@ -7,21 +7,17 @@ tool is held; all others stand where they are at that moment. Arms that share a 
 and what they hold, are left to the cell, which knows their motions.
 
 The machine is read for each plan. An unchanged answer gives the same body objects, so that the
-planner need not rebuild them. A component whose answer adds nothing to its frame's configuration is
-asked again only when the configuration has changed, or a few seconds later.
-
-``missing_parts`` finds the components that viam-server's frame system leaves out because they do
-not run.
-
-An arm or gantry that failed or is being configured is missing from the frame system, as if the
-machine had none. The parts of a remote machine that is not connected are missing too.
+planner need not rebuild them. A call takes a third of a millisecond of this process, so a component
+whose answer adds nothing to its frame's configuration is asked again only after a while. No call
+has a time limit of its own, which would take a tenth more.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Coroutine, Iterable, Mapping
+from collections.abc import Collection, Coroutine, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from grpclib import GRPCError, Status
@@ -52,38 +48,14 @@ if TYPE_CHECKING:
     from viam.robot.client import RobotClient
 
 _LEFT_OUT = ("arm", "gantry")
-"""Kinds that are in it only while they run. Grippers are too, but each is attached to one of
-these."""
+"""Kinds that viam-server leaves out of the frame system while they do not run, as if the machine
+had none. Grippers are too, but each is attached to one of these."""
 
 _RUNS = (ResourceStatus.STATE_READY, ResourceStatus.STATE_UNSPECIFIED)
 
-
-async def missing_parts(machine: RobotClient, left_out: Collection[str]) -> Mapping[str, str]:
-    """The arms and gantries that do not run: why each failed; empty for one being configured."""
-    return {
-        each.name.name: clipped(each.error, 300)
-        for each in await _components(machine)
-        if each.name.subtype in _LEFT_OUT
-        and not each.remote
-        and each.name.name not in left_out
-        and each.state not in _RUNS
-    }
-
-
-async def lost_part(machine: RobotClient, gone: Collection[str]) -> str | None:
-    listed = {each.name.name for each in await _components(machine)} if gone else set()
-    return next((name for name in gone if name in listed), None)
-
-
-async def _components(machine: RobotClient) -> list[ResourceStatus]:
-    try:
-        status = await machine.get_machine_status()
-    except GRPCError as error:
-        if error.status is Status.UNIMPLEMENTED:  # an older viam-server
-            return []
-        raise
-    return [each for each in status.resources if each.name.type == "component"]
-
+REMOTE = "_world"
+"""The end of the frame's name of a remote machine, which is no component. Its parts are missing
+while it is not connected."""
 
 Answer = TypeVar("Answer")
 
@@ -97,17 +69,19 @@ _STARTING = 0.05
 """Pause between two tries while a component starts or the connection is lost [s]; chosen."""
 
 
+_ASK_AGAIN = 5.0
+"""How long until a component is asked again whose answer added nothing [s]; chosen."""
+
+_HAS_NONE = ("unimplemented", "not implemented", "unsupported")
+"""Words that modules in other languages send for UNIMPLEMENTED."""
+
+
 class NeighbourArm(Protocol):
-    """An arm of this process."""
+    """An arm of this process; poses are in its base frame, those of links by their URDF names."""
 
-    async def found(self) -> None:
-        """Wait until its joints can be read."""
-
-    def T_end(self) -> SE3:
-        """The pose of its tool in its base frame."""
-
-    def T_links(self) -> Mapping[str, SE3]:
-        """The poses of its links in its base frame, by their URDF names."""
+    async def found(self) -> None: ...
+    def T_end(self) -> SE3: ...
+    def T_links(self) -> Mapping[str, SE3]: ...
 
 
 class MachineBodies:
@@ -133,7 +107,7 @@ class MachineBodies:
         self._arms, self._grippers = arms, grippers
         self._configs: list[FrameSystemConfig] | None = None
         self._tree = FrameTree(())
-        self._components = ComponentGeometries()
+        self._plain: dict[str, float] = {}  # components whose answers added nothing, and when
         self._counted: list[Part] = []  # the components that are not left out
         self._ends: dict[str, SE3] = {}
         self._links: dict[str, Mapping[str, SE3]] = {}
@@ -204,26 +178,33 @@ class MachineBodies:
             if error.status is Status.UNIMPLEMENTED:
                 self.without = "the machine has no frame system"
                 return self._view((), None, {})
-            reason = f"the machine does not report its frame system: {words(error)}"
+            reason = f"the machine does not report its frame system: {error.message or ''}"
             raise SurroundingsUnknown(reason) from error
         if configs != self._configs:
             tree = await asyncio.to_thread(FrameTree, configs, self._left_out)
             self._configs, self._tree = configs, tree
             self._changes += 1
-            self._components.forget()
+            self._plain.clear()
             self._ends.clear()
             self._shapes.clear()
             self._counted = [
                 part for name, part in tree.parts.items() if name not in self._left_out
             ]
         if self._arm not in self._tree.parts:
-            self._refuse_renamed()
+            for part in self._tree.parts.values():
+                # viam-server cannot place what is attached to a frame by another name.
+                if part.kinematics == self._arm:
+                    raise SurroundingsUnknown(
+                        f'the frame of "{self._arm}" is called "{part.name}" in the machine',
+                        remedy='take the "id" out of its frame\'s configuration',
+                    )
             self.without = f'"{self._arm}" has no frame in the machine\'s configuration'
             return self._view((), None, {})
         self.without = ""
         counted = self._counted
         answers = await (early if configs == before else self._all_geometries(counted))
-        ends = await self._all_ends()
+        needed = sorted(self._tree.ends_needed() | {self._arm})
+        ends = dict(zip(needed, await _all(map(self._end, needed)), strict=True))
         given = sum(len(answer) for answer in answers)
         if given > MOST_THINGS:
             reason = f"the machine has {given} geometries, more than the {MOST_THINGS} planned with"
@@ -257,26 +238,34 @@ class MachineBodies:
 
     async def _frame_system(self) -> list[FrameSystemConfig]:
         """The frame system once every component that belongs into it runs."""
-        machine = machine_here()
-        assert machine is not None, "is_asked"
+        machine = _machine()
         configs = await _listed(machine)
         if configs == self._configs:
             return configs
-        while missing := await missing_parts(machine, self._left_out):
-            for name, why in missing.items():
-                if why:
-                    reason = f'"{name}" does not run, so its place is unknown: {why}'
-                    raise SurroundingsUnknown(reason, component=name)
+        while missing := [
+            each
+            for each in await _components(machine)
+            if each.name.subtype in _LEFT_OUT
+            and not each.remote
+            and each.name.name not in self._left_out
+            and each.state not in _RUNS
+        ]:
+            for each in missing:
+                if each.error:  # else it is being configured
+                    why = clipped(each.error, 300)
+                    reason = f'"{each.name.name}" does not run, so its place is unknown: {why}'
+                    raise SurroundingsUnknown(reason, component=each.name.name)
             await asyncio.sleep(_STARTING)
         configs = await _listed(machine)
         there = {*self._left_out, *(each.frame.reference_frame for each in configs)}
         before = self._tree.parts
         remote = {n: p.parent for n, p in before.items() if p.parent.endswith(REMOTE)}
         gone = [name for name, world in remote.items() if world in before.keys() - there]
-        lost = await lost_part(machine, gone)
-        if lost is not None:
-            reason = f'the remote machine that has "{lost}" is not connected'
-            raise SurroundingsUnknown(reason, component=remote[lost])
+        listed = {each.name.name for each in await _components(machine)} if gone else set()
+        for lost in gone:
+            if lost in listed:
+                reason = f'the remote machine that has "{lost}" is not connected'
+                raise SurroundingsUnknown(reason, component=remote[lost])
         return configs
 
     async def _meet(self, ends: Mapping[str, SE3]) -> None:
@@ -309,30 +298,19 @@ class MachineBodies:
         if name in self._arms:
             await self._found(name)
             now = self._arms[name].T_end()
-            self._ends[name] = known if known is not None and nearly(now, known) else now
-            return self._ends[name]
-        if known is not None and not self._tree.parts[name].has_joints:
+        elif known is not None and not self._tree.parts[name].has_joints:
             return known
-        machine = machine_here()
-        assert machine is not None
-        query = PoseInFrame(reference_frame=name, pose=Pose(o_z=1.0))
-        try:
-            seen = await machine.transform_pose(query, f"{name}_origin")
-        except GRPCError as error:
-            reason = f'the machine does not report where "{name}" is: {words(error)}'
-            raise SurroundingsUnknown(reason, component=name) from error
-        T = convert.from_pose(seen.pose)
-        if known is not None and nearly(T, known):
-            return known
-        self._ends[name] = T
-        return T
+        else:
+            query = PoseInFrame(reference_frame=name, pose=Pose(o_z=1.0))
+            with _needed(f'the machine does not report where "{name}" is', name):
+                seen = await _machine().transform_pose(query, f"{name}_origin")
+            now = convert.from_pose(seen.pose)
+        self._ends[name] = known if known is not None and nearly(now, known) else now
+        return self._ends[name]
 
     async def _found(self, name: str) -> None:
-        try:
+        with _needed(f'the place of "{name}" is unknown', name):
             await self._arms[name].found()
-        except GRPCError as error:
-            reason = f'the place of "{name}" is unknown: {words(error)}'
-            raise SurroundingsUnknown(reason, component=name) from error
 
     # Shapes of components
 
@@ -348,13 +326,26 @@ class MachineBodies:
     def _has_to_be_asked(self, name: str) -> bool:
         if name in self._arms:
             return name != self._arm
-        return name not in self._grippers and self._components.has_to_be_asked(name)
+        since = self._plain.get(name)
+        is_due = since is None or time.monotonic() - since >= _ASK_AGAIN
+        return name not in self._grippers and is_due
 
     async def _geometries(self, name: str, own: list[Geometry]) -> list[Geometry]:
-        if name not in self._arms:
-            return await self._components.geometries(name, own)
-        await self._found(name)
-        return own
+        if name in self._arms:
+            await self._found(name)
+            return own
+        try:
+            answer = await _ask(name)
+        except SurroundingsUnknown:
+            if own:
+                return own
+            raise
+        if all(_is_among(each, own) for each in answer):
+            self._plain[name] = time.monotonic()
+            return own
+        self._plain.pop(name, None)
+        # Of a component without a geometry in its configuration viam-server takes the first answer.
+        return [*(each for each in own if not _is_among(each, answer)), *answer]
 
     # Bodies
 
@@ -378,15 +369,11 @@ class MachineBodies:
                 name = part.name
                 if geometry is not part.geometry:
                     name = _called(part.name, geometry.label, len(geometries))
-                bodies.append(
-                    Body(component=part.name, name=name, shape=shape, T=T @ center, holder=holder)
-                )
+                bodies.append(Body(name=name, shape=shape, T=T @ center, holder=holder))
             for link, at in links.get(part.name, {}).items():
                 human, hull = link_hulls()[link]
                 name = f"{part.name}:{human}"
-                bodies.append(
-                    Body(component=part.name, name=name, shape=hull, T=T @ at, holder=holder)
-                )
+                bodies.append(Body(name=name, shape=hull, T=T @ at, holder=holder))
         return tuple(bodies)
 
     def _shape(self, name: str, i: int, geometry: Geometry) -> tuple[Shape | ShapeFile, SE3]:
@@ -412,6 +399,31 @@ class MachineBodies:
         return before
 
 
+def _machine() -> RobotClient:
+    machine = machine_here()
+    assert machine is not None, "is_asked"
+    return machine
+
+
+@contextmanager
+def _needed(what: str, name: str) -> Iterator[None]:
+    """Refuse to plan if the machine refuses to answer."""
+    try:
+        yield
+    except GRPCError as error:
+        raise SurroundingsUnknown(f"{what}: {error.message or ''}", component=name) from error
+
+
+async def _components(machine: RobotClient) -> list[ResourceStatus]:
+    try:
+        status = await machine.get_machine_status()
+    except GRPCError as error:
+        if error.status is Status.UNIMPLEMENTED:  # an older viam-server
+            return []
+        raise
+    return [each for each in status.resources if each.name.type == "component"]
+
+
 async def _listed(machine: RobotClient) -> list[FrameSystemConfig]:
     """The frame system by name: viam-server lists it in another order each time."""
     configs = await machine.get_frame_system_config()
@@ -433,79 +445,36 @@ def _called(component: str, label: str, count: int) -> str:
     return component if count == 1 or label in ("", component) else f"{component}:{label}"
 
 
-_ASK_AGAIN = 5.0
-"""How long until a component is asked again whose answer added nothing [s]; chosen."""
-
-REMOTE = "_world"
-"""The end of the frame's name of a remote machine, which is no component."""
-
-_HAS_NONE = ("unimplemented", "not implemented", "unsupported")
-"""Words that modules in other languages send for UNIMPLEMENTED."""
-
-
-class ComponentGeometries:
-    """The answers of components to ``GetGeometries``. Belongs to the event loop."""
-
-    def __init__(self) -> None:
-        self._plain: dict[str, float] = {}  # whose answers added nothing, and when
-
-    def forget(self) -> None:
-        self._plain.clear()
-
-    def has_to_be_asked(self, name: str) -> bool:
-        """Whether a component has to be asked: not if its answer added nothing a moment ago."""
-        since = self._plain.get(name)
-        return since is None or time.monotonic() - since >= _ASK_AGAIN
-
-    async def geometries(self, name: str, own: list[Geometry]) -> list[Geometry]:
-        """The geometries in a component's answer and in its frame's configuration, ``own``."""
-        try:
-            answer = await self._ask(name)
-        except SurroundingsUnknown:
-            if own:
-                return own
-            raise
-        if all(_is_among(each, own) for each in answer):
-            self._plain[name] = time.monotonic()
-            return own
-        self._plain.pop(name, None)
-        # Of a component without a geometry in its configuration viam-server takes the first answer.
-        return [*(each for each in own if not _is_among(each, answer)), *answer]
-
-    async def _ask(self, name: str) -> list[Geometry]:
-        machine = machine_here()
-        assert machine is not None
-        resource = _component(machine.resource_names, name)
-        if resource is None:
-            await machine.refresh()  # type: ignore[no-untyped-call]  # the SDK's
-            resource = _component(machine.resource_names, name)
-        if resource is None and name.endswith(REMOTE):
-            return []
-        if resource is None:
-            reason = f'"{name}" has a frame but does not run, so its shape is unknown'
-            raise SurroundingsUnknown(reason, component=name)
-        try:
-            client = machine.get_component(resource)
-        except ResourceNotFoundError:
-            return []  # of an API that this SDK does not know
+async def _ask(name: str) -> list[Geometry]:
+    """What a component answers to ``GetGeometries``."""
+    machine = _machine()
+    resource = _resource(machine.resource_names, name)
+    if resource is None:
+        await machine.refresh()  # type: ignore[no-untyped-call]  # the SDK's
+        resource = _resource(machine.resource_names, name)
+    if resource is None and name.endswith(REMOTE):
+        return []
+    if resource is None:
+        reason = f'"{name}" has a frame but does not run, so its shape is unknown'
+        raise SurroundingsUnknown(reason, component=name)
+    try:
+        client = machine.get_component(resource)
+    except ResourceNotFoundError:
+        return []  # of an API that this SDK does not know
+    with _needed(f'"{name}" does not report its geometries', name):
         try:
             return list(await client.get_geometries())
         except NotImplementedError:
             return []
         except GRPCError as error:
-            if _has_none(error):
+            message = (error.message or "").lower()
+            if error.status is Status.UNIMPLEMENTED or any(w in message for w in _HAS_NONE):
                 return []
-            reason = f'"{name}" does not report its geometries: {words(error)}'
-            raise SurroundingsUnknown(reason, component=name) from error
+            raise
 
 
-def words(error: GRPCError) -> str:
-    return error.message or ""
-
-
-def _component(names: list[ResourceName], name: str) -> ResourceName | None:
-    wanted = [each for each in names if each.type == "component" and each.name == name]
-    return wanted[0] if wanted else None
+def _resource(names: list[ResourceName], name: str) -> ResourceName | None:
+    return next((each for each in names if (each.type, each.name) == ("component", name)), None)
 
 
 def _is_among(geometry: Geometry, others: Iterable[Geometry]) -> bool:
@@ -516,8 +485,3 @@ def _is_among(geometry: Geometry, others: Iterable[Geometry]) -> bool:
         if bare == geometry:
             return True
     return False
-
-
-def _has_none(error: GRPCError) -> bool:
-    message = (error.message or "").lower()
-    return error.status is Status.UNIMPLEMENTED or any(word in message for word in _HAS_NONE)

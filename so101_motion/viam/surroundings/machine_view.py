@@ -192,7 +192,6 @@ class Body:
     ``holder``; that is empty if it stands. Names are for messages, and not always unique.
     """
 
-    component: str
     name: str
     shape: Shape | ShapeFile
     T: SE3

@@ -165,7 +165,7 @@ async def test_components_are_asked_each_time_unless_their_answer_adds_nothing(a
     door.geometries = [a_box(10, 10, 10, y=70.0)]
     bodies = (await reader.read()).bodies
     assert [each.name for each in bodies] == [each.name for each in first]
-    [body] = [each for each in bodies if each.component == "door"]
+    [body] = [each for each in bodies if each.name == "door"]
     np.testing.assert_allclose(body.T.p, (-0.1, 0.07, 0), atol=1e-9)
     assert (board.asked, door.asked, desk.asked) == (1, 2, 1)
     desk.geometries = [a_box(30, 30, 30, "desk:body")]
