@@ -1,11 +1,8 @@
 """Migrate a machine's configuration from the published ``devrel:so101`` to this module.
 
 The configuration is read, never changed: the same resources are written for this module, ready to
-paste. Names, models and attributes stay. Keys and other modules in the configuration are never
-shown; of an unknown attribute only the name is.
-
-Two generations of the published module are in use: the gripper of the older one has a port of its
-own, that of the newer one names its arm. Both are understood.
+paste. Keys and other modules in it are never shown; of an unknown attribute only the name is. Both
+generations of the gripper, with a port of its own or with the name of its arm, are understood.
 """
 
 from __future__ import annotations

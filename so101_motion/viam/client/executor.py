@@ -199,7 +199,10 @@ class MachineExecutor(MotionRunner):
                     # Does not wait: cancelling a call that waits would brake before the next goal.
                     extra={"interpolate": False, "waitAtEnd": False},
                 )
-            await self._rest()
+            await self._refresh()
+            while self.state.arm_moving:
+                await asyncio.sleep(_LOOK)
+                await self._refresh()
             self._check_arrival(q_goal)
 
         return self.begin(turn)
@@ -274,16 +277,11 @@ class MachineExecutor(MotionRunner):
                     raise
                 self.takes_streams = False
         with self._link.asking("the motion"):
-            await _corner_by_corner(arm, trajectory)
+            options = convert.to_move_options(_peaks(trajectory.qd), _peaks(trajectory.qdd))
+            for q in trajectory.q[corners_of(trajectory.q, OFF_PATH)[1:]]:
+                await arm.move_through_joint_positions([convert.to_joint_positions(q)], options)
         await self._refresh()
         self._check_arrival(trajectory.q[-1])
-
-    async def _rest(self) -> None:
-        while True:
-            await self._refresh()
-            if not self.state.arm_moving:
-                return
-            await asyncio.sleep(_LOOK)
 
     def _check_arrival(self, q_goal: Array) -> None:
         off = np.abs(self.state.q - q_goal)
@@ -311,12 +309,6 @@ async def _stream(arm: Arm, trajectory: Trajectory) -> None:
     updates: Any = arm.move_through_joint_positions_streamed(batches())
     async for _ in updates:
         pass
-
-
-async def _corner_by_corner(arm: Arm, trajectory: Trajectory) -> None:
-    options = convert.to_move_options(_peaks(trajectory.qd), _peaks(trajectory.qdd))
-    for q in trajectory.q[corners_of(trajectory.q, OFF_PATH)[1:]]:
-        await arm.move_through_joint_positions([convert.to_joint_positions(q)], options)
 
 
 def _peaks(values: Array) -> Array:

@@ -1,9 +1,9 @@
 """The connection to a running machine, and the thread that owns it.
 
-The thread has an event loop. A task on it, the *keeper*, dials the machine and passes the client to
+A task on the thread's event loop, the *keeper*, dials the machine and passes the client to
 ``poll``, which runs as long as the machine answers. When it stops answering, the keeper drops the
-client, calls ``lost`` and dials again, at first soon, then less and less often. Reconnecting brings
-back the state and nothing else: motions that were under way have failed and are not repeated.
+client, calls ``lost`` and dials again, at first soon, then less and less often. Motions that were
+under way have failed and are not repeated.
 
 With an API key the machine is dialled as Viam's SDK does it, over TLS and, for an address in the
 cloud, WebRTC; the key is never sent over a plain connection. Without a key the connection is plain
@@ -100,7 +100,9 @@ class Link:
     ) -> None:
         self.access, self._clock = access, clock
         self._poll, self._lost = poll, lost
-        _hush_the_sdk()
+        for name, logger in logging.LOGGERS.items():
+            if name.startswith("viam."):
+                logger.disabled = True  # keeps the SDK's log lines off standard output
         self._options = access.options()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(
@@ -139,7 +141,7 @@ class Link:
 
     def close(self) -> None:
         """Disconnect and end the thread; may be called twice."""
-        self.post(self._hang_up)
+        self.post(lambda: self._keeper is not None and self._keeper.cancel())
         self._thread.join()
 
     # The loop's thread
@@ -179,10 +181,6 @@ class Link:
         await asyncio.gather(*rest, return_exceptions=True)
         await self._loop.shutdown_asyncgens()
         await self._loop.shutdown_default_executor()
-
-    def _hang_up(self) -> None:
-        if self._keeper is not None:
-            self._keeper.cancel()
 
     async def _keep(self) -> None:
         pause = FIRST_PAUSE
@@ -236,13 +234,6 @@ class Link:
         )
         self._client = None
         self._lost(problem)
-
-
-def _hush_the_sdk() -> None:
-    """Keep the SDK's own log lines off standard output."""
-    for name, logger in logging.LOGGERS.items():
-        if name.startswith("viam."):
-            logger.disabled = True
 
 
 def _why(error: BaseException) -> str:

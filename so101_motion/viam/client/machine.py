@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Self
@@ -31,7 +31,6 @@ ANSWERING = 60.0
 
 LOOKING = 4.0
 """How long a camera may take for a picture [s]; chosen."""
-
 
 _PERIOD = 1.0  # [s] between two looks whether it answers
 
@@ -90,27 +89,20 @@ class Machine:
 
     def do_command(self, resource: str, command: Mapping[str, Any]) -> Mapping[str, Any]:
         """Send a DoCommand to a component or service by its name; returns the answer."""
-
-        async def send() -> Mapping[str, Any]:
-            client = self._client_of(resource)
-            with self._link.asking(f"{resource}: {_title(command)}"):
-                answer: Mapping[str, Any] = await client.do_command(command, timeout=ANSWERING)
-            return answer
-
-        return self._link.run(send()).result()
+        asked: Mapping[str, Any] = self._ask(
+            resource,
+            str(command.get("command", next(iter(command), ""))),
+            lambda it: it.do_command(command, timeout=ANSWERING),
+        )
+        return asked
 
     def readings(self, sensor: str) -> Mapping[str, Any]:
         """Read a sensor, such as the calibration sensor."""
-
-        async def read() -> Mapping[str, Any]:
-            client = self._client_of(sensor)
-            if not isinstance(client, Sensor):
-                raise ConfigError("sensor", sensor, "has no readings, so it is not a sensor")
-            with self._link.asking(f"{sensor}: readings"):
-                readings: Mapping[str, Any] = await client.get_readings(timeout=ANSWERING)
-            return readings
-
-        return self._link.run(read()).result()
+        wrong = ("sensor", "has no readings, so it is not a sensor")
+        read: Mapping[str, Any] = self._ask(
+            sensor, "readings", lambda it: it.get_readings(timeout=ANSWERING), Sensor, wrong
+        )
+        return read
 
     def calibration_sensor(self) -> str:
         """The name of the machine's calibration sensor; ``ConfigError`` without one."""
@@ -128,15 +120,28 @@ class Machine:
 
     def picture(self, camera: str) -> bytes:
         """The newest picture of a camera, as JPEG or PNG; ``ConfigError`` if it sends neither."""
+        wrong = ("camera", "is not a camera; name one of the machine's")
+        seen: bytes = self._ask(camera, "picture", picture_of, Camera, wrong)
+        return seen
 
-        async def look() -> bytes:
-            client = self._client_of(camera)
-            if not isinstance(client, Camera):
-                raise ConfigError("camera", camera, "is not a camera; name one of the machine's")
-            with self._link.asking(f"{camera}: picture"):
-                return await picture_of(client)
+    def _ask(
+        self,
+        name: str,
+        what: str,
+        call: Callable[[Any], Awaitable[Any]],
+        kind: type = object,
+        wrong: tuple[str, str] = ("", ""),
+    ) -> Any:
+        """What a resource answers to ``call``; it must be of a kind."""
 
-        return self._link.run(look()).result()
+        async def ask() -> Any:
+            client = self._client_of(name)
+            if not isinstance(client, kind):
+                raise ConfigError(wrong[0], name, wrong[1])
+            with self._link.asking(f"{name}: {what}"):
+                return await call(client)
+
+        return self._link.run(ask()).result()
 
     def close(self) -> None:
         self._link.close()
@@ -189,7 +194,3 @@ async def is_there(client: RobotClient) -> None:
     except GRPCError as error:
         if error.status is not Status.UNIMPLEMENTED:
             raise ConnectionError(error.message or error.status.name) from error
-
-
-def _title(command: Mapping[str, Any]) -> str:
-    return str(command.get("command", next(iter(command), "")))

@@ -1,16 +1,15 @@
 """Read a machine's arm and gripper, and turn the readings into a snapshot.
 
-Our own module reports mode, joints and faults in one answer. Another module is asked for its joints
-and whether it moves; it is assumed to have no fault.
-
-A machine reports measured joint angles, not the references. Plans start from the references, and a
-joint at rest that trembles by a tick must not spoil a plan. So ``q_ref`` stays the same while the
-resting joints are within ``AT_REST`` of it, and is set to the measured angles when they are not.
+Our own module reports mode, joints and faults in one answer; another module is asked for its joints
+and whether it moves. A machine reports measured joint angles, not the references that plans start
+from, and a joint at rest that trembles by a tick must not spoil a plan. So ``q_ref`` stays the same
+while the resting joints are within ``AT_REST`` of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,13 +74,10 @@ def _outside(status: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, flo
     limits: dict[str, float] = {}
     told: Any = status.get("out_of_range")
     for joint in (*ARM_JOINTS, GRIPPER_JOINT):
-        try:
+        with suppress(KeyError, TypeError, ValueError):  # it is inside, or nothing is told
             at, limit = (to_rad(float(told[joint][key])) for key in ("at_deg", "limit_deg"))
-        except (KeyError, TypeError, ValueError):
-            continue  # it is inside, or the module tells nothing of the kind
-        if not np.isfinite([at, limit]).all():
-            continue
-        here[joint], limits[joint] = at, limit
+            if np.isfinite([at, limit]).all():
+                here[joint], limits[joint] = at, limit
     return here, limits
 
 

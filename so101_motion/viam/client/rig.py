@@ -1,12 +1,10 @@
 """The arm and gripper of a running machine, with the interface of a rig (``RigLike``).
 
 Goals are planned on this computer, by the same planner as for a local arm, from the joint angles
-that the machine reports and around the obstacles in ``arm.scene``.
-
-When the connection is first made and the machine runs our module, the arm's scene, calibrated
-ranges, speed and acceleration caps are read. Setting the caps here sets them on the machine;
-setting the scene here changes it only here. What the machine has around the arm besides is read
-once a second, and added to the scene of every plan.
+that the machine reports and around ``arm.scene`` and what the machine has around the arm besides,
+which is read once a second. The arm's scene, calibrated ranges and caps are read when the
+connection is first made. Setting the caps here sets them on the machine; setting the scene here
+changes it only here.
 """
 
 from __future__ import annotations
@@ -22,7 +20,6 @@ import numpy as np
 from grpclib import GRPCError
 from viam.components.arm import Arm as ViamArm
 from viam.components.gripper import Gripper
-from viam.components.gripper import Gripper as ViamGripper
 from viam.robot.client import RobotClient
 
 from so101_motion.arm.arm import Arm
@@ -67,14 +64,14 @@ class MachineGripper(MotionRunner):
         self._find, self._newest_report = find, newest_report
 
     @property
-    def q_jaw(self) -> float:
-        """Measured jaw angle [rad], taken from the aperture over the jaw's full travel."""
-        return self.angle_of(self.aperture)
-
-    @property
     def aperture(self) -> float:
         """How far it is open: 0 closed, 1 open."""
         return self._newest_report().aperture
+
+    @property
+    def q_jaw(self) -> float:
+        """Measured jaw angle [rad], taken from the aperture over the jaw's full travel."""
+        return self.angle_of(self.aperture)
 
     @property
     def is_moving(self) -> bool:
@@ -113,7 +110,10 @@ class MachineGripper(MotionRunner):
                     await gripper.grab()
                 else:
                     await gripper.do_command(command)
-                await _rest(gripper)
+                while True:  # the command need not wait for the jaw to rest
+                    if not await gripper.is_moving():
+                        return
+                    await asyncio.sleep(_LOOK)
 
         motion = Motion()
         running = self.begin(move)
@@ -130,14 +130,6 @@ class MachineGripper(MotionRunner):
             return  # there is none, or none was chosen of several
         with self._link.asking("stop"):
             await gripper.stop(timeout=STOPPING)
-
-
-async def _rest(gripper: Gripper) -> None:
-    """Wait until a jaw rests; the command that moves it need not wait for that."""
-    while True:
-        if not await gripper.is_moving():
-            return
-        await asyncio.sleep(_LOOK)
 
 
 class MachineArm(Arm):
@@ -177,22 +169,19 @@ class MachineArm(Arm):
         if "unknown" in told:
             raise MachineRefused("planning", "UNAVAILABLE", str(told["unknown"]))
         names = UniqueNames(taken_in(scene))
-        obstacles = obstacles_from(told.get("obstacles", []), folder=None)
-        attached = attached_from(told.get("attached", []), folder=None)
+        things = obstacles_from(told.get("obstacles", []), folder=None)
+        obstacles = [replace(each, name=names.new(each.name)) for each in things]
+        held = attached_from(told.get("attached", []), folder=None)
+        attached = [replace(each, name=names.new(each.name)) for each in held]
         return replace(
             scene,
             arms=(*scene.arms, *arms_from(told.get("arms", []))),
-            obstacles=(
-                *scene.obstacles,
-                *(replace(each, name=names.new(each.name)) for each in obstacles),
-            ),
-            attached=(
-                *scene.attached,
-                *(replace(each, name=names.new(each.name)) for each in attached),
-            ),
+            obstacles=(*scene.obstacles, *obstacles),
+            attached=(*scene.attached, *attached),
         )
 
     def _pass_on(self, request: Mapping[str, Any], before: JointCaps) -> None:
+        """Tell the machine; if it refuses, nothing changes."""
         if self.tell is not None:
             try:
                 self.tell(request)
@@ -226,7 +215,7 @@ class MachineRig(Machine):
         super().__init__(access)
         self._wanted = {"arm": arm, "gripper": gripper}
         self._arm: ViamArm | None = None
-        self._gripper: ViamGripper | None = None
+        self._gripper: Gripper | None = None
         self._state: JointState | None = None
         self._status: Mapping[str, Any] = {}
         self._jaw = GripperReport()
@@ -378,7 +367,19 @@ class MachineRig(Machine):
             self._setup = await _answer(arm, {"command": "get_planning_setup"})
         looking = asyncio.ensure_future(self._look_around(arm))
         try:
-            await self._keep_asking(client, connected, arm.name)
+            while True:
+                begin = self.clock.now()
+                try:
+                    await self._ask_both()
+                except GRPCError as error:
+                    refusal = f"cannot report its state: {error.message}"
+                    if self._state is None:
+                        raise MachineRefused(arm.name, error.status.name, refusal) from error
+                    await is_there(client)
+                    self._fault(f'the arm "{arm.name}" of the machine {refusal}')
+                connected()
+                moves = self.state.arm_moving or self.state.jaw_moving
+                await asyncio.sleep(begin + (BUSY if moves else IDLE) - self.clock.now())
         finally:
             looking.cancel()
 
@@ -396,24 +397,7 @@ class MachineRig(Machine):
             await asyncio.sleep(_LOOKED_AROUND)
         self._looked.set()
 
-    async def _keep_asking(
-        self, client: RobotClient, connected: Callable[[], None], arm: str
-    ) -> None:
-        while True:
-            begin = self.clock.now()
-            try:
-                await self._ask()
-            except GRPCError as error:
-                refusal = f"cannot report its state: {error.message}"
-                if self._state is None:
-                    raise MachineRefused(arm, error.status.name, refusal) from error
-                await is_there(client)
-                self._fault(f'the arm "{arm}" of the machine {refusal}')
-            connected()
-            moves = self.state.arm_moving or self.state.jaw_moving
-            await asyncio.sleep(begin + (BUSY if moves else IDLE) - self.clock.now())
-
-    async def _ask(self) -> None:
+    async def _ask_both(self) -> None:
         arm, gripper = self._arm, self._gripper
         assert arm is not None  # ``_poll`` has found it
         begin = self.clock.now()
@@ -429,7 +413,7 @@ class MachineRig(Machine):
     async def _refresh(self) -> None:
         self._link.client()
         with self._link.asking("its state"):
-            await self._ask()
+            await self._ask_both()
 
     def _on_loss(self, problem: str) -> None:
         self._arm = self._gripper = None
@@ -451,7 +435,7 @@ class MachineRig(Machine):
         assert self._arm is not None  # it is there as long as the client is
         return self._arm
 
-    def _find_gripper(self) -> ViamGripper:
+    def _find_gripper(self) -> Gripper:
         self._link.client()
         if self._gripper is None:
             raise ConfigError("gripper", self._wanted["gripper"], self._no_gripper)

@@ -1,8 +1,7 @@
 """Convert between Viam's units and ours, and from our errors to gRPC statuses.
 
 A null in a struct reads back as 0 and a NaN as text, so neither is ever sent. A limit that nobody
-set arrives as zero, so zero counts as not set. An exception that is not a gRPC status reaches the
-user with file and line, so our errors are converted.
+set arrives as zero, so zero counts as not set.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Find where the machine's frames are in one arm's base frame.
 
 The arm's base (``<arm>_origin``), its tool (``<arm>``) and the transforms of a request are known
-here. For other frames, such as the world and other components, the machine is asked over the
-module's connection to it. A frame is *held* when it is attached to the arm's tool, directly or
-through other frames.
+here; for others, such as the world, the machine is asked. A frame is *held* when it is attached to
+the arm's tool, directly or through other frames.
 """
 
 from __future__ import annotations

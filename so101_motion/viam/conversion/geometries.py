@@ -1,8 +1,8 @@
 """Convert Viam's geometries to the planner's shapes and back.
 
-viam-server does not pass geometries on as they came. It ignores the centre of a point cloud, takes
-the points as they are, and sends them on with the middle of their bounds as the centre. It sends an
-STL file on under the label of a PLY file. So both are recognised by what they contain.
+viam-server ignores the centre of a point cloud, takes the points as they are, and sends them on
+with the middle of their bounds as the centre. It sends an STL file on under the label of a PLY
+file. So both are recognised by what they contain.
 """
 
 from __future__ import annotations

@@ -1,14 +1,10 @@
 """Write kinematics for viam-server: the arm as SVA JSON or URDF, the gripper as SVA JSON.
 
-Everything is read from the robot description, so viam-server and our planner use the same arm; only
-the names are the published module's (links ``base`` .. ``wrist`` and ``tool``, joints ``1`` ..
-``5``), because the frame systems of existing machines refer to them. viam-server requires the rest:
-one leaf, an ``<origin>`` on every joint and a ``<limit>`` on every revolute one (without them it
-panics), one collision geometry a link. The jaw is left out, because it would be a second leaf.
-
-In SVA a link is the path from one joint to the next, and its geometry sits in the frame the link
-starts in; that frame is the URDF link of the same part. A gripper is a chain of links without
-joints, one for each box, with the tool centre point as its leaf.
+All is read from the robot description but the names, which are the published module's, because the
+frame systems of existing machines refer to them. viam-server requires the rest: one leaf, an
+``<origin>`` on every joint and a ``<limit>`` on every revolute one (without them it panics), one
+collision geometry a link. In SVA a link is the path from one joint to the next, and its geometry
+sits in the frame the link starts in. A gripper is a chain of links without joints, one a box.
 """
 
 from __future__ import annotations

@@ -1,15 +1,10 @@
 """Write geometries and 3D models of arm and gripper for Viam's 3D viewer.
 
-Viam's viewer draws one node for every geometry a component reports, and draws the 3D model of the
-same label at the geometry's own pose. So every part has a geometry, the arm's geometries are
+It draws the 3D model of the same label at the geometry's own pose. So the arm's geometries are
 labelled ``<arm>:<part>`` with the model's key as ``<part>``, and a model's origin is the centre of
-its box. Our mesh files have their origin in the link frame; the shift is written into the file's
-header when the file is served.
-
-A gripper's parts are sent as meshes, in the tool frame of the arm they are fixed to, so that the
-viewer shows the jaw move. viam-server reads meshes as PLY only. They are sent with every answer, so
-they are the visual meshes made coarse: vertices are merged on a grid, wide for ``low`` detail and
-fine for ``high``.
+its box; our files have theirs in the link frame, and the shift is written into their header. A
+gripper's parts are sent as meshes with every answer, so that the jaw moves: visual meshes made
+coarse, as PLY, which is all that viam-server reads.
 """
 
 from __future__ import annotations

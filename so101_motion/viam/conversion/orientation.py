@@ -4,8 +4,7 @@ An orientation vector is a direction ``o`` and a turn ``theta`` about it. With l
 latitude of ``o`` (latitude counted from +z) the rotation is ``Rz(lon) Ry(lat) Rz(theta)``, so ``o``
 is its third column. Near the poles longitude and theta turn about almost the same axis, and
 viam-server fixes the longitude to zero there, in both directions. So within 0.8 degrees of straight
-up or down the direction of the tilt is lost. The same rule is used here because client and server
-must mean the same rotation by the same four numbers. Everywhere else rotations are matrices.
+up or down the direction of the tilt is lost. Client and server must mean the same by four numbers.
 
 Source: viam-server's spatialmath, checked against its frame system on 240 poses.
 """

@@ -1,8 +1,7 @@
 """Read the planner's options from a request's ``extra``.
 
-Our own options and the options of viam-server's planner that our planner has too are used; the
-others are ignored, each with one warning. A wrong value of a known option is refused, because a
-misspelt metric that silently means "the whole pose" costs people an afternoon.
+Options of viam-server's planner that ours has not are ignored, each with one warning. A wrong value
+is refused: a misspelt metric that silently means "the whole pose" costs people an afternoon.
 """
 
 from __future__ import annotations

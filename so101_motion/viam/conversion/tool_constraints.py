@@ -1,9 +1,8 @@
-"""Read Viam's path constraints, and check whether a plan keeps them.
+"""Read Viam's path constraints, and check whether a plan's setpoints keep them.
 
-A line constraint keeps the component on a straight line. A pseudolinear one allows a share of the
+A line constraint keeps the component on a straight line; a pseudolinear one allows a share of the
 distance to either side. An orientation constraint limits how far the component may be turned from
-the steady turn between start and goal. The constraints are measured on the setpoints of the plan; a
-plan that breaks one is refused, and the error says where and by how much.
+the steady turn between start and goal.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Turn a request's WorldState, and the contacts it allows, into the planner's scene.
 
-Obstacles stay where they are when the request comes. If the frame of a transform is attached to the
-tool, its physical object is held: it moves along and may touch the hand. Otherwise the object is an
-obstacle.
+Obstacles stay where they are when the request comes. The physical object of a transform that is
+attached to the tool is held: it moves along and may touch the hand.
 """
 
 from __future__ import annotations

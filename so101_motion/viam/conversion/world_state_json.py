@@ -1,11 +1,8 @@
 """Write a scene as the JSON of a Viam WorldState, for planning with another motion service.
 
-The values are as protobuf writes such a message in JSON (millimetres, degrees, orientation vectors;
-binary as base64). Viam's package is not used, because the viewer runs without it. Obstacles are in
-the frame of the arm's base, ``<arm>_origin``, and held objects in that of its tool, ``<arm>``.
-
-A WorldState cannot say everything that a scene can: it has no floor, no weight, no permitted
-contacts, and a keep-out zone is an obstacle in it like any other.
+Viam's package is not used, because the viewer runs without it. Obstacles are in the frame of the
+arm's base, ``<arm>_origin``, and held objects in that of its tool, ``<arm>``. A WorldState has no
+floor, no weight and no permitted contacts, and a keep-out zone is an obstacle in it.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""The Viam arm methods that real and simulated arms share.
+"""The Viam arm methods that real and simulated arms share: convert, call the arm, convert back.
 
-Each method converts its arguments, calls the arm and converts the result. Stop goes from the event
-loop straight to the arm's I/O thread; calls that block (release, close) run in a thread of their
-own. A ``Motion`` is awaited with ``wait_for_arrival``, so that it ends when its client goes away.
-Forward kinematics takes microseconds and runs on the event loop, because the kinematic model
-belongs to one thread.
+Stop goes from the event loop straight to the arm's I/O thread; calls that block (release, close)
+run in a thread of their own. Forward kinematics takes microseconds and runs on the event loop,
+because the kinematic model belongs to one thread.
 """
 
 from __future__ import annotations

@@ -13,7 +13,6 @@ from viam.resource.types import Model
 
 from so101_motion.calib.record import store
 from so101_motion.rig.hardware_rig import open_without_waiting
-from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.viam.component_config import CALIBRATION_FILE, CalibrationConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
@@ -72,7 +71,14 @@ class So101Calibration(Configured, Sensor):
     ) -> So101Calibration:
         from so101_motion.setup.calibrator import Calibrator
 
-        rig = open_without_waiting(_port_settings(wanted))
+        own = wanted.connection  # its servos are not the rig's
+        settings = replace(
+            own.servo_settings(),
+            timeout=None,
+            rate=None,
+            fallback_file=store.resolve(own.calibration_file or CALIBRATION_FILE),
+        )
+        rig = open_without_waiting(settings)
         try:
             return cls(name, Calibrator(rig, wanted.joints), rig.first_try)
         except BaseException:
@@ -100,16 +106,6 @@ class So101Calibration(Configured, Sensor):
 
     async def close(self) -> None:
         await run_to_end(self._calibrator.close)
-
-
-def _port_settings(wanted: CalibrationConfig) -> ServoSettings:
-    file = wanted.connection.calibration_file
-    return replace(
-        wanted.connection.servo_settings(),
-        timeout=None,
-        rate=None,
-        fallback_file=store.resolve(file or CALIBRATION_FILE),
-    )
 
 
 def readings(now: Situation) -> dict[str, Any]:

@@ -60,19 +60,18 @@ class So101Discovery(Configured, DiscoveryService):
             found = await asyncio.to_thread(discover, self._ports)
         for report in found.reports:
             self.logger.info("%s: %s", report.port.name, report.sentence)
-        reports = tuple(_named(report) for report in found.reports)
         for note in found.notes:
             self.logger.warning("%s", note)
         if found.reports and not any(report.has_arm for report in found.reports):
             self.logger.warning("no complete arm found; the lines above say why, port by port")
-        return replace(found, reports=reports)
+        return replace(found, reports=tuple(map(_named, found.reports)))
 
     async def _report(self) -> dict[str, Any]:
-        found = await self._look()
-        return {
-            "ports": [_about(report) for report in found.reports],
-            "notes": list(found.notes),
-        }
+        found, ports = await self._look(), []
+        for report in found.reports:
+            values = {**report.to_json(), "names": [one.name for one in report.suggestions]}
+            ports.append({key: value for key, value in values.items() if value is not None})
+        return {"ports": ports, "notes": list(found.notes)}
 
 
 def _named(report: PortReport) -> PortReport:
@@ -98,8 +97,3 @@ def _config(one: Suggestion) -> ComponentConfig:
     if one.frame is not None:
         json_format.ParseDict(dict(one.frame), config.frame)
     return config
-
-
-def _about(report: PortReport) -> dict[str, Any]:
-    values = {**report.to_json(), "names": [one.name for one in report.suggestions]}
-    return {key: value for key, value in values.items() if value is not None}

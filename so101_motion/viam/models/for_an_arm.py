@@ -1,7 +1,7 @@
 """The base class of services for one arm of this module.
 
-The arm is not a dependency in viam-server's sense, because the arm's configuration may name the
-service. So the service looks the arm up with every request; it may be built later, or rebuilt.
+The arm is no dependency in viam-server's sense, because its configuration may name the service. So
+it is looked up with every request; it may be built later, or rebuilt.
 """
 
 from __future__ import annotations

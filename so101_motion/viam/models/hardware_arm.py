@@ -101,7 +101,11 @@ class HardwareArm(ArmResource):
     async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
         await self.found()
         q = self._arm.state.q
-        self._log_new(served_remarks(q))
+        remarked = {remark.partition(" ")[0]: remark for remark in served_remarks(q)}  # by joint
+        for joint, remark in remarked.items():
+            if joint not in self._remarked:
+                self.logger.warning("%s", remark)
+        self._remarked = set(remarked)
         return convert.to_joint_positions(served_joints(q))
 
     def _clear(self) -> Scene:
@@ -118,13 +122,6 @@ class HardwareArm(ArmResource):
         """Whether ``q`` is where the arm is, as measured or as reported to viam-server."""
         reported = served_joints(self._arm.state.q)
         return super()._is_here(q) or bool(np.max(np.abs(q - reported)) <= AT_START)
-
-    def _log_new(self, remarks: list[str]) -> None:
-        joints = {remark.partition(" ")[0] for remark in remarks}
-        for remark in remarks:
-            if remark.partition(" ")[0] not in self._remarked:
-                self.logger.warning("%s", remark)
-        self._remarked = joints
 
     async def found(self) -> None:
         with grpc_statuses():
@@ -143,22 +140,20 @@ class HardwareArm(ArmResource):
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         status = dict(await super().get_status(**kwargs))
-        status["not_ready"] = self.rig.not_ready
-        status["connected"] = self.rig.servos.is_connected
-        status["port_losses"] = self.rig.servos.port_losses
-        state = self._arm.state
-        status["alarms"] = dict(state.reading.alarms)
-        missing = [f"not ready: {self.rig.not_ready}"] if self.rig.not_ready else []
-        status["notes"] = [
-            *missing,
-            *self.rig.servos.notes,
-            *remarks(state.reading),
-            *([] if missing else served_remarks(state.q)),
-        ]
-        status["out_of_range"] = out_of_range(state.reading)
-        status["uncalibrated"] = list(self.rig.uncalibrated)
-        status["lent_to"] = state.lent_to
-        status["health"] = health(self.rig.servos)
+        rig, servos, state = self.rig, self.rig.servos, self._arm.state
+        missing = [f"not ready: {rig.not_ready}"] if rig.not_ready else []
+        served = [] if missing else served_remarks(state.q)
+        status |= {
+            "not_ready": rig.not_ready,
+            "connected": servos.is_connected,
+            "port_losses": servos.port_losses,
+            "alarms": dict(state.reading.alarms),
+            "notes": [*missing, *servos.notes, *remarks(state.reading), *served],
+            "out_of_range": out_of_range(state.reading),
+            "uncalibrated": list(rig.uncalibrated),
+            "lent_to": state.lent_to,
+            "health": health(servos),
+        }
         return convert.to_result(status)
 
     async def close(self) -> None:
@@ -180,12 +175,11 @@ def served_limits() -> tuple[Array, Array]:
 def served_joints(q: Array) -> Array:
     """The angles to report to viam-server for an arm at ``q``, both shape (5,), [rad].
 
-    The served kinematics have the joint limits of the robot's description, and viam-server checks
-    every arm of a machine against them before it plans: with one joint a tick outside, its builtin
-    motion service moves no arm at all. Real joints do rest outside, because a joint's zero is known
-    to a few degrees only. So ``GetJointPositions`` moves the angle inside, by ``FARTHEST_OUT`` at
-    most (a joint farther out is most likely not calibrated), and the status has a note. The pose,
-    the geometries, the status and our own plans use the measured angles.
+    viam-server checks every arm of a machine against the served limits before it plans: with one
+    joint a tick outside, its builtin motion service moves no arm at all. Real joints do rest
+    outside, because a joint's zero is known to a few degrees only. So an angle is moved inside, by
+    ``FARTHEST_OUT`` at most (a joint farther out is most likely not calibrated), and the status has
+    a note. Pose, geometries, status and our own plans use the measured angles.
     """
     inside = np.clip(q, *served_limits())
     return np.where(np.abs(q - inside) <= FARTHEST_OUT, inside, q)

@@ -90,12 +90,10 @@ class HardwareGripper(GripperResource):
     ) -> HardwareGripper:
         rig = open_without_waiting(_settings(wanted).with_gripper(wanted.servo_id))
         gripper = cls(name, rig, wanted)
-        if wanted.arm and wanted.connection and not _same_port(rig, wanted):
-            gripper.logger.warning(
-                "port %s is not the port of arm %s; the arm's port is used",
-                wanted.connection.port,
-                wanted.arm,
-            )
+        own = wanted.connection
+        if wanted.arm and own and not rig.is_on(own.port):
+            words = "port %s is not the port of arm %s; the arm's port is used"
+            gripper.logger.warning(words, own.port, wanted.arm)
         return gripper
 
     # Moving
@@ -300,7 +298,3 @@ def _settings(wanted: HardwareGripperConfig) -> ServoSettings:
         )
     now = arm.rig.settings
     return ServoSettings(port=now.port, baudrate=now.baudrate, timeout=None, goes_with_arm=True)
-
-
-def _same_port(rig: HardwareRig, wanted: HardwareGripperConfig) -> bool:
-    return wanted.connection is not None and rig.is_on(wanted.connection.port)

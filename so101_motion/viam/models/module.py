@@ -1,13 +1,10 @@
 """Run the process that viam-server starts: register its models, serve, clean up at the end.
 
-Importing this module registers the models; each is imported when a configuration first asks for it.
-For an arm the planning process is started before that, because it has as much to import.
-
 A SIGTERM (or a SIGHUP, when a terminal ends) closes the server, which closes every component. A
 parent process that disappears (``kill -9``) is noticed within a second, long before the SDK would,
-and has the same effect. In any case the planning process ends by itself when its pipe closes. Arms
-that are configured to be released at the end are released before the components are closed: closing
-a component alone, as every change of its configuration does, leaves the arm holding.
+and has the same effect. Arms that are configured to be released at the end are released before the
+components are closed: closing a component alone, as every change of its configuration does, leaves
+the arm holding.
 """
 
 from __future__ import annotations

@@ -1,23 +1,19 @@
 """``devrel:so101:motion``: a motion service for the arms of this module.
 
-``move`` plans with our planner and runs the plan. The ``world_state`` of a request is added to the
-arm's configured surroundings, for that request alone. Constraints are checked on the setpoints that
-will be sent: a plan that breaks one is refused, and the error says where and by how much.
-
-The service moves only arms of this module in this process. A request may name a component that is
-attached to the arm, such as the gripper, instead of the arm; then the frame of that component is
-moved to the destination.
+The ``world_state`` of a request is added to the arm's surroundings, for that request alone. Path
+constraints are checked on the setpoints that will be sent. A request may name a component that is
+attached to the arm, such as the gripper, instead of the arm.
 """
 
 from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from google.protobuf import json_format
@@ -99,11 +95,7 @@ class So101Motion(ServiceForAnArm, MotionService):
     ) -> bool:
         with grpc_statuses():
             wanted = MoveArguments(
-                component=component_name,
-                destination=destination,
-                world=world_state,
-                constraints=constraints,
-                extra=extra or {},
+                component_name, destination, world_state, constraints, extra or {}
             )
             resource = await self._arm_for(component_name, wanted.transforms)
             await resource.ready()
@@ -114,12 +106,10 @@ class So101Motion(ServiceForAnArm, MotionService):
             arm, loop = resource.rig.arm, asyncio.get_running_loop()
             if arm.is_movable_by_hand or not arm.newest_motion.future.done():
                 await self._refuse_hopeless(wanted, arm.scene)
-            await self._seen_through(
-                resource,
-                arm.start_planned(
-                    lambda: asyncio.run_coroutine_threadsafe(self._planned(wanted), loop)
-                ),
+            motion = arm.start_planned(
+                lambda: asyncio.run_coroutine_threadsafe(self._planned(wanted), loop)
             )
+            await self._seen_through(resource, motion)
         return True
 
     async def get_pose(
@@ -160,18 +150,16 @@ class So101Motion(ServiceForAnArm, MotionService):
                 arm = await self._arm_for(wanted.component, wanted.transforms)
                 name = arm.short_name
                 result[key] = _plan_json(plan, name) if key == "preview" else _steps(plan, name)
-        if given.given("execute"):
-            await self._execute(request["execute"])
-            result["execute"] = True
-        if given.given("move_together"):
-            await move_together(request["move_together"], ArmResource.here, self._seen_through)
-            result["move_together"] = True
-        if given.given("holds"):
-            await set_held(request["holds"], ArmResource.here)
-            result["holds"] = True
-        if given.given("handover"):
-            asked = request["handover"]
-            result["handover"] = await hand_over(asked, ArmResource.here, self._seen_through)
+        here, seen_through = ArmResource.here, self._seen_through
+        moves: dict[str, Callable[[object], Awaitable[Any]]] = {
+            "execute": self._execute,
+            "move_together": lambda asked: move_together(asked, here, seen_through),
+            "holds": lambda asked: set_held(asked, here),
+            "handover": lambda asked: hand_over(asked, here, seen_through),
+        }
+        for key, carry_out in moves.items():
+            if given.given(key):
+                result[key] = await carry_out(request[key]) or True
         return result
 
     async def _execute(self, steps: object) -> None:
@@ -266,9 +254,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         if wanted.component != name:
             goal = replace(goal, frame=_COMPONENT)
             search = replace(search, frames={_COMPONENT: T_tool_component})
-        return _PlanningTask(
-            arm=arm, goal=goal, search=search, constraints=asked, T_tool_component=T_tool_component
-        )
+        return _PlanningTask(arm, goal, search, asked, T_tool_component)
 
     async def _replanned(
         self, wanted: MoveArguments, options: PlannerOptions, resource: ArmResource
@@ -325,8 +311,7 @@ class So101Motion(ServiceForAnArm, MotionService):
     move_on_map = move_on_globe = stop_plan = get_plan = list_plan_statuses = _not_for_arms
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MoveArguments:
+class MoveArguments(NamedTuple):
     """The arguments of a Move request."""
 
     component: str
@@ -351,16 +336,15 @@ class MoveArguments:
         except (json_format.ParseError, *_NOT_JSON) as error:
             raise ConfigError(key, "...", f"must be a MoveRequest as JSON: {error}") from error
         return cls(
-            component=request.component_name,
-            destination=request.destination,
-            world=request.world_state if request.HasField("world_state") else None,
-            constraints=request.constraints if request.HasField("constraints") else None,
-            extra=convert.from_struct(request.extra),
+            request.component_name,
+            request.destination,
+            request.world_state if request.HasField("world_state") else None,
+            request.constraints if request.HasField("constraints") else None,
+            convert.from_struct(request.extra),
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _PlanningTask:
+class _PlanningTask(NamedTuple):
     """A request in the planner's terms."""
 
     arm: Arm

@@ -75,11 +75,8 @@ class SimulatedArm(ArmResource):
         seconds = given.number("seconds", 0.0, lower=0.0, upper=LONGEST_STEP, unit="s")
         clock = self.rig.clock
         if not isinstance(clock, ManualClock):
-            raise ConfigError(
-                "command",
-                "advance_time",
-                'needs "simulate_time": false in the configuration; now time passes by itself',
-            )
+            reason = 'needs "simulate_time": false in the configuration; now time passes by itself'
+            raise ConfigError("command", "advance_time", reason)
         await self._pass_time(clock, seconds)
         return {"time": clock.now()}
 
@@ -89,18 +86,19 @@ class SimulatedArm(ArmResource):
         Otherwise a stop, a cancelled call and the end of the process would wait for an
         ``advance_time`` that may never come.
         """
-        passing = asyncio.create_task(self._let_time_pass(over))
+
+        async def let_time_pass() -> None:
+            clock = self.rig.clock
+            while isinstance(clock, ManualClock) and not over.done():
+                if self._arm.is_moving:
+                    await self._pass_time(clock, TICK)
+                await asyncio.sleep(0.001)
+
+        passing = asyncio.create_task(let_time_pass())
         try:
             await super()._come_to_rest(over)
         finally:
             passing.cancel()
-
-    async def _let_time_pass(self, over: asyncio.Future[None]) -> None:
-        clock = self.rig.clock
-        while isinstance(clock, ManualClock) and not over.done():
-            if self._arm.is_moving:
-                await self._pass_time(clock, TICK)
-            await asyncio.sleep(0.001)
 
     async def _pass_time(self, clock: ManualClock, seconds: float) -> None:
         await asyncio.get_running_loop().run_in_executor(self._time, clock.advance, seconds)

@@ -1,7 +1,7 @@
 """``devrel:so101:teleop``: one arm follows another that is guided by hand.
 
-Arms of this process are read and moved directly, at the rate of their bus, other arms through Viam.
-The arms are looked up with every start, so they may be rebuilt in between.
+Arms of this process are read and moved directly, at the rate of their bus, other arms through Viam;
+they are looked up with every start, so they may be rebuilt in between.
 """
 
 from __future__ import annotations
@@ -50,7 +50,6 @@ from so101_motion.viam.models.teleop_remote import (
 )
 from so101_motion.viam.requests.await_motion import run_to_end
 from so101_motion.viam.requests.commands import Command, Taking, answer
-from so101_motion.viam.surroundings.guarded_scene import GuardedScene
 
 RECORDINGS = "recordings"
 """The folder in the module's data directory that recordings are written to."""
@@ -66,12 +65,7 @@ class So101Teleop(Configured, Generic):
     MODEL: ClassVar = Model.from_string("devrel:so101:teleop")
     CONFIG = TeleopConfig
 
-    def __init__(
-        self,
-        name: str,
-        config: TeleopConfig,
-        dependencies: Dependencies,
-    ) -> None:
+    def __init__(self, name: str, config: TeleopConfig, dependencies: Dependencies) -> None:
         super().__init__(name)
         self._config, self._dependencies = config, dependencies
         self._session: Teleop | None = None
@@ -156,8 +150,9 @@ class So101Teleop(Configured, Generic):
 
     async def _begin(self, record: str, fps: float, *, replace: bool) -> None:
         leader, follower, clock, is_local = self._sides()
-        guarded = self._guarded_scene(follower)
-        if guarded is not None:
+        guarded = None  # of a follower that this module guards
+        if isinstance(follower, LocalFollower) and self._config.guarded:
+            guarded = ArmResource.here[_short(self._config.follower_arm)].guarded_scene
             await guarded.read()
         file = _file_of(record, replace=replace) if record else None
         recorder = await run_to_end(lambda: self._recorder(file, fps, clock)) if file else None
@@ -198,12 +193,6 @@ class So101Teleop(Configured, Generic):
         if session is not None:
             await run_to_end(session.close)
 
-    def _guarded_scene(self, follower: Follower) -> GuardedScene | None:
-        """What tells the follower's guard about the machine; None if this module guards nothing."""
-        if not isinstance(follower, LocalFollower) or not self._config.guarded:
-            return None
-        return ArmResource.here[_short(self._config.follower_arm)].guarded_scene
-
     def _sides(self) -> tuple[Leader, Follower, Clock, bool]:
         config = self._config
         jaws = config.grippers or (None, None)
@@ -227,22 +216,16 @@ class So101Teleop(Configured, Generic):
         if isinstance(following, LocalArm):
             follower = LocalFollower(following, guarded=config.guarded)
         elif config.guarded and config.asks_for_guard:
-            raise ConfigError(
-                "collision_guard",
-                True,
-                "needs a follower of this module, which this one is not; leave it out",
-            )
+            reason = "needs a follower of this module, which this one is not; leave it out"
+            raise ConfigError("collision_guard", True, reason)
         else:
             follower = RemoteFollower(following)
         clocks = [side.station.clock for side in (leading, following) if isinstance(side, LocalArm)]
         if len(set(map(id, clocks))) == 2 and not all(
             isinstance(clock, MonotonicClock) for clock in clocks
         ):
-            raise ConfigError(
-                "follower_arm",
-                config.follower_arm,
-                "has another clock than the leader; set simulate_time to true for both",
-            )
+            reason = "has another clock than the leader; set simulate_time to true for both"
+            raise ConfigError("follower_arm", config.follower_arm, reason)
         clock = clocks[-1] if clocks else MonotonicClock()
         return leader, follower, clock, len(clocks) == 2
 
@@ -258,9 +241,8 @@ class So101Teleop(Configured, Generic):
             )
         gripper = GripperResource.here.get(_short(jaw)) if jaw else None
         if jaw and gripper is None:
-            raise ConfigError(
-                "grippers", jaw, f"is not a gripper of this module, but {arm} is its arm"
-            )
+            reason = f"is not a gripper of this module, but {arm} is its arm"
+            raise ConfigError("grippers", jaw, reason)
         return LocalArm(station=here.rig, jaw=gripper.rig if gripper is not None else None)
 
     def _client(self, name: str, subtype: str) -> ResourceBase:

@@ -1,15 +1,10 @@
 """Use arms of other modules and machines in a teleoperation, through Viam.
 
 In every period the leader's joints are read and the follower is sent a goal, with the call that
-Viam's own teleoperation uses (no interpolation, return at once) and the present caps as move
-options; the arm itself makes the motion smooth.
-
-A remote arm of this package counts its stops, and every goal says how many were known when it was
-sent; the arm refuses one that misses a stop. So Stop ends the session wherever it is pressed. An
-arm of another module stops only until the next goal comes.
-
-The calls run on the event loop, started from the session's own thread. A request without an answer
-within ``PATIENCE`` is given up and sent again; the gate decides what a silence means.
+Viam's own teleoperation uses and the present caps as move options; the arm itself makes the motion
+smooth. A remote arm of this package counts its stops, and refuses a goal that misses one, so Stop
+ends the session wherever it is pressed. An arm of another module stops only until the next goal
+comes. A request without an answer within ``PATIENCE`` is given up and sent again.
 """
 
 from __future__ import annotations
@@ -265,15 +260,15 @@ class RemoteFollower(Follower):
         percent = 100.0 * wanted[0]
         if self._jaw is None or abs(percent - self._percent) > _JAW_STEP:
             self._percent = percent
-            self._jaw = asyncio.ensure_future(self._set_jaw(gripper, percent))
 
-    async def _set_jaw(self, gripper: Gripper, percent: float) -> None:
-        try:
-            await gripper.do_command(
-                {"command": "set_position", "percentage": percent, "wait": False}, timeout=PATIENCE
-            )
-        except _TROUBLE as error:
-            _log.warning("the follower's jaw did not move: %s", error)
+            async def set_jaw() -> None:
+                request: dict[str, Any] = {"command": "set_position", "percentage": percent}
+                try:
+                    await gripper.do_command({**request, "wait": False}, timeout=PATIENCE)
+                except _TROUBLE as error:
+                    _log.warning("the follower's jaw did not move: %s", error)
+
+            self._jaw = asyncio.ensure_future(set_jaw())
 
     def _lose(self, error: Exception) -> None:
         if not self._engaged:

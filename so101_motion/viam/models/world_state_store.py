@@ -1,8 +1,7 @@
 """``devrel:so101:world-state``: shows an arm's scene and newest plan in Viam's 3D view.
 
-Obstacles, keep-out zones, held objects, the goal of the newest plan and the tool's path to it are
-shown as transforms. Nothing is stored: a few times a second, a stream compares the arm's scene and
-plan with what it sent before.
+Nothing is stored: a few times a second, a stream compares the arm's scene and plan with what it
+sent before.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Wait for a motion; cancelling the wait stops the motion.
+"""Wait for a motion or a stream; cancelling the wait stops the motion.
 
 A handler gets ``CancelledError`` when the client cancels, the deadline passes or the connection is
 lost. Letting that error through would leave the arm moving, because a running future cannot be

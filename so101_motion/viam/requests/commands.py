@@ -1,12 +1,10 @@
 """Dispatch DoCommand requests to the methods that answer them.
 
-The published module has two styles of request. Most have the key ``command``; ``set_speed``,
-``set_acceleration`` and ``get_motion_params`` are keys of the request itself and may be combined.
-Combined keys are all checked before any is applied, so a refused request changes nothing.
-
-What else stands in a request is ignored by the published module. Here it is too, and the log names
-it, unless it may have been meant to change a motion: a misspelt argument, a key such as
-``set_speed`` beside another command, anything beside a command that only this module has.
+Most requests of the published module have the key ``command``; others are keys of the request
+itself and may be combined: all are checked before any is applied. What else stands in a request is
+ignored there. Here it is too, and the log names it, unless it may have been meant to change a
+motion: a misspelt argument, a key such as ``set_speed`` beside another command, anything beside a
+command that only this module has.
 """
 
 from __future__ import annotations

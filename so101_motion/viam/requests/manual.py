@@ -1,7 +1,6 @@
 """Switch manual mode, in which the arm is guided by hand, for some time or until it is ended.
 
-A hand feels a wall where it leads the arm into contact, but it is stronger than the wall. So what
-the arm touches is looked at, and said.
+A hand is stronger than the wall that it feels before contact, so what the arm touches is logged.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
-"""Answer the commands of operations as DoCommands.
+"""Answer the commands of operations as DoCommands, each under its published key.
 
-Each command of an operation is a DoCommand under its published key. Any operation can be used as a
-whole as well, which is what ``RemoteOperation`` does: ``{"command": "operation", "name": ...}``
-answers its view as JSON, and with ``ask`` and ``arguments`` carries out a command.
-
-Each command runs in a thread, because it may wait, and is finished even if the client goes away. A
-motion that it has started ends then.
+Any operation can be used as a whole as well, which is what ``RemoteOperation`` does:
+``{"command": "operation", "name": ...}`` answers its view as JSON, and with ``ask`` and
+``arguments`` carries out a command. Each command runs in a thread, because it may wait, and is
+finished even if the client goes away. A motion that it has started ends then.
 """
 
 from __future__ import annotations

@@ -1,22 +1,16 @@
-"""Keep requests from holding up the event loop: refuse those that would take long to read.
+"""Keep requests from holding up the event loop, which answers Stop.
 
-The event loop answers Stop, so no request may keep it busy for long. Every call passes through
-here:
-
-- a message that is too large is refused before it is received: protobuf decodes it in one piece and
-  holds the interpreter lock meanwhile;
-- a request whose structs (``extra``, ``command``) are too large or have too many values is refused,
-  because the SDK converts them value by value on the event loop;
-- error messages are cut to a length that gRPC can encode without delay;
-- of calls that arrive together one is begun in each turn of the loop, Stops before them;
-- a connection has room for more calls than a client may keep open, and each call has its own
+- A message that is too large is refused before it is received: protobuf decodes it in one piece and
+  holds the interpreter lock meanwhile. One whose structs (``extra``, ``command``) are too large or
+  have too many values is refused, because the SDK converts them on the event loop.
+- Error messages are cut to a length that gRPC can encode without delay.
+- Of calls that arrive together one is begun in each turn of the loop, Stops before them.
+- A connection has room for more calls than a client may keep open, and each call has its own
   buffer, so that a Stop never waits behind calls that stay open (``_RoomForStop``).
-
-A request to a component or a service is marked as well, so that a stop that comes while it is
-prepared ends it (``arm/stop_order.py``).
-
-The garbage collector stops every thread: with 200 clients it had 45,000 objects of finished
-requests to free and took 90 ms. So requests leave no reference cycles behind.
+- A request to a component or a service is marked, so that a stop that comes while it is prepared
+  ends it (``arm/stop_order.py``).
+- Requests leave no reference cycles behind: with 200 clients the garbage collector had 45,000
+  objects to free and stopped every thread for 90 ms.
 """
 
 from __future__ import annotations

@@ -1,16 +1,8 @@
 """Answer the motion service's commands for several arms of one cell.
 
-``{"move_together": {"left": {"joints_deg": [0, -40, 40, 60, 0]}, "right": {"pose": {"x": 200,
-"z": 150, "o_z": 1}}}}``: one motion to joint angles [deg], or poses of the tool in that arm's base
-frame [mm, deg] as for MoveToPosition. Arms that are not named hold still.
-
-``{"holds": {"left": [{"name": "stick", "box_mm": [20, 20, 140], "position_mm": [0, 0, 140],
-"mass_kg": 0.05}]}}`` sets the objects in an arm's hand, in its tool frame; ``[]`` for none.
-
-``{"handover": {"from": "left", "to": "right", "object": "stick"}}`` passes such an object to
-another arm.
-
-The arms share a cell (``viam/surroundings/machine_cell.py``).
+``move_together`` takes joint angles [deg] or poses of the tool in an arm's base frame [mm, deg] by
+arm; others hold still. ``holds`` sets the objects in an arm's hand, in its tool frame. ``handover``
+passes such an object to another arm. The requests are in docs/cell.md.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Add the points or objects that a camera sees to the scene, before a plan is made.
 
-The points of a camera, or the objects that a vision service finds in its picture, are relative to
-the camera. So the camera's pose is read before and after the picture; if the camera or the arm has
-moved meanwhile, another picture is taken. The arm itself and its held objects are cut out. If a
-camera does not answer or sees no point at all, planning fails: the space is not assumed to be
-empty.
+They are relative to the camera, so its pose is read before and after the picture; if the camera or
+the arm has moved meanwhile, another picture is taken. The arm itself and its held objects are cut
+out. If a camera does not answer or sees no point at all, planning fails: the space is not assumed
+to be empty.
 """
 
 from __future__ import annotations
@@ -87,7 +86,8 @@ class CameraView:
             seen = await self._look()
             now = await view.read_again()
             there = await now.frames().T_base(self._camera)
-            if _stood_still(view, now) and nearly(T_base_camera, there, _MOVED):
+            links = all(nearly(T, now.T_links[link], _MOVED) for link, T in view.T_links.items())
+            if links and nearly(T_base_camera, there, _MOVED):
                 return seen, now, T_base_camera
             view = now
         raise self._unknown(f"or the arm moved during each of {_TRIES} pictures")
@@ -107,13 +107,7 @@ class CameraView:
             )
         return await self._finder.get_object_point_clouds(self._camera, timeout=self._patience)
 
-    def _placed(
-        self,
-        seen: _Seen,
-        scene: Scene,
-        view: MachineView,
-        T_base_camera: SE3,
-    ) -> Scene:
+    def _placed(self, seen: _Seen, scene: Scene, view: MachineView, T_base_camera: SE3) -> Scene:
         names = UniqueNames(taken_in(scene))
         things: _Things
         if isinstance(seen, bytes):
@@ -185,7 +179,3 @@ class CameraView:
 
 def _finite(points: Array) -> Array:
     return points[np.isfinite(points).all(axis=1)]
-
-
-def _stood_still(view: MachineView, now: MachineView) -> bool:
-    return all(nearly(T, now.T_links[link], _MOVED) for link, T in view.T_links.items())

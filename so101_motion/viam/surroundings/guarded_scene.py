@@ -1,13 +1,10 @@
 """Tell an arm's guard what the machine has around the arm.
 
 Targets that come one by one, streams and teleoperation are not planned: a guard checks every
-setpoint, in the control cycle, so it must know the surroundings beforehand. They are the machine's
-components and the things in the arm's stores, where they are when they are read: before such a
-motion, and again while targets keep coming or the stream or teleoperation goes on. Reading and
-building what the guard needs are done beside the motion, which goes on meanwhile.
-
-What a camera sees is not part of it: a picture takes long, is another one each time, and shows what
-the arm is to reach.
+setpoint, in the control cycle, so it must know the surroundings beforehand: the machine's
+components and what is in the arm's stores. They are read before such a motion, and again beside it
+while it goes on. What a camera sees is not part of it: a picture takes long, is another one each
+time, and shows what the arm is to reach.
 """
 
 from __future__ import annotations

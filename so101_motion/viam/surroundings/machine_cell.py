@@ -1,8 +1,8 @@
 """Let the arms of this process know each other's positions and planned motions.
 
-The frame system has the poses of their bases. An arm that reads it adds all arms with a frame to a
-cell (``arm/cell.py``), and removes those without one. Arms whose clocks differ, as those of
-simulated arms may, do not share a cell; each is an obstacle for the other, where it stands.
+An arm that reads the frame system adds all arms with a frame to a cell (``arm/cell.py``), and
+removes those without one. Arms whose clocks differ, as those of simulated arms may, do not share
+one; each is an obstacle for the other, where it stands.
 """
 
 from __future__ import annotations
@@ -29,15 +29,12 @@ _STAYED = 1e-6
 
 
 class CellArm(Protocol):
-    """An arm of this process and its rig."""
+    """An arm of this process, its rig, and the components that it does not plan around."""
 
     @property
-    def rig(self) -> RigWithExecutor:
-        """The arm's rig."""
-
+    def rig(self) -> RigWithExecutor: ...
     @property
-    def ignored(self) -> Collection[str]:
-        """Names of components that it does not plan around."""
+    def ignored(self) -> Collection[str]: ...
 
 
 class MachineCell:
@@ -69,10 +66,9 @@ class MachineCell:
         return next((each for each in self._cells.values() if name in each.members), None)
 
     def leave(self, name: str, rig: RigWithExecutor) -> None:
-        """Note that an arm is about to be closed; does nothing for one that has not joined.
+        """Note that an arm is about to be closed.
 
-        The arm stays where it stops, and the others go on with their motions. They keep off it
-        until the machine has been read again.
+        It stays where it stops, and the others keep off it until the machine is read again.
         """
         with self._lock:
             if name in self._joined and self._joined[name][0] is rig:

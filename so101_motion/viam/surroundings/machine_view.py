@@ -99,9 +99,8 @@ class FrameTree:
         while frame != WORLD:
             holder = frame if frame in self.parts else frame.removesuffix(_ORIGIN)
             if holder not in self.parts:
-                reason = (
-                    f'has the parent "{frame}", which is not a frame; {suggest(frame, self.parts)}'
-                )
+                hint = suggest(frame, self.parts)
+                reason = f'has the parent "{frame}", which is not a frame; {hint}'
                 raise ConfigError("frame", name, reason)
             steps += 1
             if steps > LONGEST_CHAIN:
@@ -149,6 +148,8 @@ def _part(config: FrameSystemConfig) -> Part:
     is_old = config.HasField("kinematics") and len(config.kinematics.fields) > 0
     has_end = is_old or config.HasField("model")
     joints = len(config.model.joints) if config.HasField("model") else 0
+    fields = config.kinematics.fields
+    name_there = fields["name"].string_value if "name" in fields else ""  # indexing would add one
     return Part(
         name=name,
         parent=seen.reference_frame or WORLD,
@@ -156,14 +157,8 @@ def _part(config: FrameSystemConfig) -> Part:
         geometry=frame.physical_object if frame.HasField("physical_object") else None,
         has_end=has_end,
         has_joints=joints > 0 or (is_old and _has_joints(config)),
-        kinematics=_kinematics_name(config),
+        kinematics=config.model.name or name_there,
     )
-
-
-def _kinematics_name(config: FrameSystemConfig) -> str:
-    fields = config.kinematics.fields
-    name = fields["name"].string_value if "name" in fields else ""  # indexing would add one
-    return config.model.name or name
 
 
 def _has_joints(config: FrameSystemConfig) -> bool:

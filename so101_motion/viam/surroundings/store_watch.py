@@ -3,10 +3,8 @@
 The store's stream reports what comes, changes and goes; the earlier content is read once the stream
 is open. A thing whose change is incomplete is read again. Now and then the list and each thing are
 read again, because a stream may lose a change without a word: a store that has one queue of changes
-for all its readers, as viam-server's own fake one, gives each to one only.
-
-The transforms of ``devrel:so101:world-state`` (goals, paths, the arm's own scene) are no obstacles;
-they are recognised by their ids.
+for all its readers, as viam-server's own fake one, gives each to one only. The transforms of
+``devrel:so101:world-state`` are no obstacles; they are recognised by their ids.
 """
 
 from __future__ import annotations
@@ -87,7 +85,10 @@ class StoreWatch:
             if not is_ours(thing):
                 name = names.new(thing.reference_frame)
                 if name != thing.reference_frame:
-                    thing = _renamed(thing, name)
+                    copy = Transform()
+                    copy.CopyFrom(thing)
+                    copy.reference_frame = name
+                    thing = copy
                 apart.append(thing)
         return apart
 
@@ -140,7 +141,7 @@ class StoreWatch:
         listening = asyncio.ensure_future(listen())
         try:
             await asyncio.sleep(0)  # so that the stream is requested before the list
-            await self._read_all(store)
+            await self._read_those(store, await self._compare(store))
             now = asyncio.get_running_loop().time
             again: list[bytes] = []
             read_at = compare_at = now() + _COMPARED
@@ -181,17 +182,15 @@ class StoreWatch:
                 self._things.pop(thing.uuid, None)
             elif not thing.uuid:  # viam-server's first message, sent when it has dropped a change
                 is_all = True
-            elif _is_whole(thing):
+            elif (
+                thing.reference_frame
+                and thing.HasField("pose_in_observer_frame")
+                and thing.HasField("physical_object")
+            ):
                 self._things[thing.uuid] = thing
             else:
                 incomplete.add(thing.uuid)
-        if is_all:
-            await self._read_all(store)
-        else:
-            await self._read_those(store, incomplete)
-
-    async def _read_all(self, store: WorldStateStore) -> None:
-        await self._read_those(store, await self._compare(store))
+        await self._read_those(store, await self._compare(store) if is_all else incomplete)
 
     async def _compare(self, store: WorldStateStore) -> list[bytes]:
         """Drop the things that are not listed, read the unknown ones, and return the others."""
@@ -225,18 +224,6 @@ class StoreWatch:
             self._things.pop(uuid, None)
         else:
             self._things[uuid] = thing
-
-
-def _is_whole(thing: Transform) -> bool:
-    is_placed = thing.reference_frame and thing.HasField("pose_in_observer_frame")
-    return bool(is_placed and thing.HasField("physical_object"))
-
-
-def _renamed(thing: Transform, name: str) -> Transform:
-    copy = Transform()
-    copy.CopyFrom(thing)
-    copy.reference_frame = name
-    return copy
 
 
 async def _in_time(asked: Awaitable[T], patience: float) -> T:

@@ -1,9 +1,8 @@
-"""Collect an arm's surroundings when a plan is made.
+"""Collect an arm's surroundings when a plan is made: its scene, components, stores, cameras.
 
-They are the arm's configured scene, the machine's components, and the things that stores and
-cameras report. Reading them takes some milliseconds, as long as a plan. So planning begins with the
-last known surroundings, and the plan is used only if they are unchanged. A motion of the arm begins
-it on its own thread, because the event loop is busy with the reading.
+Reading them takes some milliseconds, as long as a plan. So planning begins with the last known
+surroundings, and the plan is used only if they are unchanged. A motion of the arm begins it on its
+own thread, because the event loop is busy with the reading.
 """
 
 from __future__ import annotations
@@ -27,26 +26,17 @@ _KNOWN_FOR = 5.0
 
 
 class Source(Protocol):
-    """A store or camera that reports things around the arm."""
+    """A store or camera that reports things around the arm, or raises ``SurroundingsUnknown``.
+
+    Two with the same ``origin`` report the same; a steady one does while nothing changes.
+    """
 
     @property
-    def origin(self) -> tuple[str, ...]:
-        """The resources that it reads; two sources with the same origin report the same."""
-
+    def origin(self) -> tuple[str, ...]: ...
     @property
-    def is_steady(self) -> bool:
-        """Whether it reports the same while nothing changes; a camera does not."""
-
-    async def added_to(self, scene: Scene, view: MachineView) -> Scene:
-        """``scene`` with the things that it reports.
-
-        Raises:
-            SurroundingsUnknown: It does not answer.
-            ConfigError: A thing that it reports is not valid.
-        """
-
-    async def close(self) -> None:
-        """Stop using it; may be called twice."""
+    def is_steady(self) -> bool: ...
+    async def added_to(self, scene: Scene, view: MachineView) -> Scene: ...
+    async def close(self) -> None: ...
 
 
 class Surroundings:
@@ -85,9 +75,12 @@ class Surroundings:
             )
         self._said = self._machine.without
         try:
-            now = scene
-            if view.bodies:
-                now = await self._with_bodies(scene, view.bodies)
+            now, bodies, built = scene, view.bodies, self._built
+            if bodies:
+                if built is None or built[0] != scene or built[1] is not bodies:
+                    now = await asyncio.to_thread(scene_around, scene, bodies)
+                    built = self._built = (scene, bodies, now)
+                now = built[2]
             for source in sources:
                 now = await source.added_to(now, view)
         except ConfigError as error:
@@ -95,10 +88,9 @@ class Surroundings:
         return now
 
     async def update_other_arms(self) -> None:
-        """Read the positions of the other arms of this process, before this one moves.
+        """Read the positions of the other arms of this process, if they may be too old.
 
-        Reads the machine only if there are others and the last reading is older than
-        ``_KNOWN_FOR``. If the machine does not answer, the last positions are used, with a warning.
+        If the machine does not answer, the last ones are used, with a warning.
         """
         now = time.monotonic()
         if not self._machine.has_company or (
@@ -110,13 +102,6 @@ class Surroundings:
             await self._machine.read()
         except SurroundingsUnknown as error:
             self._logger.warning("the last known positions of the other arms are used: %s", error)
-
-    async def _with_bodies(self, scene: Scene, bodies: tuple[Body, ...]) -> Scene:
-        built = self._built
-        if built is None or built[0] != scene or built[1] is not bodies:
-            now = await asyncio.to_thread(scene_around, scene, bodies)
-            built = self._built = (scene, bodies, now)
-        return built[2]
 
     async def planned(
         self,
