@@ -2,6 +2,7 @@
 
 import asyncio
 
+import numpy as np
 from grpclib import GRPCError, Status
 from viam.components.generic import Generic
 from viam.proto.common import (
@@ -18,6 +19,7 @@ from viam.proto.service.worldstatestore import StreamTransformChangesResponse, T
 from viam.services.worldstatestore import WorldStateStore
 
 from so101_motion.common.geometry import SE3
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion import convert
 
 
@@ -42,6 +44,25 @@ def status(kind, name, state, error=""):
     """Whether a component runs, as viam-server says it; ``state`` such as ``"READY"``."""
     named = ResourceName(namespace="rdk", type="component", subtype=kind, name=name)
     return ResourceStatus(name=named, state=f"STATE_{state}", error=error)
+
+
+class StandingArm:
+    """An arm of this process at joint angles [rad]."""
+
+    model = RobotModel.load()
+
+    def __init__(self, q=(0.0, 0.0, 0.0, 0.0, 0.0)):
+        self.q, self.trouble = np.array(q), None
+
+    async def found(self):
+        if self.trouble is not None:
+            raise self.trouble
+
+    def T_end(self):
+        return self.model.frame(self.q, "tool")
+
+    def T_links(self):
+        return self.model.link_placements(self.q, 0.0)
 
 
 class Thing(Generic):

@@ -512,7 +512,7 @@ class ArmResource(Configured, Arm):
 
         Other arms count where they are now and where their motions end.
         """
-        own, member = self._arm.scene, self._arm.cell_member
+        own = self._arm.scene
         try:
             now = await self.surroundings.standing(own)
         except SurroundingsUnknown as error:
@@ -522,6 +522,7 @@ class ArmResource(Configured, Arm):
             attached=now.attached[len(own.attached) :],
         )
         told = await asyncio.to_thread(scene_to, added)
+        member = self._arm.cell_member  # since it was read, perhaps
         others = [
             StandingArm(
                 name=other.name,

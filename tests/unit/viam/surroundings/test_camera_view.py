@@ -5,7 +5,7 @@ import pytest
 from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
 from harness.fake_camera import FakeCamera, FakeVision, picture
-from harness.fake_machine import FakeMachine, a_box, hanging
+from harness.fake_machine import FakeMachine, StandingArm, a_box, hanging
 from viam.components.camera import CameraClient
 from viam.components.camera.service import CameraRPCService
 from viam.resource.manager import ResourceManager
@@ -33,19 +33,6 @@ Q_IN_BOX = np.array((np.arctan2(0.2, 0.25), -0.6, 0.5, 0.4, 0.2))
 ABOVE = dict(x=300.0, y=100.0, z=700.0, o_x=0.1, o_z=-1.0, theta=30.0)
 
 
-class Standing:
-    """An arm of this process that stands at ``Q``."""
-
-    async def found(self):
-        pass
-
-    def T_end(self):
-        return MODEL.frame(Q, "tool")
-
-    def T_links(self):
-        return MODEL.link_placements(Q, 0.0)
-
-
 def camera_at(**pose):
     return hanging("camera", **(ABOVE | pose))
 
@@ -56,7 +43,7 @@ class Bench:
     def __init__(self, camera, patience=60.0):
         self.machine = FakeMachine(hanging("arm", joints=5), camera_at())
         self.camera, self.patience = camera, patience
-        self.arms = {"arm": Standing()}
+        self.arms = {"arm": StandingArm(Q)}
 
     @property
     def T_base_camera(self):

@@ -11,7 +11,6 @@ from so101_motion.common.errors import Interrupted, SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.viam.surroundings import guarded_scene
 from so101_motion.viam.surroundings.guarded_scene import KNOWN_FOR, RENEWED, GuardedScene
-from so101_motion.viam.surroundings.surroundings import Surroundings
 
 OWN, OTHER = Scene(floor_z=-0.01), Scene(floor_z=-0.02)
 FULL, EMPTIER = Scene(floor_z=-0.03), Scene(floor_z=-0.04)
@@ -72,14 +71,16 @@ async def test_requests_that_keep_coming_have_it_read_again_and_do_not_wait(benc
     assert bench.around.asked == 2
 
 
-async def test_for_motions_that_are_planned_again_it_is_read_all_the_time(bench, monkeypatch):
-    monkeypatch.setattr(guarded_scene, "REPLANNED", 0.0)
-    async with bench.guarded.kept_new():
+@pytest.mark.parametrize("block", ["kept_new", "kept_known"])
+async def test_a_block_of_motion_has_it_read_again_and_again(bench, monkeypatch, block):
+    for name in ("REPLANNED", "RENEWED"):
+        monkeypatch.setattr(guarded_scene, name, 0.01)
+    async with getattr(bench.guarded, block)():
         assert bench.arm.told == [(OWN, FULL)]
         bench.around.scene = EMPTIER
         await until(lambda: bench.arm.told == [(OWN, FULL), (OWN, EMPTIER)])
     asked = bench.around.asked
-    await asyncio.sleep(0)
+    await asyncio.sleep(0.05)
     assert bench.around.asked == asked
 
 
@@ -149,44 +150,6 @@ async def test_without_a_machine_nothing_is_read(bench):
     bench.around.scene = None
     await bench.guarded.known()
     assert bench.arm.told == []
-
-
-class Reporter:
-    """A store, or with ``is_steady`` false a camera, that reports a scene."""
-
-    def __init__(self, scene, *, is_steady):
-        self.scene, self.is_steady = scene, is_steady
-        self.origin = ("store" if is_steady else "camera",)
-
-    async def added_to(self, scene, view):
-        return self.scene
-
-    async def close(self):
-        pass
-
-
-async def test_what_a_store_has_counts_and_what_a_camera_sees_does_not():
-    class Machine:
-        is_asked, without, company = True, "", ()
-
-        async def read(self):
-            return SimpleNamespace(bodies=())
-
-    store, camera = Reporter(FULL, is_steady=True), Reporter(EMPTIER, is_steady=False)
-    surroundings = Surroundings(Machine(), [store, camera], logging.getLogger("test"))
-    assert await surroundings.standing(OWN) == FULL
-    assert await surroundings.around(OWN) == EMPTIER
-
-
-async def test_a_block_of_motion_has_it_read_again_and_again(bench, monkeypatch):
-    monkeypatch.setattr(guarded_scene, "RENEWED", 0.01)
-    async with bench.guarded.kept_known():
-        assert bench.arm.told == [(OWN, FULL)]
-        bench.around.scene = EMPTIER
-        await until(lambda: bench.arm.told == [(OWN, FULL), (OWN, EMPTIER)])
-    asked = bench.around.asked
-    await asyncio.sleep(0.05)
-    assert bench.around.asked == asked
 
 
 async def test_without_a_guard_only_a_teleoperation_with_one_reads(bench):

@@ -4,37 +4,17 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
-from harness.fake_machine import FakeMachine, Thing, a_box, hanging, status
+from harness.fake_machine import FakeMachine, StandingArm, Thing, a_box, hanging, status
 from harness.fake_parent import until
 
 from so101_motion.common.errors import SurroundingsUnknown
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.surroundings import machine_bodies, machine_view
 from so101_motion.viam.surroundings.machine_bodies import ALL, MachineBodies
 from so101_motion.viam.surroundings.machine_cell import MachineCell
 from so101_motion.viam.surroundings.machine_view import scene_around
-
-
-class Neighbour:
-    """An arm of this process at joint angles."""
-
-    model = RobotModel.load()
-
-    def __init__(self, q=(0.0, 0.0, 0.0, 0.0, 0.0)):
-        self.q, self.trouble = np.array(q), None
-
-    async def found(self):
-        if self.trouble is not None:
-            raise self.trouble
-
-    def T_end(self):
-        return self.model.frame(self.q, "tool")
-
-    def T_links(self):
-        return self.model.link_placements(self.q, 0.0)
 
 
 @pytest.fixture
@@ -43,7 +23,7 @@ def around():
 
     def begin(machine, ignored=(), arms=None, grippers=(), patience=2.0):
         set_machine(lambda: machine)
-        arms = arms or {"arm": Neighbour()}
+        arms = arms or {"arm": StandingArm()}
         return MachineBodies("arm", ignored, arms, grippers, MachineCell({}), patience=patience)
 
     yield begin
@@ -88,9 +68,9 @@ async def test_what_hangs_from_the_tool_is_held_and_what_hangs_from_the_base_is_
 
 
 async def test_another_arm_of_this_process_is_where_its_joints_are(around):
-    left = Neighbour((0.5, -0.3, 0.2, 0.1, 0.0))
+    left = StandingArm((0.5, -0.3, 0.2, 0.1, 0.0))
     turned = hanging("left", x=500.0, theta=180.0, joints=5)
-    reader = around(FakeMachine(ARM, turned), arms={"arm": Neighbour(), "left": left})
+    reader = around(FakeMachine(ARM, turned), arms={"arm": StandingArm(), "left": left})
     bodies = by_name((await reader.read()).bodies)
     assert {"left:base", "left:upper arm", "left:jaw"} < set(bodies)
     T_base_left = SE3.from_rpy((0.0, 0.0, np.pi), (0.4, 0.0, 0.0))
@@ -102,14 +82,14 @@ async def test_another_arm_of_this_process_is_where_its_joints_are(around):
 
 
 async def test_what_hangs_from_another_arm_moves_with_that(around):
-    left = Neighbour()
+    left = StandingArm()
     machine = FakeMachine(
         ARM,
         hanging("left", y=500.0, joints=5),
         hanging("camera", "left", geometry=a_box(20, 20, 20)),
         things=[Thing("camera")],
     )
-    reader = around(machine, arms={"arm": Neighbour(), "left": left})
+    reader = around(machine, arms={"arm": StandingArm(), "left": left})
     left.q = np.array((0.3, 0.2, 0.1, 0.0, 0.0))
     body = by_name((await reader.read()).bodies)["camera"]
     assert not body.holder
@@ -174,14 +154,14 @@ async def test_components_are_asked_each_time_unless_their_answer_adds_nothing(a
 
 
 async def test_what_is_as_it_was_makes_the_same_scene(around):
-    left = Neighbour()
+    left = StandingArm()
     machine = FakeMachine(
         ARM,
         hanging("left", x=400.0, joints=5),
         hanging("crate", geometry=a_box(10, 10, 10)),
         things=[Thing("crate")],
     )
-    reader = around(machine, arms={"arm": Neighbour(), "left": left})
+    reader = around(machine, arms={"arm": StandingArm(), "left": left})
     first = scene_around(Scene(), (await reader.read()).bodies)
     left.q = left.q + 0.0015 * np.eye(5)[0]  # a tick
     assert scene_around(Scene(), (await reader.read()).bodies) == first
@@ -190,7 +170,7 @@ async def test_what_is_as_it_was_makes_the_same_scene(around):
 
 
 async def test_what_is_held_is_the_same_wherever_the_arm_is(around):
-    own = Neighbour()
+    own = StandingArm()
     machine = FakeMachine(
         ARM, hanging("stick", "arm", geometry=a_box(9, 9, 99)), things=[Thing("stick")]
     )
@@ -293,10 +273,10 @@ async def test_a_connection_that_is_lost_is_waited_for(around):
 
 
 async def test_an_arm_whose_joints_are_not_known_is_not_planned_around(around):
-    left = Neighbour()
+    left = StandingArm()
     left.trouble = GRPCError(Status.UNAVAILABLE, "not ready: servo 3 is silent")
     reader = around(
-        FakeMachine(ARM, hanging("left", joints=5)), arms={"arm": Neighbour(), "left": left}
+        FakeMachine(ARM, hanging("left", joints=5)), arms={"arm": StandingArm(), "left": left}
     )
     with pytest.raises(SurroundingsUnknown, match='"left" is unknown: not ready: servo 3'):
         await reader.read()
@@ -318,7 +298,7 @@ async def test_an_arm_that_is_being_configured_is_waited_for(around, late):
     parts = {"arm": ARM, "left": hanging("left", y=450.0, joints=5)}
     machine = FakeMachine(*(part for name, part in parts.items() if name != late))
     machine.statuses = [status("arm", late, "CONFIGURING")]
-    reader = around(machine, arms={"arm": Neighbour(), "left": Neighbour()})
+    reader = around(machine, arms={"arm": StandingArm(), "left": StandingArm()})
     reading = asyncio.ensure_future(reader.read())
     await until(lambda: machine.asked > 0)
     machine.configs, machine.statuses = list(parts.values()), []
