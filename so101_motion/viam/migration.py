@@ -185,7 +185,7 @@ def _part(kind: str, entry: Mapping[str, Any], zero: str | None) -> MigratedReso
             kept["joint_zero"] = zero
             notes.append(
                 f'"joint_zero": "{zero}" is added: so your version of the published module counts'
-                " joint angles, and those that you have kept go on meaning the same",
+                " joint angles, and those that you have kept go on meaning the same"
             )
         try:
             notes += getattr(known.from_attributes(kept), "notes", ())

@@ -3,6 +3,8 @@
 import asyncio
 from contextlib import asynccontextmanager
 
+import pytest
+from grpclib import GRPCError
 from grpclib.testing import ChannelFor
 from viam.components.arm import ArmClient
 from viam.components.arm.service import ArmRPCService
@@ -77,6 +79,16 @@ async def in_time(client, call, step=0.1):
     while not task.done():
         await advance(client, step)
     return await task
+
+
+async def refused(call, status=None, *says):
+    """The error that a call is refused with; it must have this status, and these words."""
+    with pytest.raises(GRPCError) as caught:
+        await call
+    assert status is None or caught.value.status is status
+    for words in says:
+        assert words in caught.value.message, caught.value.message
+    return caught.value
 
 
 async def duration_of(client, call):

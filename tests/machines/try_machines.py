@@ -90,7 +90,6 @@ class Machine:
 
     @property
     def home(self) -> str:
-        """The home of the user, on the machine."""
         return "/root" if self.user == "root" else f"/home/{self.user}"
 
     def command(self, line: str, folder: str, user: str) -> list[str]:
@@ -109,7 +108,6 @@ class Machine:
         return ["unshare", "--mount", "--pid", "--fork", "--kill-child", "sh", "-c", script]
 
     def type(self, line: str, *, folder: str = "", as_root: bool = False) -> tuple[int, str, float]:
-        """Type a line and wait for its end: exit code, what it said, seconds."""
         user = "root" if as_root else self.user
         begin = time.monotonic()
         done = subprocess.run(
@@ -140,7 +138,6 @@ class Machine:
     def note(
         self, typed: str, verdict: str, otherwise: str, seconds: float, *, as_root: bool = False
     ) -> None:
-        """Write a row."""
         user = "root" if as_root else "ordinary" if self.user != "root" else "root"
         result = verdict or f"FAILED: {otherwise}"
         self.rows.append(
@@ -162,7 +159,6 @@ def passed_on() -> dict[str, str]:
 
 
 def archive() -> str:
-    """Where this machine gets its Debian packages."""
     form = "$(REPO_URI) $(ORIGIN) $(LABEL)"
     asked = ["apt-get", "indextargets", "--format", form, "Created-By: Packages"]
     said = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
@@ -173,7 +169,6 @@ def archive() -> str:
 
 
 def make(base: Path, release: str) -> None:
-    """Make the machine all trials of a release begin with: nothing but what is essential."""
     source = f"deb {archive()} {release} main"
     command = ["mmdebstrap", "--mode=root", "--variant=minbase", release, str(base), source]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
@@ -188,7 +183,6 @@ def make(base: Path, release: str) -> None:
 
 
 def clone(machine: Machine, name: str) -> str:
-    """Put what is committed on the machine, as a clone; its folder there."""
     folder = f"{machine.home}/{name}"
     there = machine.root / folder.lstrip("/")
     quiet = ["git", "clone", "--quiet", "--no-hardlinks", str(ROOT), str(there)]
@@ -209,7 +203,6 @@ def shown_lines(having: str) -> list[tuple[bool, str]]:
 
 
 def try_readme(machine: Machine) -> None:
-    """Type the README's words as they stand."""
     folder = clone(machine, "so101_motion")
     for is_root, line in shown_lines("make demo"):
         if is_root:
@@ -260,7 +253,6 @@ def try_stumbling(machine: Machine) -> None:
 
 
 def try_demo(machine: Machine, line: str, folder: str) -> None:
-    """Type the demo's line, ask for the page it links to, press Ctrl-C."""
     log = machine.root / "tmp" / "demo.log"
     begin = time.monotonic()
     with log.open("w") as out:
@@ -284,7 +276,6 @@ def try_demo(machine: Machine, line: str, folder: str) -> None:
 
 
 def asked_as_browser(link: str) -> bytes:
-    """The page behind a link: the link gives a cookie, and the cookie opens the page."""
     cookies = urllib.request.HTTPCookieProcessor()
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), cookies)
     with opener.open(link, timeout=30.0):
@@ -296,7 +287,6 @@ def asked_as_browser(link: str) -> bytes:
 
 
 def try_run(machine: Machine, folder: str) -> None:
-    """Start the module as viam-server does, wait until it answers on its socket, end it."""
     socket = machine.root / "tmp" / "so101.sock"
     socket.unlink(missing_ok=True)
     log = machine.root / "tmp" / "run.log"
@@ -315,7 +305,6 @@ def try_run(machine: Machine, folder: str) -> None:
 
 
 def interrupt(process: subprocess.Popen[bytes]) -> None:
-    """Press Ctrl-C, and give the program some seconds."""
     os.killpg(process.pid, signal.SIGINT)
     deadline = time.monotonic() + 15.0
     while process.poll() is None and time.monotonic() < deadline:
@@ -323,29 +312,24 @@ def interrupt(process: subprocess.Popen[bytes]) -> None:
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
-    """End a command and, with its namespace, all it has started."""
     process.kill()
     process.wait()
 
 
 def done(code: int, _said: str) -> str:
-    """Judge by the exit code alone."""
     return "" if code else "done"
 
 
 def arrives(code: int, said: str) -> str:
-    """Judge the demo as text."""
     return "" if code or "arrived at" not in said else "plans, moves, arrives"
 
 
 def passed(code: int, said: str) -> str:
-    """Judge the tests."""
     found = re.search(r"(\d+ passed[^\n=]*)", said)
     return "" if code or found is None else found[1].strip()
 
 
 def names_a_command(code: int, said: str) -> str:
-    """Judge a failure: it has to say what to type, and to show no traceback."""
     found = re.search(r"(error: [^\n]*)\n?(.*?(try: apt-get install [^\n]*))?", said, re.DOTALL)
     fine = code and found and "try: apt-get install" in said and "Traceback" not in said
     advice = re.search(r"try: apt-get install [^(\n]*", said)
@@ -353,17 +337,14 @@ def names_a_command(code: int, said: str) -> str:
 
 
 def last_words(said: str) -> str:
-    """The end of what was said, for a row that went wrong."""
     return " / ".join(said.strip().splitlines()[-3:])[-300:]
 
 
 def indented(text: str) -> str:
-    """What a command said, set apart."""
     return "\n".join(f"    | {line}" for line in text.strip().splitlines()[-25:])
 
 
 def megabytes(folder: Path) -> int:
-    """How much disk a folder takes."""
     command = ["du", "--summarize", "--one-file-system", "--block-size=1000000", str(folder)]
     return int(
         subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()[0]
@@ -371,12 +352,10 @@ def megabytes(folder: Path) -> int:
 
 
 def say(sentence: str) -> None:
-    """Print at once."""
     print(sentence, file=sys.stderr, flush=True)
 
 
 def committed() -> str:
-    """Which commit a clone made now would hold."""
     asked = ["git", "rev-parse", "--short", "HEAD"]
     return subprocess.run(
         asked, cwd=ROOT, capture_output=True, text=True, check=True
@@ -384,7 +363,6 @@ def committed() -> str:
 
 
 def write(result: Path, rows: list[Row], commit: str) -> None:
-    """Put the rows of a trial into the file, in place of those of the same trial before."""
     before = json.loads(result.read_text())["rows"] if result.exists() else []
     these = {(row.machine, row.trial) for row in rows}
     kept = [row for row in before if (row["machine"], row["trial"]) not in these]
@@ -394,7 +372,6 @@ def write(result: Path, rows: list[Row], commit: str) -> None:
 
 
 def table(rows: list[Row]) -> str:
-    """The rows as a table of Markdown."""
     head = "| machine | trial | who | typed | result | s |\n|---|---|---|---|---|---|\n"
     lines = (
         f"| {row.machine} | {row.trial} | {row.user} | `{row.typed}` | {row.result} |"
@@ -405,7 +382,6 @@ def table(rows: list[Row]) -> str:
 
 
 def main() -> int:
-    """Try what the command line asks for; the exit code says whether all went well."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--release", action="append", choices=RELEASES, help="default: both")
     parser.add_argument("--user", action="append", choices=USERS, help="default: both")

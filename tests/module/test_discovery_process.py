@@ -9,6 +9,7 @@ import viam.services.discovery  # noqa: F401  # importing registers the client
 from google.protobuf import json_format
 from grpclib import GRPCError, Status
 from harness.fake_parent import ARM, DISCOVERY, GRIPPER, ROOT, SENSOR, running_module
+from harness.in_process_module import refused
 
 SERVICE = "rdk:service:discovery"
 EMULATE = "from so101_motion.cli import main; main()"
@@ -63,8 +64,30 @@ def frame(config):
     return json_format.MessageToDict(config.frame)
 
 
-async def test_what_is_discovered_can_be_added_as_it_is(emulated):
+async def nothing_to_find_is_explained_and_wrong_settings_are_refused(module, missing):
+    service = await module.add(SERVICE, DISCOVERY, {"ports": [missing]}, "nothing")
+    assert on(missing, await service.discover_resources()) == {}
+    report = await service.do_command({"command": "report"})
+    (mine,) = [one for one in report["ports"] if one["port"] == missing]
+    assert "no such port" in mine["found"]
+    assert mine["names"] == []
+    assert await service.get_status() == {"ports": [missing]}
+    with pytest.raises(GRPCError, match='did you mean "report"'):
+        await service.do_command({"command": "reprot"})
+
+    await module.validate(SERVICE, DISCOVERY, {"port": "/dev/ttyACM0"})  # the arm's: ignored
+    await refused(
+        module.validate(SERVICE, DISCOVERY, {"prts": ["/dev/ttyACM0"]}),
+        Status.INVALID_ARGUMENT,
+        'did you mean "ports"',
+    )
+    assert any("no such port" in message for _, message in module.parent.lines)
+
+
+async def test_what_is_discovered_can_be_added_as_it_is(emulated, tmp_path):
     async with running_module() as (module, _, _):
+        missing = str(tmp_path / "ttyACM0")
+        await nothing_to_find_is_explained_and_wrong_settings_are_refused(module, missing)
         answer = await module.validate(SERVICE, DISCOVERY)
         assert list(answer.dependencies) == []
         service = await module.add(SERVICE, DISCOVERY, {"ports": [emulated]}, "find")
@@ -103,26 +126,3 @@ async def test_what_is_discovered_can_be_added_as_it_is(emulated):
         assert not [line for line in diagnosis["findings"] if "calibration file" in line]
     said = [line for level, line in module.parent.lines if level in ("warning", "error")]
     assert not [line for line in said if "calibration" in line]
-
-
-async def test_nothing_to_find_is_explained_and_wrong_settings_are_refused(tmp_path):
-    async with running_module() as (module, _, _):
-        missing = str(tmp_path / "ttyACM0")
-        service = await module.add(SERVICE, DISCOVERY, {"ports": [missing]}, "find")
-        assert on(missing, await service.discover_resources()) == {}
-        report = await service.do_command({"command": "report"})
-        (mine,) = [one for one in report["ports"] if one["port"] == missing]
-        assert "no such port" in mine["found"]
-        assert mine["names"] == []
-        assert await service.get_status() == {"ports": [missing]}
-        with pytest.raises(GRPCError) as caught:
-            await service.do_command({"command": "reprot"})
-        assert 'did you mean "report"' in caught.value.message
-
-        await module.validate(SERVICE, DISCOVERY, {"port": "/dev/ttyACM0"})  # the arm's: ignored
-        with pytest.raises(GRPCError) as caught:
-            await module.validate(SERVICE, DISCOVERY, {"prts": ["/dev/ttyACM0"]})
-        assert caught.value.status is Status.INVALID_ARGUMENT
-        assert 'did you mean "ports"' in caught.value.message
-    said = [message for _, message in module.parent.lines]
-    assert any("no such port" in message for message in said)

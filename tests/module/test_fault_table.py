@@ -7,7 +7,7 @@ Clients that leave or ask too much delay no other. Servos are emulated; a hand h
 import asyncio
 import math
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 import pytest
@@ -50,14 +50,13 @@ NO_JUMP = [0.5, 1.0, 1.0, 1.0, 0.5]
 the hand and the servo share, which may slip."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Row:
     """A fault and what is made of it.
 
     Attributes:
         name: What a person would call it.
-        begins: What is typed into the emulator.
-        ends: The same when it is over.
+        begins: What is typed into the emulator; ``ends``: the same when it is over.
         status: What the move under way ends with.
         says: Words its message must have.
         lasts: How long it goes on after that [s].
@@ -70,79 +69,50 @@ class Row:
     ends: str
     status: Status
     says: tuple[str, ...]
+    _: KW_ONLY
     lasts: float = 0.1
     silent: tuple[str, ...] = ()
     limp: bool = False
 
 
+CABLE = ("wrist_flex", "wrist_roll", "gripper")
+
 TABLE = (
     Row(
-        name="unplugged",
-        begins="unplug",
-        ends="end unplug",
-        status=Status.UNAVAILABLE,
-        says=("the port went away", "USB cable"),
-        lasts=2.0,
-        silent=JOINTS,
+        "unplugged", "unplug", "end unplug",
+        Status.UNAVAILABLE, ("the port went away", "USB cable"), lasts=2.0, silent=JOINTS,
     ),
     Row(
-        name="hot servo",
-        begins="hot:elbow_flex=68",
-        ends="hot:elbow_flex=30",
-        status=Status.ABORTED,
-        says=("elbow_flex", "68 degC", "let it cool"),
+        "hot servo", "hot:elbow_flex=68", "hot:elbow_flex=30",
+        Status.ABORTED, ("elbow_flex", "68 degC", "let it cool"),
     ),
     Row(
-        name="dead servo",
-        begins="dead:wrist_roll",
-        ends="end dead:wrist_roll",
-        status=Status.UNAVAILABLE,
-        says=("wrist_roll", "no reply"),
-        silent=("wrist_roll",),
+        "dead servo", "dead:wrist_roll", "end dead:wrist_roll",
+        Status.UNAVAILABLE, ("wrist_roll", "no reply"), silent=("wrist_roll",),
     ),
     Row(
-        name="cable out in the middle",
-        begins="dead:wrist_flex\ndead:wrist_roll\ndead:gripper",
-        ends="end dead:wrist_flex\nend dead:wrist_roll\nend dead:gripper",
-        status=Status.UNAVAILABLE,
-        says=("wrist_flex", "wrist_roll", "gripper", "the cable between servos 3 and 4"),
-        silent=("wrist_flex", "wrist_roll", "gripper"),
-        limp=True,
+        "cable out in the middle",
+        "\n".join(f"dead:{joint}" for joint in CABLE),
+        "\n".join(f"end dead:{joint}" for joint in CABLE),
+        Status.UNAVAILABLE, (*CABLE, "the cable between servos 3 and 4"), silent=CABLE, limp=True,
     ),
     Row(
-        name="brown-out",
-        begins="brownout=3.4",
-        ends="end brownout=3.4",
-        status=Status.UNAVAILABLE,
-        says=("no servo answers", "power supply"),
-        silent=JOINTS,
-        limp=True,
+        "brown-out", "brownout=3.4", "end brownout=3.4",
+        Status.UNAVAILABLE, ("no servo answers", "power supply"), silent=JOINTS, limp=True,
     ),
     Row(
-        name="reboot",
-        begins="reboot:shoulder_lift",
-        ends="",
-        status=Status.UNAVAILABLE,
-        says=("shoulder_lift",),
-        silent=("shoulder_lift",),  # for the better part of a second
-        limp=True,
+        "reboot", "reboot:shoulder_lift", "", Status.UNAVAILABLE, ("shoulder_lift",),
+        silent=("shoulder_lift",), limp=True,  # silent for the better part of a second
     ),
     Row(
-        name="supply too low",
-        begins="brownout=5.0",
-        ends="end brownout=5.0",
-        status=Status.ABORTED,
-        says=("gets only ", "switch the arm's power supply on"),
-        limp=True,
+        "supply too low", "brownout=5.0", "end brownout=5.0",
+        Status.ABORTED, ("gets only ", "switch the arm's power supply on"), limp=True,
     ),
     Row(
-        name="supply too high",
-        begins="brownout=14.8",
-        ends="end brownout=14.8",
-        status=Status.ABORTED,
-        says=("supply outside its limits", "check the power supply"),
+        "supply too high", "brownout=14.8", "end brownout=14.8",
+        Status.ABORTED, ("supply outside its limits", "check the power supply"),
     ),
-)
+)  # fmt: skip
 
 
 class Bench:

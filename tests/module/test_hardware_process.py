@@ -9,7 +9,7 @@ import signal
 import sys
 
 import pytest
-from grpclib import GRPCError, Status
+from grpclib import GRPCError
 from grpclib.exceptions import StreamTerminatedError
 from harness.emulated_port import HardwarePort, emulated_port, patiently, works
 from harness.fake_parent import (
@@ -105,30 +105,6 @@ async def test_a_session_on_a_serial_port(bench):
         assert await joints(again) == pytest.approx(start, abs=1.0), "it was left holding"
         module.process.send_signal(signal.SIGTERM)
         assert await module.ended() == 0
-
-
-async def test_an_arm_that_comes_late_can_be_added_and_its_cable_pulled_and_put_back(emulated):
-    async with running_module() as (module, _, _):
-        with pytest.raises(GRPCError) as caught:
-            await module.add(ARM, HARDWARE_ARM, {"port": emulated.port + "-not-yet"}, "arm")
-        assert caught.value.status is Status.UNAVAILABLE
-        assert "no such port" in caught.value.message
-        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
-        await until(lambda: works(arm.get_geometries))
-        start = await joints(arm)
-
-        async def is_gone():
-            return not (await arm.get_status())["connected"]
-
-        async def is_back():
-            return (await arm.get_status())["connected"]
-
-        await emulated.fault("unplug")
-        await until(is_gone)
-        await emulated.fault("end unplug")
-        await until(is_back)
-        goal = [start[0] + 5.0, *start[1:]]
-        await go(arm, goal)
 
 
 async def test_a_killed_module_leaves_the_arm_holding(bench):

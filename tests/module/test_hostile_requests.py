@@ -15,12 +15,7 @@ from viam.gen.component.arm.v1.arm_grpc import ArmServiceStub
 from viam.proto.common import DoCommandRequest
 from viam.proto.component.arm import GetJointPositionsRequest
 
-from so101_motion.viam.requests.request_guard import (
-    DEEPEST,
-    LARGEST,
-    LARGEST_STRUCT,
-    MOST_VALUES,
-)
+from so101_motion.viam.requests.request_guard import DEEPEST, LARGEST, LARGEST_STRUCT, MOST_VALUES
 
 LONGEST_GAP = 0.5
 """Of the processor [s]; what is sent here held the loop for 0.7 to 25 s."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from harness.fake_parent import ARM, SIMULATED
-from harness.viam_machine import SIM, carried_out, running_machine, stood_still
+from harness.viam_machine import carried_out, running_machine, stood_still
 from viam.components.arm import ArmClient
 from viam.logging import LOGGERS
 
@@ -287,26 +287,29 @@ def test_what_cannot_be_done_over_the_network_is_refused(rig):
         rig.arm.retarget(np.radians([0.0, -45.0, 45.0, 60.0, 400.0]))
 
 
-def test_plans_use_the_obstacles_floor_and_caps_of_the_module():
+def test_of_several_arms_one_is_named_and_plans_use_its_obstacles_floor_and_caps():
     mug = {"name": "mug", "box_mm": [60, 60, 90], "position_mm": [250, 0, 45]}
     attributes = {"obstacles": [mug], "floor_z_mm": -10.0, "speed_degs_per_sec": 40.0}
-    resources = ((ARM, SIMULATED, "arm", attributes),)
-    with (
-        running_machine(resources=resources) as machine,
-        MachineRig.connect(machine.address) as rig,
-    ):
-        assert [obstacle.name for obstacle in rig.arm.scene.obstacles] == ["mug"]
-        assert rig.arm.scene.floor_z == pytest.approx(-0.01)
-        assert rig.arm.speed == pytest.approx(np.radians(40.0))
-        lower, upper = rig.arm.range
-        np.testing.assert_allclose(lower, rig.arm.model.lower)
-        np.testing.assert_allclose(upper, rig.arm.model.upper)
-        with pytest.raises(PlanningError, match="mug"):
-            rig.arm.plan(PoseGoal.at_point(np.array([0.25, 0.0, 0.05])))
-        assert not rig.has_gripper
-        with pytest.raises(ConfigError, match="the machine has none"):
-            rig.gripper.move(0.5, wait=False).result(60.0)
-        rig.gripper.stop()  # as the page's Stop does: nothing to stop is no error
+    resources = ((ARM, SIMULATED, "arm", attributes), (ARM, SIMULATED, "second", {}))
+    with running_machine(resources=resources) as machine:
+        of_several_arms_one_must_be_named(machine)
+        with MachineRig.connect(machine.address, arm="arm") as rig:
+            plans_use_what_the_module_has(rig)
+
+
+def plans_use_what_the_module_has(rig):
+    assert [obstacle.name for obstacle in rig.arm.scene.obstacles] == ["mug"]
+    assert rig.arm.scene.floor_z == pytest.approx(-0.01)
+    assert rig.arm.speed == pytest.approx(np.radians(40.0))
+    lower, upper = rig.arm.range
+    np.testing.assert_allclose(lower, rig.arm.model.lower)
+    np.testing.assert_allclose(upper, rig.arm.model.upper)
+    with pytest.raises(PlanningError, match="mug"):
+        rig.arm.plan(PoseGoal.at_point(np.array([0.25, 0.0, 0.05])))
+    assert not rig.has_gripper
+    with pytest.raises(ConfigError, match="the machine has none"):
+        rig.gripper.move(0.5, wait=False).result(60.0)
+    rig.gripper.stop()  # as the page's Stop does: nothing to stop is no error
 
 
 def test_nobody_at_the_address_is_a_sentence():
@@ -319,18 +322,17 @@ def test_nobody_at_the_address_is_a_sentence():
     assert "secret" not in str(caught.value)
 
 
-def test_with_several_arms_one_must_be_named():
-    with running_machine(resources=(*SIM, (ARM, SIMULATED, "second", {}))) as machine:
-        with pytest.raises(ConfigError, match="name one of arm, second"):
-            MachineRig.connect(machine.address)
-        with pytest.raises(ConfigError, match="is not on the machine"):
-            MachineRig.connect(machine.address, arm="third")
-        with MachineRig.connect(machine.address, arm="second") as rig:
-            machine.remove(ARM, "second")
-            until(lambda: rig.arm.state.mode is Mode.FAULT)
-            assert rig.connection.is_up
-            machine.add(ARM, SIMULATED, "second")
-            until(lambda: rig.arm.state.mode is Mode.HOLDING)
+def of_several_arms_one_must_be_named(machine):
+    with pytest.raises(ConfigError, match="name one of arm, second"):
+        MachineRig.connect(machine.address)
+    with pytest.raises(ConfigError, match="is not on the machine"):
+        MachineRig.connect(machine.address, arm="third")
+    with MachineRig.connect(machine.address, arm="second") as rig:
+        machine.remove(ARM, "second")
+        until(lambda: rig.arm.state.mode is Mode.FAULT)
+        assert rig.connection.is_up
+        machine.add(ARM, SIMULATED, "second")
+        until(lambda: rig.arm.state.mode is Mode.HOLDING)
 
 
 def test_a_module_that_takes_no_trajectory_gets_the_corners_of_the_path(rig, monkeypatch):

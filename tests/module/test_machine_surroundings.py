@@ -31,9 +31,10 @@ def until_it_is_read(plan):
 
 
 def test_plans_go_around_it_as_it_is_now_and_not_at_all_if_it_is_not_known():
-    with running_machine() as machine:
+    two = (*SIM, (*SIM[0][:2], "other", {}))
+    with running_machine(resources=two) as machine:
         machine.has_around(ARM, CRATE, HELD)
-        with MachineRig.connect(machine.address) as rig:
+        with MachineRig.connect(machine.address, arm="arm") as rig:
             with pytest.raises(InCollision, match="crate"):
                 rig.arm.plan(INSIDE)
             request = rig.arm.request(JointGoal(q=np.zeros(5)))
@@ -42,22 +43,21 @@ def test_plans_go_around_it_as_it_is_now_and_not_at_all_if_it_is_not_known():
 
             machine.has_around(ARM)
             until_it_is_read(lambda: rig.arm.plan(INSIDE))
+        machine.has_around(ARM, OTHER)
+        with MachineRig.connect(machine.address, arm="arm") as rig:
+            plans_keep_off_the_other_arms(rig)
         machine.has_around(ARM, hanging("gone"))
-        with MachineRig.connect(machine.address) as rig:
+        with MachineRig.connect(machine.address, arm="arm") as rig:
             with pytest.raises(MachineRefused, match='"gone" has a frame but does not run'):
                 rig.arm.plan(INSIDE)
             rig.arm.stop()
 
 
-def test_plans_keep_off_the_other_arms_of_the_machine():
-    two = (*SIM, (*SIM[0][:2], "other", {}))
-    with running_machine(resources=two) as machine:
-        machine.has_around(ARM, OTHER)
-        with MachineRig.connect(machine.address, arm="arm") as rig:
-            [other] = rig.arm.request(JointGoal(q=np.zeros(5))).scene.arms
-            assert other.name == "other"
-            assert other.T_base_arm.p == pytest.approx([0.0, -0.3, 0.0])
-            with pytest.raises(InCollision, match="other's"):
-                rig.arm.plan(JointGoal(q=np.radians([57.0, 0.0, 0.0, 0.0, 0.0])))
-            plan = rig.arm.plan(JointGoal(q=np.radians([-40.0, -40.0, 40.0, 0.0, 0.0])))
-            assert plan.trajectory.duration > 0.3
+def plans_keep_off_the_other_arms(rig):
+    [other] = rig.arm.request(JointGoal(q=np.zeros(5))).scene.arms
+    assert other.name == "other"
+    assert other.T_base_arm.p == pytest.approx([0.0, -0.3, 0.0])
+    with pytest.raises(InCollision, match="other's"):
+        rig.arm.plan(JointGoal(q=np.radians([57.0, 0.0, 0.0, 0.0, 0.0])))
+    plan = rig.arm.plan(JointGoal(q=np.radians([-40.0, -40.0, 40.0, 0.0, 0.0])))
+    assert plan.trajectory.duration > 0.3

@@ -94,19 +94,13 @@ KINDS = {
         ENDED,
         lambda m: m.arm.move_through_joint_positions([joints(50.0), joints(100.0)]),
     ),
-    "streams": (
-        ENDED,
-        lambda m: consume(m.arm.move_through_joint_positions_streamed(dribble())),
-    ),
+    "streams": (ENDED, lambda m: consume(m.arm.move_through_joint_positions_streamed(dribble()))),
     "services": (
         ENDED,
         lambda m: m.motion.move("arm", PoseInFrame(reference_frame="arm_origin", pose=POSE)),
     ),
     "waiting commands": (ENDED, lambda m: m.arm.do_command(PAUSE)),
-    "jaw": (
-        ENDED,
-        lambda m: m.gripper.do_command({"command": "set_position", "percentage": 50.0}),
-    ),
+    "jaw": (ENDED, lambda m: m.gripper.do_command({"command": "set_position", "percentage": 50.0})),
 }
 
 

@@ -29,6 +29,7 @@ from harness.fake_parent import (
     running_module,
     until,
 )
+from harness.in_process_module import refused
 from viam.components.arm import JointPositions, Pose
 from viam.proto.common import (
     GeometriesInFrame,
@@ -112,6 +113,14 @@ async def test_configurations_that_cannot_be_used_are_refused_before_anything_is
 
 
 @shared
+async def test_two_arms_of_one_model_may_be_configured_at_the_same_time(process):
+    for ask in (process.validate, process.add):
+        await asyncio.gather(*(ask(ARM, SIMULATED, {}, name) for name in ("left", "right")))
+    for name in ("left", "right"):
+        await process.remove(ARM, name)
+
+
+@shared
 async def test_what_it_logs_reaches_the_parent(process):
     await process.add(ARM, SIMULATED, {"mesh_decimation_ratios": [0.5]}, "one")
     await process.add(ARM, SIMULATED, {}, "other")
@@ -165,9 +174,11 @@ async def test_where_a_component_is_is_asked_on_the_modules_socket(process):
     request = GetPoseRequest(component_name="arm", destination_frame="world")
     answer = await machine.GetPose(request)
     assert (answer.pose.reference_frame, answer.pose.pose.x) == ("world", 391.4)
-    with pytest.raises(GRPCError, match='"moon" not in frame system; give each a frame') as caught:
-        await machine.GetPose(GetPoseRequest(component_name="moon"))
-    assert caught.value.status is Status.NOT_FOUND
+    await refused(
+        machine.GetPose(GetPoseRequest(component_name="moon")),
+        Status.NOT_FOUND,
+        '"moon" not in frame system; give each a frame',
+    )
 
 
 def test_what_only_the_planning_process_or_a_later_request_needs_is_not_imported_before_ready():
@@ -185,12 +196,6 @@ def test_what_only_the_planning_process_or_a_later_request_needs_is_not_imported
     assert done.stdout == "[]\n"
 
 
-async def test_two_arms_of_one_model_may_be_configured_at_the_same_time():
-    async with running_module() as (module, _, _):
-        for ask in (module.validate, module.add):
-            await asyncio.gather(*(ask(ARM, SIMULATED, {}, name) for name in ("left", "right")))
-
-
 async def test_a_module_that_is_told_to_end_while_it_imports_ends_well():
     async with running_module() as (module, _, _):
         asked = asyncio.ensure_future(module.validate(ARM, HARDWARE_ARM, {"port": "/dev/none"}))
@@ -203,7 +208,12 @@ async def test_a_module_that_is_told_to_end_while_it_imports_ends_well():
 
 
 async def test_a_session_from_the_handshake_to_the_end():
-    async with running_module() as (module, models, _):
+    """With ``run.sh``, which starts the module wherever it is called from."""
+    run = {"command": (str(ROOT / "run.sh"),), "arguments": ("--log-level=info",), "cwd": "/"}
+    async with running_module(**run) as (module, models, _):
+        command_line = read(module.process.pid, "cmdline").split("\0")
+        assert "so101_motion" in command_line, "it became the module, so signals reach it"
+        assert "--log-level=info" in command_line
         assert models == {
             "arm": [HARDWARE_ARM, SIMULATED],
             "gripper": [HARDWARE_GRIPPER, SIMULATED_GRIPPER],
@@ -230,9 +240,7 @@ async def test_a_session_from_the_handshake_to_the_end():
 
         left = (await arm.get_joint_positions()).values
         await module.remove(ARM, "arm")
-        with pytest.raises(GRPCError) as caught:
-            await arm.is_moving()
-        assert caught.value.status is Status.NOT_FOUND
+        await refused(arm.is_moving(), Status.NOT_FOUND)
         again = await module.add(ARM, SIMULATED, {}, "arm")
         stands = (await again.get_joint_positions()).values
         assert stands == pytest.approx(left, abs=0.01)  # as a real one would
@@ -242,12 +250,12 @@ async def test_a_session_from_the_handshake_to_the_end():
         await gone(worker)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-async def test_ending_while_the_arm_moves_is_clean(number):
+async def test_ending_while_the_arm_moves_is_clean():
+    """With another signal that is tried with time that stands still, and on servos."""
     async with running_module(arguments=("--log-level=debug",)) as (module, _, _):
         arm = await module.add(ARM, SIMULATED, {"speed_degs_per_sec": 10.0}, "arm")
         move = await begin_sweep(arm)
-        module.process.send_signal(number)
+        module.process.send_signal(signal.SIGHUP)
         assert await module.ended() == 0
         with pytest.raises((GRPCError, StreamTerminatedError)):
             await move
@@ -374,19 +382,6 @@ async def test_a_killed_parent_takes_the_module_and_its_worker_with_it():
 
     await gone(pid)
     socket.unlink(missing_ok=True)
-
-
-async def test_run_sh_starts_the_module_wherever_it_is_called_from():
-    command = (str(ROOT / "run.sh"),)
-    async with running_module(command=command, arguments=("--log-level=info",), cwd="/") as (
-        module,
-        models,
-        _,
-    ):
-        assert {"arm", "gripper"} <= set(models)
-        command_line = read(module.process.pid, "cmdline").split("\0")
-        assert "so101_motion" in command_line, "it became the module, so signals reach it"
-        assert "--log-level=info" in command_line
 
 
 async def test_without_a_socket_it_says_how_it_is_meant():

@@ -9,14 +9,8 @@ import pytest
 from grpclib import GRPCError, Status
 from harness.emulated_port import patiently, processes_came_late
 from harness.fake_machine import FakeMachine, FakeStore, Thing, a_box, hanging, seen_thing
-from harness.fake_parent import (
-    ARM,
-    GRIPPER,
-    MOTION,
-    SIMULATED,
-    SIMULATED_GRIPPER,
-    running_module,
-)
+from harness.fake_parent import ARM, GRIPPER, MOTION, SIMULATED, SIMULATED_GRIPPER, running_module
+from harness.in_process_module import refused
 from viam.components.arm import JointPositions, MoveOptions
 from viam.components.generic.service import GenericRPCService
 from viam.proto.common import Pose, PoseInFrame
@@ -110,9 +104,7 @@ class Bench:
     async def both_refuse(self, *xyz, of):
         """Both ways to ask for it, and what they name."""
         x, y, z = xyz
-        with pytest.raises(GRPCError, match=of) as refused:
-            await self.go(*xyz)
-        assert refused.value.status is Status.FAILED_PRECONDITION
+        await refused(self.go(*xyz), Status.FAILED_PRECONDITION, of)
         there = PoseInFrame(reference_frame=FRAME, pose=Pose(x=x, y=y, z=z, o_z=1))
         with pytest.raises(GRPCError, match=of):
             await in_the_end(lambda: self.motion.move("arm", there))

@@ -11,19 +11,15 @@ from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
 from grpclib.testing import ChannelFor
 from harness.emulated_port import patiently, processes_came_late
-from harness.fake_parent import (
-    config_of,
-    running_module,
-    until,
-)
-from harness.in_process_module import arm_client, gripper_client, new_arm, new_gripper
+from harness.fake_parent import config_of, until
+from harness.in_process_module import arm_client, gripper_client, new_arm, new_gripper, refused
 from viam.components.arm import Arm, JointPositions, MoveOptions
 from viam.components.gripper import Gripper
 from viam.resource.manager import ResourceManager
 from viam.services.generic.client import GenericClient
 from viam.services.generic.service import GenericRPCService
 
-from so101_motion.common.errors import NotReady
+from so101_motion.common.errors import ConfigError, NotReady
 from so101_motion.tasks.teleop import LocalArm
 from so101_motion.viam.models import teleop as teleop_module
 from so101_motion.viam.models.arm_resource import ArmResource
@@ -185,10 +181,7 @@ async def test_invalid_requests_are_refused():
             ({"command": "start", "recrd": "x.csv"}, "record"),
             ({"start": True}, "start"),
         ):
-            with pytest.raises(GRPCError) as caught:
-                await client.do_command(request)
-            assert caught.value.status is Status.INVALID_ARGUMENT
-            assert says in caught.value.message
+            await refused(client.do_command(request), Status.INVALID_ARGUMENT, says)
         assert (await told(client))["running"] is False
 
 
@@ -233,10 +226,7 @@ async def is_recorded(client, rows):
 
 async def test_an_arm_that_is_not_there_is_named():
     teleop = service()
-    with pytest.raises(GRPCError) as caught:
-        await teleop.do_command({"command": "start"})
-    assert caught.value.status is Status.INVALID_ARGUMENT
-    assert "leader" in caught.value.message
+    await refused(teleop.do_command({"command": "start"}), Status.INVALID_ARGUMENT, "leader")
     await teleop.close()
 
 
@@ -363,19 +353,16 @@ async def test_a_goal_that_misses_a_stop_is_refused():
         goal = [JointPositions(values=[3.0, 0.0, 0.0, 0.0, 0.0])]
         await follower.move_through_joint_positions(goal, extra=known)
         await follower.stop()
-        with pytest.raises(GRPCError) as caught:
-            await follower.move_through_joint_positions(goal, extra=known)
-        assert caught.value.status is Status.CANCELLED
+        await refused(follower.move_through_joint_positions(goal, extra=known), Status.CANCELLED)
         with pytest.raises(GRPCError, match="stops"):
             await follower.move_through_joint_positions(goal, extra={"stops": "none"})
 
 
-async def test_validation_names_what_it_needs():
-    async with running_module() as (module, models, _):
-        assert models["generic"] == [TELEOP]
-        answer = await module.validate(GENERIC, TELEOP, {**ARMS, **GRIPPERS})
-        assert list(answer.dependencies) == ["leader", "follower", "lg", "fg"]
-        for attributes in ({"leader_arm": "leader"}, {**ARMS, "rate_hz": -1.0}):
-            with pytest.raises(GRPCError) as caught:
-                await module.validate(GENERIC, TELEOP, attributes)
-            assert caught.value.status is Status.INVALID_ARGUMENT
+def test_validation_names_what_it_needs():
+    def validated(attributes):
+        return So101Teleop.validate_config(config_of(GENERIC, TELEOP, attributes, "teleop"))
+
+    assert validated({**ARMS, **GRIPPERS})[0] == ["leader", "follower", "lg", "fg"]
+    for attributes in ({"leader_arm": "leader"}, {**ARMS, "rate_hz": -1.0}):
+        with pytest.raises(ConfigError):
+            validated(attributes)

@@ -153,11 +153,7 @@ class MachineArm(Arm):
         self._pass_on({"set_acceleration": in_deg(acceleration)}, before)
 
     def start_replanned(
-        self,
-        goal: Goal,
-        search: Callable[[Scene], Search],
-        *,
-        limits: MotionLimits | None = None,
+        self, goal: Goal, search: Callable[[Scene], Search], *, limits: MotionLimits | None = None
     ) -> Motion:
         raise MotionError(
             "a motion is planned again only where the arm is; send its machine"

@@ -50,10 +50,7 @@ def ply(vertices: Array, triangles: Array, *, digits: int = 6) -> bytes:
         f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     corner = f"%.{digits}f"
-    lines = (
-        *_lines(f"{corner} {corner} {corner}\n", vertices),
-        *_lines("3 %d %d %d\n", triangles),
-    )
+    lines = (*_lines(f"{corner} {corner} {corner}\n", vertices), *_lines("3 %d %d %d\n", triangles))
     return "".join((head, *lines)).encode()
 
 

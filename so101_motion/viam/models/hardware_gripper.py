@@ -68,8 +68,7 @@ class HardwareGripper(GripperResource):
             "get_position": self._get_position,
             "get_load": self._get_load,
             "set_position": Taking(
-                self._set_position,
-                ("servo_position", "percentage", "position_percentage", "wait"),
+                self._set_position, ("servo_position", "percentage", "position_percentage", "wait")
             ),
             "controller_status": self._controller_status,
             "calibrate_positions": Taking(

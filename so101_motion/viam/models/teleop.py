@@ -23,14 +23,7 @@ from so101_motion.common.attributes import Attributes
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import ConfigError, NotReady, PortUnavailable, SurroundingsUnknown
 from so101_motion.rig.rig import TICK
-from so101_motion.tasks.teleop import (
-    LocalArm,
-    LocalFollower,
-    LocalLeader,
-    Recorder,
-    Teleop,
-    pilot,
-)
+from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Recorder, Teleop, pilot
 from so101_motion.tasks.teleop.config import TeleopConfig
 from so101_motion.tasks.teleop.local_arms import middles_of
 from so101_motion.tasks.teleop.pilot import Phase

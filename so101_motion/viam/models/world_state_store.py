@@ -15,11 +15,7 @@ import numpy as np
 from google.protobuf.field_mask_pb2 import FieldMask
 from google.protobuf.struct_pb2 import Struct
 from grpclib import GRPCError, Status
-from viam.proto.common import (
-    Geometry,
-    PoseInFrame,
-    Transform,
-)
+from viam.proto.common import Geometry, PoseInFrame, Transform
 from viam.proto.service.worldstatestore import StreamTransformChangesResponse, TransformChangeType
 from viam.resource.types import Model
 from viam.services.worldstatestore import WorldStateStore

@@ -13,11 +13,7 @@ import logging
 from collections.abc import Awaitable, Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
-from so101_motion.common.attributes import (
-    Attributes,
-    ignorable,
-    suggest,
-)
+from so101_motion.common.attributes import Attributes, ignorable, suggest
 from so101_motion.common.errors import LONGEST_QUOTE, ConfigError, clipped
 from so101_motion.common.units import to_deg
 

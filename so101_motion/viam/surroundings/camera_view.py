@@ -145,10 +145,7 @@ class CameraView:
             raise ConfigError("objects", count, f"are more than {MOST_THINGS}; find fewer")
         things: _Things = []
         own = partial(
-            of_the_arm,
-            T_base_links=view.T_links,
-            T_base_tool=view.T_base_tool,
-            held=scene.attached,
+            of_the_arm, T_base_links=view.T_links, T_base_tool=view.T_base_tool, held=scene.attached
         )
         for each in found:
             boxes, frame = each.geometries.geometries, each.geometries.reference_frame

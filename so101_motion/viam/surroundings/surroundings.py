@@ -104,10 +104,7 @@ class Surroundings:
             self._logger.warning("the last known positions of the other arms are used: %s", error)
 
     async def planned(
-        self,
-        scene: Scene,
-        plan: Callable[[Scene], Awaitable[T]],
-        also: tuple[Source, ...] = (),
+        self, scene: Scene, plan: Callable[[Scene], Awaitable[T]], also: tuple[Source, ...] = ()
     ) -> T:
         """Call ``plan``, perhaps twice, with ``scene`` and the present surroundings."""
         if not self.is_asked(also):

@@ -64,41 +64,27 @@ def test_no_options_are_the_arms_own_limits():
     assert convert.from_move_options(None, BASE) is BASE
 
 
-def test_options_that_arrive_as_zeros_count_as_not_given():
-    sent = MoveOptions(max_vel_degs_per_sec=0.0, max_acc_degs_per_sec2=0.0, max_tcp_speed=0.0)
+@pytest.mark.parametrize(
+    ("sent", "velocity_deg", "acceleration_deg", "tool_speed"),
+    [
+        (dict(max_vel_degs_per_sec=0.0, max_acc_degs_per_sec2=0.0, max_tcp_speed=0.0),
+         [90] * 5, [100] * 5, None),  # zeros count as not given
+        (dict(max_vel_degs_per_sec=120.0, max_acc_degs_per_sec2=50.0, max_tcp_speed=0.25),
+         [120] * 5, [50] * 5, 0.25),
+        (dict(max_vel_degs_per_sec=1000.0, max_acc_degs_per_sec2=1e6),
+         [180] * 5, [500] * 5, None),  # lowered to what can be set
+        (dict(max_vel_degs_per_sec=120.0, max_vel_degs_per_sec_joints=[10, 20, 0, 0, 50]),
+         [10, 20, 90, 90, 50], [100] * 5, None),  # the lists win
+    ],
+)  # fmt: skip
+def test_a_given_cap_replaces_the_arms_own_for_the_move(
+    sent, velocity_deg, acceleration_deg, tool_speed
+):
+    limits = convert.from_move_options(MoveOptions(**sent), BASE)
 
-    limits = convert.from_move_options(sent, BASE)
-
-    assert limits.velocity == pytest.approx(BASE.velocity)
-    assert limits.acceleration == pytest.approx(BASE.acceleration)
-    assert limits.tool_speed is None
-
-
-def test_a_given_cap_replaces_the_arms_own_for_the_move():
-    sent = MoveOptions(max_vel_degs_per_sec=120.0, max_acc_degs_per_sec2=50.0, max_tcp_speed=0.25)
-
-    limits = convert.from_move_options(sent, BASE)
-
-    assert limits.velocity == pytest.approx(np.full(5, math.radians(120)))
-    assert limits.acceleration == pytest.approx(np.full(5, math.radians(50)))
-    assert limits.tool_speed == 0.25
-
-
-def test_a_cap_beyond_what_can_be_set_is_lowered_to_that():
-    sent = MoveOptions(max_vel_degs_per_sec=1000.0, max_acc_degs_per_sec2=1e6)
-
-    limits = convert.from_move_options(sent, BASE)
-
-    assert limits.velocity == pytest.approx(np.full(5, math.radians(180)))
-    assert limits.acceleration == pytest.approx(np.full(5, math.radians(500)))
-
-
-def test_the_lists_for_each_joint_win_and_their_zeros_are_not_given():
-    sent = MoveOptions(max_vel_degs_per_sec=120.0, max_vel_degs_per_sec_joints=[10, 20, 0, 0, 50])
-
-    limits = convert.from_move_options(sent, BASE)
-
-    assert np.degrees(limits.velocity) == pytest.approx([10, 20, 90, 90, 50])
+    assert np.degrees(limits.velocity) == pytest.approx(velocity_deg)
+    assert np.degrees(limits.acceleration) == pytest.approx(acceleration_deg)
+    assert limits.tool_speed == tool_speed
 
 
 @pytest.mark.parametrize("key", ["max_vel_degs_per_sec_joints", "max_acc_degs_per_sec2_joints"])
@@ -156,12 +142,7 @@ def test_a_null_in_a_struct_is_not_zero():
     struct = Struct()
     struct.update({"a": None, "b": 0.0, "c": [1.0, {"d": True}], "e": "x"})
 
-    assert convert.from_struct(struct) == {
-        "a": None,
-        "b": 0.0,
-        "c": [1.0, {"d": True}],
-        "e": "x",
-    }
+    assert convert.from_struct(struct) == {"a": None, "b": 0.0, "c": [1.0, {"d": True}], "e": "x"}
 
 
 def test_what_is_absent_or_not_finite_never_leaves():
