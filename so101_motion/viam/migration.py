@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,17 +76,19 @@ class Migration:
 def migrate(content: object) -> Migration:
     """Migrate a whole configuration, or a component or a list of components out of one."""
     whole = _whole(content)
-    old_modules = tuple(_old_modules(whole))
-    zero = _zero_there(old_modules)
+    listed = whole.get("modules")
+    old_modules = tuple(
+        {key: entry[key] for key in ("type", "name", "module_id", "version") if key in entry}
+        for entry in (listed if isinstance(listed, list) else ())
+        if isinstance(entry, Mapping) and entry.get("module_id") == PUBLISHED
+    )
+    zero = next(map(_zero_of, old_modules), None)  # None if it is not in use
     parts = tuple(_part(kind, entry, zero) for kind, entry in _entries(whole))
     if not parts:
-        hint = "its fragments may have some: take the configuration with fragments resolved"
-        raise ConfigError(
-            "configuration",
-            None,
-            f"it has no model of {FAMILY}*"
-            + (f"; {hint}" if whole.get("fragments") else ", so there is nothing to migrate"),
-        )
+        hint = ", so there is nothing to migrate"
+        if whole.get("fragments"):
+            hint = "; its fragments may have some: take the configuration with fragments resolved"
+        raise ConfigError("configuration", None, f"it has no model of {FAMILY}*{hint}")
     return Migration(parts=parts, old_modules=old_modules, notes=_notes(whole, parts))
 
 
@@ -116,24 +118,13 @@ def _model(entry: Mapping[str, Any]) -> str:
     return model if isinstance(model, str) else ""
 
 
-def _old_modules(whole: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    entries = whole.get("modules") or ()
-    for entry in entries if isinstance(entries, list) else ():
-        if isinstance(entry, Mapping) and entry.get("module_id") == PUBLISHED:
-            yield {
-                key: entry[key] for key in ("type", "name", "module_id", "version") if key in entry
-            }
-
-
-def _zero_there(modules: Iterable[Mapping[str, Any]]) -> str | None:
-    """The ``joint_zero`` of the published module's version; None if it is not in use."""
-    for module in modules:
-        version = _VERSION.fullmatch(str(module.get("version", "")).removeprefix("v"))
-        if version is None:  # such as "latest", or none given
-            return "homing"
-        *numbers, rc = version.groups()
-        return "homing" if (*map(int, numbers), int(rc or 99)) > _LAST_MIDDLE else "middle"
-    return None
+def _zero_of(module: Mapping[str, Any]) -> str:
+    """The ``joint_zero`` of the published module's version."""
+    version = _VERSION.fullmatch(str(module.get("version", "")).removeprefix("v"))
+    if version is None:  # such as "latest", or none given
+        return "homing"
+    *numbers, rc = version.groups()
+    return "homing" if (*map(int, numbers), int(rc or 99)) > _LAST_MIDDLE else "middle"
 
 
 def _notes(whole: Mapping[str, Any], parts: tuple[MigratedResource, ...]) -> tuple[str, ...]:
@@ -191,28 +182,19 @@ def _part(kind: str, entry: Mapping[str, Any], zero: str | None) -> MigratedReso
             notes += getattr(known.from_attributes(kept), "notes", ())
         except ConfigError as error:
             problem = str(error)
+    word = "component" if kind == "components" else "service"
+    api = f"{entry.get('namespace', 'rdk')}:{word}:{entry.get('type', '')}"
     return MigratedResource(
         kind=kind,
         name=str(entry.get("name", "")),
         model=model,
         problem=problem,
         notes=tuple(notes),
-        config=_config(kind, entry, model, kept),
+        config={
+            "name": entry.get("name", ""),
+            "api": entry.get("api") or api,
+            "model": model,
+            "attributes": kept,
+            **{k: entry[k] for k in ("frame", "depends_on", "log_configuration") if k in entry},
+        },
     )
-
-
-def _config(
-    kind: str, entry: Mapping[str, Any], model: str, attributes: Mapping[str, Any]
-) -> Mapping[str, Any]:
-    word = "component" if kind == "components" else "service"
-    api = entry.get("api") or f"{entry.get('namespace', 'rdk')}:{word}:{entry.get('type', '')}"
-    config: dict[str, Any] = {
-        "name": entry.get("name", ""),
-        "api": api,
-        "model": model,
-        "attributes": dict(attributes),
-    }
-    for key in ("frame", "depends_on", "log_configuration"):
-        if key in entry:
-            config[key] = entry[key]
-    return config

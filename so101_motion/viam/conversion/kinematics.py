@@ -48,8 +48,8 @@ class Segment:
     """One link of the chain, from its own frame to the next joint [m, rad]; ``joint`` ends it."""
 
     link: str
-    xyz: tuple[float, float, float]
-    rpy: tuple[float, float, float]
+    xyz: tuple[float, ...]
+    rpy: tuple[float, ...]
     joint: str | None
     lower: float
     upper: float
@@ -77,18 +77,13 @@ def _segment(link: str, joint: ET.Element, *, number: str | None, box: Box | Non
     bounds = limit.attrib if limit is not None else {"lower": "0", "upper": "0"}
     return Segment(
         link=link,
-        xyz=_three(origin.attrib["xyz"]),
-        rpy=_three(origin.attrib["rpy"]),
+        xyz=tuple(map(float, origin.attrib["xyz"].split())),
+        rpy=tuple(map(float, origin.attrib["rpy"].split())),
         joint=number,
         lower=float(bounds["lower"]),
         upper=float(bounds["upper"]),
         box=box,
     )
-
-
-def _three(text: str) -> tuple[float, float, float]:
-    x, y, z = (float(word) for word in text.split())
-    return (x, y, z)
 
 
 @cache
@@ -119,18 +114,19 @@ def arm_sva(name: str) -> bytes:
     """The arm in Viam's own format: millimetres and degrees, Euler angles in radians."""
     links, joints, parent = [], [], "world"
     for segment in chain():
-        links.append(_sva_link(segment, parent))
+        link = _link(segment.link, parent, np.array(segment.xyz), segment.rpy)
+        if segment.box is not None:
+            link["geometry"] = _sva_box(segment.box, SE3.identity())
+        links.append(link)
         if segment.joint is not None:
-            joints.append(
-                {
-                    "id": segment.joint,
-                    "type": "revolute",
-                    "parent": segment.link,
-                    "axis": {"x": 0, "y": 0, "z": 1},
-                    "min": to_deg(segment.lower),
-                    "max": to_deg(segment.upper),
-                }
-            )
+            joints.append({
+                "id": segment.joint,
+                "type": "revolute",
+                "parent": segment.link,
+                "axis": {"x": 0, "y": 0, "z": 1},
+                "min": to_deg(segment.lower),
+                "max": to_deg(segment.upper),
+            })  # fmt: skip
             parent = segment.joint
     return _sva(name, links, joints)
 
@@ -143,24 +139,9 @@ def gripper_sva(name: str, kind: str, parts: Iterable[tuple[str, SE3, Box]]) -> 
     links: list[dict[str, Any]] = []
     parent = "world"
     for label, T_tool_part, box in parts:
-        geometry = _sva_box(box, T_tool_part)
-        links.append(
-            {
-                "id": label,
-                "parent": parent,
-                "translation": _xyz_mm(np.zeros(3)),
-                "orientation": _NO_TURN,
-                "geometry": geometry,
-            }
-        )
+        links.append(_link(label, parent, np.zeros(3)) | {"geometry": _sva_box(box, T_tool_part)})
         parent = label
-    links.append(
-        {"id": "tcp", "parent": parent, "translation": _xyz_mm(TCP[kind]), "orientation": _NO_TURN}
-    )
-    return _sva(name, links, [])
-
-
-_NO_TURN = {"type": "euler_angles", "value": {"roll": 0, "pitch": 0, "yaw": 0}}
+    return _sva(name, [*links, _link("tcp", parent, TCP[kind])], [])
 
 
 def _sva(name: str, links: list[dict[str, Any]], joints: list[dict[str, Any]]) -> bytes:
@@ -168,20 +149,14 @@ def _sva(name: str, links: list[dict[str, Any]], joints: list[dict[str, Any]]) -
     return json.dumps(model, indent=1).encode()
 
 
-def _sva_link(segment: Segment, parent: str) -> dict[str, Any]:
-    roll, pitch, yaw = segment.rpy
-    link: dict[str, Any] = {
-        "id": segment.link,
+def _link(name: str, parent: str, xyz: Array, rpy: Iterable[float] = (0, 0, 0)) -> dict[str, Any]:
+    turn = dict(zip(("roll", "pitch", "yaw"), rpy, strict=True))
+    return {
+        "id": name,
         "parent": parent,
-        "translation": _xyz_mm(np.array(segment.xyz)),
-        "orientation": {
-            "type": "euler_angles",
-            "value": {"roll": roll, "pitch": pitch, "yaw": yaw},
-        },
+        "translation": _xyz_mm(xyz),
+        "orientation": {"type": "euler_angles", "value": turn},
     }
-    if segment.box is not None:
-        link["geometry"] = _sva_box(segment.box, SE3.identity())
-    return link
 
 
 def _sva_box(box: Box, T_parent_box: SE3) -> dict[str, Any]:

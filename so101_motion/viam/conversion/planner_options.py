@@ -20,24 +20,12 @@ from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
 from so101_motion.planning.request import MOST_ROUTES, ROUTE_EFFORT, Search
 from so101_motion.viam.conversion import convert
 
-_IGNORED = frozenset(
-    {
-        "max_ik_solutions",
-        "min_ik_score",
-        "resolution",
-        "goal_threshold",
-        "frame_step",
-        "input_ident_dist",
-        "iter_before_rand",
-        "position_seeds",
-        "return_partial_plan",
-        "configuration_distance_metric",
-        "meshes_as_octrees",
-        "collect_solution_diagnostics",
-        "waypoints",
-        "start_state",
-    }
-)
+_IGNORED = frozenset({
+    "max_ik_solutions", "min_ik_score", "resolution", "goal_threshold", "frame_step",
+    "input_ident_dist", "iter_before_rand", "position_seeds", "return_partial_plan",
+    "configuration_distance_metric", "meshes_as_octrees", "collect_solution_diagnostics",
+    "waypoints", "start_state",
+})  # fmt: skip
 """Options of viam-server's planner that have no effect on ours."""
 
 REPLAN = "replan"

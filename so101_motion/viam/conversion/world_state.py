@@ -43,11 +43,16 @@ async def scene_with(scene: Scene, world: WorldState | None, frames: Frames) -> 
         for group, T_base_frame in groups:
             obstacles += [_obstacle(names, entry, T_base_frame) for entry in group.geometries]
         for transform, T_base_frame in placed:
-            frame, entry = transform.reference_frame, transform.physical_object
+            frame = transform.reference_frame
+            thing = _obstacle(names, transform.physical_object, T_base_frame, frame)
             if frame in held:
-                attached.append(_attached(names, entry, frames.tool.inverse @ T_base_frame, frame))
+                T_tool_object = frames.tool.inverse @ thing.T_base_obstacle
+                held_thing = Attached(
+                    name=thing.name, shape=thing.shape, T_tool_object=T_tool_object
+                )
+                attached.append(held_thing)
             else:
-                obstacles.append(_obstacle(names, entry, T_base_frame, frame))
+                obstacles.append(thing)
         return replace(scene, obstacles=tuple(obstacles), attached=tuple(attached))
 
     return await asyncio.to_thread(built)  # thousands take a second; the loop answers Stop
@@ -100,23 +105,13 @@ async def _bodies(name: str, things: set[str], frames: Frames) -> tuple[str, ...
 def _obstacle(
     names: UniqueNames, entry: Geometry, T_base_frame: SE3, default: str = ""
 ) -> Obstacle:
+    has_centre = entry.HasField("center")
+    centre = convert.from_pose(entry.center) if has_centre else SE3.identity()
     return Obstacle(
         name=names.new(entry.label or default),
         shape=from_geometry(entry),
-        T_base_obstacle=T_base_frame @ _centre(entry),
+        T_base_obstacle=T_base_frame @ centre,
     )
-
-
-def _attached(names: UniqueNames, entry: Geometry, T_tool_frame: SE3, default: str) -> Attached:
-    return Attached(
-        name=names.new(entry.label or default),
-        shape=from_geometry(entry),
-        T_tool_object=T_tool_frame @ _centre(entry),
-    )
-
-
-def _centre(entry: Geometry) -> SE3:
-    return convert.from_pose(entry.center) if entry.HasField("center") else SE3.identity()
 
 
 def taken_in(scene: Scene) -> set[str]:
