@@ -56,21 +56,18 @@ class CameraView:
         client: Camera | None,
         vision: str | None = None,
         finder: Vision | None = None,
-        *,
-        patience: float = LONGEST_LOOK,
     ) -> None:
         self.origin = ("camera", camera, vision or "")
         self._camera, self._client = camera, client
         self._vision, self._finder = vision, finder
-        self._patience = patience
 
     async def added_to(self, scene: Scene, view: MachineView) -> Scene:
         try:
-            async with asyncio.timeout(self._patience):
+            async with asyncio.timeout(LONGEST_LOOK):
                 seen, view, T_base_camera = await self._steady_look(view)
             return await asyncio.to_thread(self._placed, seen, scene, view, T_base_camera)
         except TimeoutError as error:
-            raise self._unknown(f"sent no picture within {self._patience:g} s") from error
+            raise self._unknown(f"sent no picture within {LONGEST_LOOK:g} s") from error
         except GRPCError as error:
             reason = f"sends no picture: {error.message}"
             if self._vision is not None:
@@ -99,13 +96,13 @@ class CameraView:
         if self._client is None:
             raise self._unknown("does not run")
         if self._vision is None:
-            data, _ = await self._client.get_point_cloud(timeout=self._patience)
+            data, _ = await self._client.get_point_cloud(timeout=LONGEST_LOOK)
             return data
         if self._finder is None:
             raise self._unknown(
                 f'is used by the vision service "{self._vision}", which does not run'
             )
-        return await self._finder.get_object_point_clouds(self._camera, timeout=self._patience)
+        return await self._finder.get_object_point_clouds(self._camera, timeout=LONGEST_LOOK)
 
     def _placed(self, seen: _Seen, scene: Scene, view: MachineView, T_base_camera: SE3) -> Scene:
         names = UniqueNames(taken_in(scene))

@@ -97,12 +97,9 @@ class MachineBodies:
         arms: Mapping[str, NeighbourArm],
         grippers: Collection[str],
         cell: MachineCell,
-        *,
-        patience: float = LONGEST_READ,
     ) -> None:
         self.without = ""
         self._cell, self._mates = cell, frozenset[str]()
-        self._patience = patience
         self._arm, self._left_out = arm, frozenset(left_out)
         self._arms, self._grippers = arms, grippers
         self._configs: list[FrameSystemConfig] | None = None
@@ -135,9 +132,9 @@ class MachineBodies:
         """Read the machine as it is now; ``SurroundingsUnknown`` if it does not answer in time."""
         if not self.is_asked:
             return self._view((), None, {})
-        reason = f"the machine has not listed its components within {self._patience:g} s"
+        reason = f"the machine has not listed its components within {LONGEST_READ:g} s"
         try:
-            async with asyncio.timeout(self._patience), self._one_at_a_time:
+            async with asyncio.timeout(LONGEST_READ), self._one_at_a_time:
                 while True:
                     try:
                         return await self._read()
@@ -224,18 +221,6 @@ class MachineBodies:
         self._cell.know(self._arm, self._held)
         return self._view(self._bodies, self._tree, ends)
 
-    def _refuse_renamed(self) -> None:
-        """Refuse a machine in which the arm's frame has another name than the arm.
-
-        viam-server knows the frame only by that name, and cannot place what is attached to it.
-        """
-        for part in self._tree.parts.values():
-            if part.kinematics == self._arm:
-                raise SurroundingsUnknown(
-                    f'the frame of "{self._arm}" is called "{part.name}" in the machine',
-                    remedy='take the "id" out of its frame\'s configuration',
-                )
-
     async def _frame_system(self) -> list[FrameSystemConfig]:
         """The frame system once every component that belongs into it runs."""
         machine = _machine()
@@ -286,10 +271,6 @@ class MachineBodies:
         return (self._changes, [len(many) for many in answers], messages, others)
 
     # Where components are
-
-    async def _all_ends(self) -> dict[str, SE3]:
-        names = sorted(self._tree.ends_needed() | {self._arm})
-        return dict(zip(names, await _all(map(self._end, names)), strict=True))
 
     async def _end(self, name: str) -> SE3:
         known = self._ends.get(name)

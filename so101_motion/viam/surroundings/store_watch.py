@@ -53,10 +53,8 @@ class StoreWatch:
         name: str,
         store: WorldStateStore | None,
         logger: logging.Logger,
-        *,
-        patience: float = LONGEST_READ,
     ) -> None:
-        self._name, self._store, self._logger, self._patience = name, store, logger, patience
+        self._name, self._store, self._logger = name, store, logger
         self.origin = ("world_state_store", name)
         self._things: dict[bytes, Transform] = {}
         self._trouble = "does not run"
@@ -67,7 +65,7 @@ class StoreWatch:
         if self._store is None:
             raise self._unknown("does not run")
         try:
-            async with asyncio.timeout(self._patience):
+            async with asyncio.timeout(LONGEST_READ):
                 await self._known.wait()
         except TimeoutError as error:
             raise self._unknown(self._trouble) from error
@@ -203,7 +201,7 @@ class StoreWatch:
 
     async def _listed(self, store: WorldStateStore) -> set[bytes]:
         try:
-            listed = set(await _in_time(store.list_uuids(), self._patience))
+            listed = set(await _in_time(store.list_uuids()))
         except GRPCError as error:
             if "nil response" not in (error.message or ""):  # viam-server's error for an empty list
                 raise
@@ -217,7 +215,7 @@ class StoreWatch:
 
     async def _read(self, store: WorldStateStore, uuid: bytes) -> None:
         try:
-            thing = await _in_time(store.get_transform(uuid), self._patience)
+            thing = await _in_time(store.get_transform(uuid))
         except GRPCError:
             if uuid in await self._listed(store):
                 raise
@@ -226,6 +224,6 @@ class StoreWatch:
             self._things[uuid] = thing
 
 
-async def _in_time(asked: Awaitable[T], patience: float) -> T:
-    async with asyncio.timeout(patience):
+async def _in_time(asked: Awaitable[T]) -> T:
+    async with asyncio.timeout(LONGEST_READ):
         return await asked

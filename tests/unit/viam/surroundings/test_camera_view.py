@@ -19,6 +19,7 @@ from so101_motion.planning.collision.scene import Obstacle, PointCloud, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.frames import set_machine
+from so101_motion.viam.surroundings import camera_view
 from so101_motion.viam.surroundings.camera_view import CameraView
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
 from so101_motion.viam.surroundings.machine_cell import MachineCell
@@ -40,9 +41,9 @@ def camera_at(**pose):
 class Bench:
     """A machine with an arm and a camera that may move."""
 
-    def __init__(self, camera, patience=60.0):
+    def __init__(self, camera):
         self.machine = FakeMachine(hanging("arm", joints=5), camera_at())
-        self.camera, self.patience = camera, patience
+        self.camera = camera
         self.arms = {"arm": StandingArm(Q)}
 
     @property
@@ -58,10 +59,8 @@ class Bench:
         services = [CameraRPCService(manager), VisionRPCService(manager)]
         async with ChannelFor(services) as channel:
             seer = None if finder is None else VisionClient(finder.name, channel)
-            view = CameraView(
-                "camera", CameraClient("camera", channel), finder and finder.name, seer,
-                patience=self.patience,
-            )  # fmt: skip
+            name = finder and finder.name
+            view = CameraView("camera", CameraClient("camera", channel), name, seer)
 
             async def scene():
                 return await view.added_to(Scene(), await reader.read())
@@ -87,6 +86,11 @@ def off_the_box(points):
     away = np.abs(points - BOX[0]) - np.array(BOX[1]) / 2.0
     outside = np.linalg.norm(np.maximum(away, 0.0), axis=1)
     return outside + np.maximum(-away.max(axis=1), 0.0)
+
+
+@pytest.fixture(autouse=True)
+def a_camera_may_take_its_time_on_a_busy_machine(monkeypatch):
+    monkeypatch.setattr(camera_view, "LONGEST_LOOK", 60.0)
 
 
 @pytest.fixture(scope="module")

@@ -18,13 +18,14 @@ from so101_motion.viam.surroundings.machine_view import scene_around
 
 
 @pytest.fixture
-def around():
+def around(monkeypatch):
     """Puts a machine around an arm "arm" and reads it for that."""
 
     def begin(machine, ignored=(), arms=None, grippers=(), patience=2.0):
+        monkeypatch.setattr(machine_bodies, "LONGEST_READ", patience)
         set_machine(lambda: machine)
         arms = arms or {"arm": StandingArm()}
-        return MachineBodies("arm", ignored, arms, grippers, MachineCell({}), patience=patience)
+        return MachineBodies("arm", ignored, arms, grippers, MachineCell({}))
 
     yield begin
     set_machine(lambda: None)

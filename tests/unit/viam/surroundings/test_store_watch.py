@@ -25,7 +25,7 @@ LOGGER = logging.getLogger("test")
 
 
 @asynccontextmanager
-async def watched(store, **how):
+async def watched(store):
     """What a plan would be made in, by name, when it is asked for.
 
     As a plan of the module does, it first asks the machine something over the store's connection.
@@ -38,7 +38,7 @@ async def watched(store, **how):
     reader = MachineBodies("arm", (), {"arm": StandingArm()}, (), MachineCell({}))
     async with ChannelFor([WorldStateStoreService(ResourceManager([store]))]) as channel:
         client = WorldStateStoreClient("seen", channel)
-        watch = StoreWatch("seen", client, LOGGER, **how)
+        watch = StoreWatch("seen", client, LOGGER)
 
         async def scene():
             await client.do_command({})
@@ -169,10 +169,11 @@ async def test_an_empty_store_is_no_trouble():
         assert (await scene()) == Scene()
 
 
-async def test_a_store_that_fails_is_not_planned_without_and_comes_back():
+async def test_a_store_that_fails_is_not_planned_without_and_comes_back(monkeypatch):
+    monkeypatch.setattr(store_watch, "LONGEST_READ", 0.15)
     store = FakeStore(seen_thing("crate"))
     store.trouble = GRPCError(Status.UNAVAILABLE, "unplugged")
-    async with watched(store, patience=0.15) as scene:
+    async with watched(store) as scene:
         with pytest.raises(SurroundingsUnknown, match=r'store "seen" does not answer.*unplugged'):
             await scene()
         store.trouble = None
