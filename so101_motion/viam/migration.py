@@ -19,14 +19,12 @@ from so101_motion.viam.models.configured import names_of_the_family
 from so101_motion.viam.published_models import MODELS, OURS
 from so101_motion.viam.suggested_config import own_module
 
-FAMILY = "devrel:so101:"
-"""The beginning of the model names of both modules."""
+FAMILY = "devrel:so101:"  # the beginning of the model names of both modules
 
 _VERSION = re.compile(r"(\d+)\.(\d+)\.(\d+)(?:-rc\.?(\d+))?")
 _LAST_MIDDLE = (0, 9, 0, 2)  # the last version whose zero is the middle of the travel: 0.9.0-rc2
 
-PUBLISHED = "devrel:so101-arm"
-"""The published module's id in the registry."""
+PUBLISHED = "devrel:so101-arm"  # the published module's id in the registry
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

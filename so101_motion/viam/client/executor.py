@@ -42,8 +42,7 @@ from so101_motion.tasks.guided.path import corners_of
 from so101_motion.viam.client.link import Link
 from so101_motion.viam.conversion import convert
 
-BATCH = 100
-"""Points in a message; chosen: 5 kB each, far below what a message may hold."""
+BATCH = 100  # points in a message; chosen: 5 kB each, far below what a message may hold
 
 STOPPING = 5.0
 """How long a machine may take to come to rest [s]; chosen, ten times what an arm needs."""
@@ -55,8 +54,7 @@ ARRIVED = to_rad(5.0)
 """How far a joint may be from its goal when the arm has come to rest [rad]; chosen: a hanging arm
 sags by a few degrees. Used if a module does not itself report that the arm has arrived."""
 
-_LOOK = 0.03
-"""How often to look whether the arm rests [s]; chosen."""
+_LOOK = 0.03  # how often to look whether the arm rests [s]; chosen
 
 
 Work = Callable[[], Awaitable[None]]

@@ -26,16 +26,12 @@ from so101_motion.common.errors import ConfigError, MachineRefused
 from so101_motion.rig.protocols import ArmConnection
 from so101_motion.viam.client.link import PATIENCE, Access, Link
 
-ANSWERING = 60.0
-"""How long a command may take [s]; chosen: a calibration step waits for servos."""
-
-LOOKING = 4.0
-"""How long a camera may take for a picture [s]; chosen."""
+ANSWERING = 60.0  # how long a command may take [s]; chosen: a calibration step waits for servos
+LOOKING = 4.0  # how long a camera may take for a picture [s]; chosen
 
 _PERIOD = 1.0  # [s] between two looks whether it answers
 
-MARK = "calibration_state"
-"""A key that only a calibration sensor's readings have."""
+MARK = "calibration_state"  # a key that only a calibration sensor's readings have
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

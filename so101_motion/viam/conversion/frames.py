@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-WORLD = "world"
-"""The root of all frames."""
+WORLD = "world"  # the root of all frames
 
 GIVE_FRAME = """give each a frame in the machine's configuration ("frame": {"parent": "world"})"""
 

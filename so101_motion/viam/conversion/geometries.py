@@ -22,8 +22,7 @@ from so101_motion.planning.collision.shape_files import mesh_kind, read_shape, s
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.world_state_json import geometry_json
 
-LONGEST_LABEL = 200
-"""Most characters of a label; chosen, it appears in messages and pictures."""
+LONGEST_LABEL = 200  # most characters of a label; chosen, it appears in messages and pictures
 
 
 def from_geometry(geometry: Geometry) -> Shape | ShapeFile:

@@ -27,11 +27,8 @@ from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.kinematics import LINKS, Box, link_box, part_boxes
 from so101_motion.viam.conversion.world_state_json import ply
 
-GLB = "model/gltf-binary"
-"""Content type of the arm's 3D models."""
-
-TOOL_MARKER = "tool"
-"""The part that shows the tool frame, when it is asked for."""
+GLB = "model/gltf-binary"  # content type of the arm's 3D models
+TOOL_MARKER = "tool"  # the part that shows the tool frame, when it is asked for
 
 MARKER_BOX = Box(center=np.zeros(3), size=np.full(3, 0.001))
 """The geometry of the marker [m]; small, because the marker is not a body."""

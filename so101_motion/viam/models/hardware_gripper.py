@@ -31,14 +31,9 @@ from so101_motion.viam.requests.await_motion import log_failure_of, wait_for_arr
 from so101_motion.viam.requests.commands import Taking, in_deg
 from so101_motion.viam.requests.servo_commands import controller, health, out_of_fault, ready
 
-OPEN_PERCENT = 95.0
-"""Where ``open`` moves the jaw; the published module's figure."""
-
-CLOSED_PERCENT = 0.0
-"""Where ``grab`` moves the jaw if it meets nothing."""
-
-FASTEST_DEG = 120.0
-"""The jaw's largest speed [deg/s]; half of its drive reaches it with a reserve."""
+OPEN_PERCENT = 95.0  # where ``open`` moves the jaw; the published module's figure
+CLOSED_PERCENT = 0.0  # where ``grab`` moves the jaw if it meets nothing
+FASTEST_DEG = 120.0  # the jaw's largest speed [deg/s]; half of its drive reaches it with a reserve
 
 _SILENT = "its servo does not answer; check its cable and the arm's power supply"
 

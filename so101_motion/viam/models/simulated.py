@@ -20,8 +20,7 @@ from so101_motion.viam.models.arm_resource import ArmResource, motion_service, s
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.commands import Taking, in_deg
 
-LONGEST_STEP = 3600.0
-"""Most simulated time that one request may let pass [s]; chosen."""
+LONGEST_STEP = 3600.0  # most simulated time that one request may let pass [s]; chosen
 
 
 class SimulatedArm(ArmResource):

@@ -35,11 +35,8 @@ from so101_motion.viam.conversion import convert
 
 _log = logging.getLogger(__name__)
 
-PATIENCE = 0.25
-"""How long to wait for an answer [s]; chosen for a bad network."""
-
-SETTING_UP = 5.0
-"""How long a request may take that is not part of the motion [s]; chosen."""
+PATIENCE = 0.25  # how long to wait for an answer [s]; chosen for a bad network
+SETTING_UP = 5.0  # how long a request may take that is not part of the motion [s]; chosen
 
 HORIZON = 0.1
 """How far ahead the leader's motion is predicted for a remote follower [s]; chosen: such an arm

@@ -30,11 +30,8 @@ from so101_motion.viam.conversion.geometries import shown_id, to_geometry
 from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
 from so101_motion.viam.requests.await_motion import TurnQueue, in_own_thread
 
-_PERIOD = 0.25
-"""Period of a stream [s]; chosen: fast enough for the eye, and nearly free."""
-
-_POINTS = 32
-"""Most points of the tool's path that are shown; chosen, 10 mm apart on a usual move."""
+_PERIOD = 0.25  # period of a stream [s]; chosen: fast enough for the eye, and nearly free
+_POINTS = 32  # most points of the tool's path that are shown; chosen, 10 mm apart on a usual move
 
 _FLOOR_SIZE = 1.2
 _FLOOR_THICKNESS = 0.01
@@ -52,8 +49,7 @@ _FLOOR, _OBSTACLE, _ZONE, _HELD, _PATH, _GOAL = (
     )
 )
 
-Shown = dict[bytes, Transform]
-"""The shown transforms, by UUID."""
+Shown = dict[bytes, Transform]  # the shown transforms, by UUID
 
 
 class So101WorldState(ServiceForAnArm, WorldStateStore):

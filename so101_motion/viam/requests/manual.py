@@ -19,8 +19,7 @@ from so101_motion.common.modes import LONGEST_GUIDING, Mode
 from so101_motion.viam.requests.await_motion import in_own_thread, wait_to_end
 from so101_motion.viam.surroundings.guarded_scene import GuardedScene
 
-LOOK_EVERY = 0.5
-"""Time between two looks at what a guided arm touches [s]; chosen."""
+LOOK_EVERY = 0.5  # time between two looks at what a guided arm touches [s]; chosen
 
 
 class ManualMode:

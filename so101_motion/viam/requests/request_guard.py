@@ -49,8 +49,7 @@ megabyte keeps the event loop for 10 ms."""
 MOST_VALUES = 10_000
 """Most values in the structs of a request. Chosen: the SDK takes 15 ms to read so many."""
 
-_SMALL = 2_000
-"""Structs of fewer bytes than this have few values; they are not counted."""
+_SMALL = 2_000  # structs of fewer bytes than this have few values; they are not counted
 
 DEEPEST = 32
 """Most levels of nested structs: protobuf gives up at 100 messages, and a level has three."""
@@ -67,8 +66,7 @@ _WINDOW, _CONNECTION_WINDOW = 2**18, 2**31 - 1
 """How much a client may send before it is read, in one call and in all [byte]. Chosen: all calls
 together cannot use up the connection's window, which the message of a Stop needs as well."""
 
-_STOP = "/Stop"
-"""How the names of the methods end that never wait for other calls."""
+_STOP = "/Stop"  # how the names of the methods end that never wait for other calls
 
 _MOVING = ("/viam.component.", "/viam.service.")
 """How the names of the methods begin that may move something for a client; those that configure the

@@ -112,8 +112,7 @@ def out_of_range(reading: JointReading) -> dict[str, dict[str, float]]:
 _PATIENCE_MS = 3000.0
 """How long ``servo_wait_stop`` waits without ``timeout_ms`` [ms]; the published default."""
 
-_LOOK = 0.02
-"""Time between two checks while it waits [s]."""
+_LOOK = 0.02  # time between two checks while it waits [s]
 
 
 class ServoCommands:

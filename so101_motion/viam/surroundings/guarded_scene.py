@@ -25,11 +25,8 @@ RENEWED = 1.0
 """Surroundings that are older are read again while motions go on [s]; chosen: it takes
 milliseconds of the process whose other threads move the arm."""
 
-REPLANNED = 0.1
-"""The same for motions that are planned again while they move [s]; chosen."""
-
-KNOWN_FOR = 5.0
-"""Surroundings that are older must be read before a motion begins [s]; chosen."""
+REPLANNED = 0.1  # the same for motions that are planned again while they move [s]; chosen
+KNOWN_FOR = 5.0  # surroundings that are older must be read before a motion begins [s]; chosen
 
 
 class GuardedScene:

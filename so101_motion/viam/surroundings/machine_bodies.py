@@ -62,15 +62,13 @@ Answer = TypeVar("Answer")
 LONGEST_READ = 2.0
 """How long the machine may take to answer [s]. Chosen: a hundred times what it takes."""
 
-_LOST = (OSError, StreamTerminatedError)
-"""The errors of a call without a connection."""
+_LOST = (OSError, StreamTerminatedError)  # the errors of a call without a connection
 
 _STARTING = 0.05
 """Pause between two tries while a component starts or the connection is lost [s]; chosen."""
 
 
-_ASK_AGAIN = 5.0
-"""How long until a component is asked again whose answer added nothing [s]; chosen."""
+_ASK_AGAIN = 5.0  # how long until a component is asked again whose answer added nothing [s]; chosen
 
 _HAS_NONE = ("unimplemented", "not implemented", "unsupported")
 """Words that modules in other languages send for UNIMPLEMENTED."""

@@ -24,8 +24,7 @@ from so101_motion.planning.collision.scene import FLOOR, LINKS, Attached
 from so101_motion.viam.conversion.world_state import UniqueNames
 from so101_motion.viam.surroundings.machine_view import Body, nearly
 
-_STAYED = 1e-6
-"""A base that has moved by less has not moved [m]; that is rounding."""
+_STAYED = 1e-6  # a base that has moved by less has not moved [m]; that is rounding
 
 
 class CellArm(Protocol):

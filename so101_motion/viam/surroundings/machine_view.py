@@ -34,8 +34,7 @@ from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.frames import LONGEST_CHAIN, WORLD, Frames
 from so101_motion.viam.conversion.world_state import UniqueNames, taken_in
 
-MOST_PARTS = 1_000
-"""Most components of a frame system; chosen, larger machines have dozens."""
+MOST_PARTS = 1_000  # most components of a frame system; chosen, larger machines have dozens
 
 _ORIGIN = "_origin"
 

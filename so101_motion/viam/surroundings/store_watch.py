@@ -28,11 +28,8 @@ from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames, s
 from so101_motion.viam.surroundings.machine_bodies import LONGEST_READ
 from so101_motion.viam.surroundings.machine_view import MachineView
 
-_AGAIN = 0.2
-"""Pause before a store that failed is read again [s]; chosen."""
-
-_COMPARED = 5.0
-"""Time between two readings of the list [s]; chosen."""
+_AGAIN = 0.2  # pause before a store that failed is read again [s]; chosen
+_COMPARED = 5.0  # time between two readings of the list [s]; chosen
 
 _READ_AGAIN = 0.1
 """Time between two readings of a thing that is known [s]. Chosen: all at once would take a sixth of
