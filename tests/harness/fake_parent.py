@@ -44,6 +44,7 @@ from viam.proto.robot import (
 )
 from viam.resource.registry import Registry
 from viam.resource.types import API
+from viam.services.motion import Motion
 
 ROOT = Path(__file__).parents[2]
 
@@ -114,6 +115,21 @@ class ParentService(UnimplementedRobotServiceBase):
         request = await stream.recv_message()
         self.lines += [(entry.level, entry.message) for entry in request.logs]
         await stream.send_message(LogResponse())
+
+
+class FakeMotion(Motion):
+    """A motion service of the machine that remembers what it was asked."""
+
+    def __init__(self, answer=True):
+        super().__init__("mine")
+        self.answer, self.calls = answer, []
+
+    async def move(self, component_name, destination, world_state=None, constraints=None, **kwargs):
+        self.calls.append((component_name, destination, kwargs["extra"]))
+        return self.answer
+
+    move_on_globe = move_on_map = get_pose = None
+    stop_plan = get_plan = list_plan_statuses = None
 
 
 class RunningModule:

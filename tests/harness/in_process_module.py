@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 import pytest
 from grpclib import GRPCError
 from grpclib.testing import ChannelFor
-from viam.components.arm import ArmClient
+from viam.components.arm import ArmClient, JointPositions
 from viam.components.arm.service import ArmRPCService
 from viam.components.gripper import GripperClient
 from viam.components.gripper.service import GripperRPCService
@@ -65,6 +65,15 @@ async def guarded_arm(**attributes):
 async def gripper_client(gripper):
     async with ChannelFor([GripperRPCService(ResourceManager([gripper]))]) as channel:
         yield GripperClient(gripper.name, channel)
+
+
+def joints(*degrees):
+    return JointPositions(values=list(map(float, degrees)))
+
+
+async def positions(client):
+    """Where the joints of an arm are [deg]."""
+    return list((await client.get_joint_positions()).values)
 
 
 async def advance(client, seconds):

@@ -20,6 +20,7 @@ import functools
 import signal
 import tempfile
 import threading
+import time
 from concurrent.futures import Future
 from contextlib import AsyncExitStack, contextmanager
 from pathlib import Path
@@ -58,6 +59,19 @@ def on_port(port):
         (SENSOR, CALIBRATION, "calibration", {"port": port}),
         ("rdk:service:discovery", DISCOVERY, "discovery", {}),
     )
+
+
+def pause():
+    """Give the other threads the processor; what they wait for is a process elsewhere."""
+    threading.Event().wait(0.01)
+
+
+def until_true(condition, patience=60.0):
+    """Wait for what happens in a process elsewhere, whose time is real."""
+    begin = time.monotonic()
+    while not condition():
+        assert time.monotonic() - begin < patience, "it does not happen"
+        pause()
 
 
 def stood_still(error):

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 from grpclib import GRPCError
-from harness.emulated_port import patiently, processes_came_late
+from harness.emulated_port import in_the_end
 from harness.fake_camera import FakeCamera, FakeVision, picture
 from harness.fake_machine import FakeMachine, a_box, hanging
 from harness.fake_parent import ARM, MOTION, SIMULATED, running_module
@@ -103,11 +103,6 @@ class Bench:
         return (await in_the_end(lambda: self.motion.do_command(preview)))["preview"][
             "tool_path_mm"
         ]
-
-
-async def in_the_end(call):
-    """The outcome of ``call()``, asked for again if this machine was too busy to say it."""
-    return await patiently(call, came_late=processes_came_late)
 
 
 def outside_the_box(tool_path_mm):

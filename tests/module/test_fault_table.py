@@ -6,7 +6,7 @@ Clients that leave or ask too much delay no other. Servos are emulated; a hand h
 
 import asyncio
 import math
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
@@ -288,52 +288,12 @@ async def test_on_a_wire_that_loses_and_garbles_moves_complete(bench, start):
 # What clients do
 
 
-NO_WAY = {
-    "component_name": "arm",
-    "destination": {
-        "reference_frame": "arm_origin",
-        "pose": {"x": -65, "y": 241, "z": 120, "o_z": 1},
-    },
-    "world_state": {
-        "obstacles": [
-            {
-                "reference_frame": "arm_origin",
-                "geometries": [
-                    {
-                        "label": "wall",
-                        "box": {"dims_mm": {"x": 700, "y": 6, "z": 900}},
-                        "center": {"x": 276, "y": 329, "z": 350, "o_z": 1, "theta": 50},
-                    },
-                    {
-                        "label": "roof",
-                        "box": {"dims_mm": {"x": 1000, "y": 1000, "z": 10}},
-                        "center": {"z": 280, "o_z": 1},
-                    },
-                ],
-            }
-        ]
-    },
-    "extra": {"timeout": 100.0},
-}
-"""Both ends are free, and there is no way between them: it is looked for 100 s."""
-
-
 def turned(pose, degrees):
     """A place that the pan joint alone brings the tool to."""
     angle = math.radians(degrees)
     x = pose.x * math.cos(angle) - pose.y * math.sin(angle)
     y = pose.x * math.sin(angle) + pose.y * math.cos(angle)
     return PoseInFrame(reference_frame="arm_origin", pose=Pose(x=x, y=y, z=pose.z, o_z=1.0))
-
-
-async def left(*calls, after=0.0):
-    """The clients of these calls leave."""
-    await asyncio.sleep(after)
-    for call in calls:
-        call.cancel()
-    for call in calls:
-        with suppress(asyncio.CancelledError, GRPCError):
-            await call
 
 
 async def test_a_move_of_the_motion_service_recovers_from_a_fault_like_any_other(bench, start):
@@ -346,17 +306,3 @@ async def test_a_move_of_the_motion_service_recovers_from_a_fault_like_any_other
     here = await bench.arm.get_end_position()
     assert await bench.planner.move("arm", turned(here, 15.0))
     await bench.back(start)
-
-
-async def test_a_stop_does_not_wait_for_plans_that_were_abandoned(bench, start):
-    plans = [asyncio.ensure_future(bench.planner.do_command({"preview": NO_WAY})) for _ in range(8)]
-    await left(*plans, after=0.5)
-    goal = JointPositions(values=[float(start[0]) + 60.0, *map(float, start[1:])])
-    await bench.arm.move_to_joint_positions(goal, extra={"wait": False})
-    await until(lambda: moved(bench, start))
-    await asyncio.wait_for(bench.arm.stop(), 80.0)  # a single one of these plans takes longer
-    await bench.back(start)
-
-
-async def moved(bench, start):
-    return abs((await bench.joints())[0] - start[0]) > 5.0

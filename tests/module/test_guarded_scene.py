@@ -11,8 +11,8 @@ from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
 from harness.fake_machine import FakeMachine, Thing, a_box, hanging
 from harness.fake_parent import config_of, until
-from harness.in_process_module import advance, arm_client, in_time, new_arm, refused
-from viam.components.arm import Arm, JointPositions
+from harness.in_process_module import advance, arm_client, in_time, joints, new_arm, refused
+from viam.components.arm import Arm
 from viam.resource.manager import ResourceManager
 from viam.services.generic.client import GenericClient
 from viam.services.generic.service import GenericRPCService
@@ -26,10 +26,6 @@ LEFT, RIGHT = (60.0, -45.0, 45.0, 60.0, 0.0), (-60.0, -45.0, 45.0, 60.0, 0.0)
 CRATE = hanging("crate", geometry=a_box(400, 40, 400, x=300.0, z=200.0))
 AT_THE_SIDE = hanging("crate", geometry=a_box(400, 40, 400), x=212.0, y=212.0, z=200.0, theta=45.0)
 QUICK = {"speed_degs_per_sec": 90.0, "acceleration_degs_per_sec_per_sec": 400.0}
-
-
-def joints(degrees):
-    return JointPositions(values=degrees)
 
 
 @pytest.fixture
@@ -49,7 +45,7 @@ async def on_the_left(machine, **attributes):
         async def pan():
             return (await client.get_joint_positions()).values[0]
 
-        await in_time(client, client.move_to_joint_positions(joints(LEFT)))
+        await in_time(client, client.move_to_joint_positions(joints(*LEFT)))
         set_machine(lambda: machine)
         try:
             yield arm, client, pan
@@ -60,7 +56,7 @@ async def on_the_left(machine, **attributes):
 async def sent(client, q, **extra):
     """Send the arm straight towards angles; until it has arrived or rests."""
     extra = {"interpolate": False, **extra}
-    await in_time(client, client.move_through_joint_positions([joints(q)], extra=extra))
+    await in_time(client, client.move_through_joint_positions([joints(*q)], extra=extra))
 
 
 async def test_targets_without_a_plan_stop_short_of_a_component_until_it_is_gone(machine):
@@ -239,7 +235,7 @@ async def test_a_stream_stops_before_a_component_until_it_is_gone(machine):
             "into contact with 'crate'; move that away",
         )
         assert await pan() > 5.0
-        await in_time(client, client.move_to_joint_positions(joints(LEFT)))
+        await in_time(client, client.move_to_joint_positions(joints(*LEFT)))
         machine.configs.remove(CRATE)
         await arm.guarded_scene.read()
         await streamed(client, LEFT, RIGHT)
@@ -252,7 +248,7 @@ async def test_a_stream_is_kept_from_the_arms_own_table_and_itself(machine):
     async with on_the_left(machine) as (_, client, _pan):
         with pytest.raises(GRPCError, match="into contact with the floor"):
             await streamed(client, LEFT, low)
-        await in_time(client, client.move_to_joint_positions(joints(LEFT)))
+        await in_time(client, client.move_to_joint_positions(joints(*LEFT)))
         with pytest.raises(GRPCError, match="the gripper into contact with the shoulder"):
             await streamed(client, LEFT, (60.0, -50.0, 80.0, 90.0, 0.0))
 

@@ -3,18 +3,13 @@
 import numpy as np
 import pytest
 from grpclib import GRPCError
-from harness.emulated_port import patiently, processes_came_late
+from harness.emulated_port import in_the_end
 from harness.fake_machine import FakeMachine, hanging
 from harness.fake_parent import ARM, MOTION, SIMULATED, running_module
 from viam.components.arm import JointPositions
 
 ASIDE = [60.0, -30.0, 30.0, 30.0, 0.0]
 STICK = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
-
-
-async def in_the_end(call):
-    """The outcome of ``call()``, asked for again if this machine was too busy to say it."""
-    return await patiently(call, came_late=processes_came_late)
 
 
 async def test_an_object_is_passed_on_and_then_the_other_arm_holds_it():

@@ -1,13 +1,12 @@
 """The setup page's calibration of a machine's arm: through the sensor of a real module process."""
 
 import threading
-import time
 
 import pytest
 from harness.emulated_kit import Kit
 from harness.fake_parent import CALIBRATION, SENSOR
 from harness.terminal_user import Typist
-from harness.viam_machine import SIM, running_machine
+from harness.viam_machine import SIM, running_machine, until_true
 
 from so101_motion.common.errors import MachineRefused, MachineUnavailable
 from so101_motion.common.operation import RemoteOperation
@@ -19,14 +18,6 @@ PAUSE = threading.Event()
 def resources(port, file):
     """What the machine has: the sensor is on the servos, and its arm is simulated."""
     return (*SIM, (SENSOR, CALIBRATION, "calibration", {"port": port, "calibration_file": file}))
-
-
-def until(condition, seconds=60.0):
-    """Wait for ``condition``: the machine is another process, whose time is real."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not come true"
-        PAUSE.wait(0.02)
 
 
 @pytest.mark.slow
@@ -53,7 +44,7 @@ def see(rig):
     """Wait until the joints have been read a few times more."""
     reads = "position_samples"
     begin = rig.readings("calibration")[reads]
-    until(lambda: rig.readings("calibration")[reads] >= begin + 3)
+    until_true(lambda: rig.readings("calibration")[reads] >= begin + 3)
 
 
 def calibrate(operation, kit, machine, rig):
@@ -66,7 +57,7 @@ def calibrate(operation, kit, machine, rig):
     assert not any(kit.driven)
     kit.let_go()
     operation.ask("take_pose")
-    until(lambda: operation.view.offer("set_homing").due_in == 0.0)
+    until_true(lambda: operation.view.offer("set_homing").due_in == 0.0)
     operation.ask("set_homing")
     operation.ask("start_range_recording")
     for share in (0.5, 0.45, 0.4, 0.35, 0.3):
@@ -76,17 +67,17 @@ def calibrate(operation, kit, machine, rig):
     def elbow():
         return operation.view.facts["joints"]["elbow_flex"]
 
-    until(lambda: elbow()["verdict"] == "too_short")
+    until_true(lambda: elbow()["verdict"] == "too_short")
     with pytest.raises(MachineRefused, match="elbow_flex"):
         operation.ask("stop_range_recording")
 
     machine.cut()
-    until(lambda: not operation.view.is_connected)
+    until_true(lambda: not operation.view.is_connected)
     assert "127.0.0.1" in operation.view.trouble
     with pytest.raises(MachineUnavailable):
         operation.ask("save_calibration")
     machine.mend()
-    until(lambda: operation.view.is_connected)
+    until_true(lambda: operation.view.is_connected)
     assert operation.view.state == "range_recording", "it went on over there"
 
     while operation.view.offer("stop_range_recording").why_not is not None:

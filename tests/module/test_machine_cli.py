@@ -2,15 +2,13 @@
 
 import contextlib
 import json
-import threading
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from harness.fake_parent import ARM, HARDWARE_ARM
-from harness.viam_machine import carried_out, running_machine, stood_still
+from harness.viam_machine import carried_out, running_machine, stood_still, until_true
 
 from so101_motion.calib.record import record, store
 from so101_motion.cli.verbs import main
@@ -61,7 +59,7 @@ def test_a_machines_arm_is_stopped_whoever_moves_it(machine):
         carried_out(lambda: rig.arm.move(here, wait=False).result(60.0))
         rig.arm.set_speed(np.radians(5.0))  # the command has 18 s for its connection
         motion = rig.arm.move(JointGoal(q=np.radians([100.0, -40.0, 40.0, 40.0, 0.0])), wait=False)
-        until(lambda: rig.arm.state.q[0] > np.radians(1.0) or motion.future.done())
+        until_true(lambda: rig.arm.state.q[0] > np.radians(1.0) or motion.future.done())
         result = run("stop", "--machine", machine.address)
         assert result.exit_code == 0, result.output
         assert "holding" in result.stdout
@@ -123,7 +121,7 @@ def the_next_motion_brings_a_joint_in_as_the_alarm_says(machine, folder):
     assert machine.do(arm, "write_calibration")["success"]
     with MachineRig.connect(machine.address, arm="arm") as rig:
         # The arm is opened after the file was stored.
-        until(lambda: rig.refresh() and rig.state.reading.out_of_range)
+        until_true(lambda: rig.refresh() and rig.state.reading.out_of_range)
         ((joint, limit),) = rig.state.reading.out_of_range.items()
         assert joint == "wrist_roll"
         assert limit - rig.state.q[4] == pytest.approx(np.radians(OUTSIDE * 360 / 4096), abs=0.02)
@@ -141,13 +139,13 @@ def test_a_machine_on_servos_tells_how_they_are_and_that_a_cable_came_out(tmp_pa
         with MachineRig.connect(machine.address) as rig:
             assert set(rig.status["health"]) == {*ARM_JOINTS, "gripper"}
             assert rig.readings("calibration")["calibration_state"] == "idle"
-            until(lambda: is_held(rig))
+            until_true(lambda: is_held(rig))
             machine.fault("unplug")
-            until(lambda: rig.arm.state.mode is Mode.FAULT)
+            until_true(lambda: rig.arm.state.mode is Mode.FAULT)
             assert rig.connection.is_up
             assert rig.arm.state.fault
             machine.fault("end unplug")
-            until(lambda: is_held(rig))
+            until_true(lambda: is_held(rig))
         the_next_motion_brings_a_joint_in_as_the_alarm_says(machine, tmp_path)
 
 
@@ -156,10 +154,3 @@ def is_held(rig):
     with contextlib.suppress(So101Error):
         rig.arm.set_torque(True)
     return rig.arm.state.mode is Mode.HOLDING
-
-
-def until(condition, patience=60.0):
-    begin = time.monotonic()
-    while not condition():
-        assert time.monotonic() - begin < patience, "it does not happen"
-        threading.Event().wait(0.05)

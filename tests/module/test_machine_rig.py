@@ -1,14 +1,13 @@
 """The arm of a running machine as a rig of this program: the module's real process, over TCP."""
 
 import logging
-import threading
 import time
 
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from harness.fake_parent import ARM, SIMULATED
-from harness.viam_machine import carried_out, running_machine, stood_still
+from harness.viam_machine import carried_out, pause, running_machine, stood_still, until_true
 from viam.components.arm import ArmClient
 from viam.logging import LOGGERS
 
@@ -61,18 +60,6 @@ def test_connecting_leaves_the_log_as_it_was(machine, monkeypatch):
         assert not logging.getLogger("viam.rpc.dial").isEnabledFor(logging.CRITICAL)
 
 
-def until(condition, patience=60.0):
-    begin = time.monotonic()
-    while not condition():
-        assert time.monotonic() - begin < patience, "it does not happen"
-        pause()
-
-
-def pause():
-    """Give the other threads the processor; what they wait for is a process elsewhere."""
-    threading.Event().wait(0.01)
-
-
 def move_to(rig, q):
     carried_out(lambda: rig.arm.move(JointGoal(q=q), wait=False).result(60.0))
 
@@ -83,7 +70,7 @@ def under_way(rig):
     for _ in range(10):
         motion = rig.arm.move(JointGoal(q=FAR), wait=False)
         begin = rig.arm.state.q
-        until(lambda begin=begin, motion=motion: has_gone(rig, begin) or motion.future.done())
+        until_true(lambda begin=begin, motion=motion: has_gone(rig, begin) or motion.future.done())
         if not (motion.future.done() and stood_still(motion.future.exception())):
             break
     return motion
@@ -165,7 +152,7 @@ def test_a_request_that_moves_the_arm_is_a_motion_as_any_other(rig):
     command = {"command": "run_program", "waypoints": program}
     for ends, by in ((rig.arm.stop, "stop"), (lambda: move_to(rig, RIGHT), "newer")):
         motion = rig.start_request(command)
-        until(lambda: rig.arm.state.arm_moving and rig.arm.state.q[0] > RIGHT[0] + 0.05)
+        until_true(lambda: rig.arm.state.arm_moving and rig.arm.state.q[0] > RIGHT[0] + 0.05)
         assert rig.arm.is_moving
         ends()
         with pytest.raises(Interrupted, match=by):
@@ -178,7 +165,7 @@ def test_a_request_that_moves_the_arm_is_a_motion_as_any_other(rig):
 def test_retargeting_turns_without_a_stop(rig):
     move_to(rig, RIGHT)
     rig.arm.retarget(LEFT)
-    until(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
+    until_true(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
     rig.arm.retarget(READY).result(60.0)
     np.testing.assert_allclose(rig.arm.state.q, READY, atol=np.radians(0.05))
 
@@ -187,7 +174,7 @@ def test_another_clients_motion_is_seen(machine, rig):
     move_to(rig, RIGHT)
     with MachineRig.connect(machine.address) as other:
         motion = under_way(other)
-        until(lambda: rig.arm.state.arm_moving and rig.arm.state.mode is Mode.MOVING)
+        until_true(lambda: rig.arm.state.arm_moving and rig.arm.state.mode is Mode.MOVING)
         rig.arm.stop()
         with pytest.raises(MotionError):
             motion.result(60.0)
@@ -208,7 +195,7 @@ def test_a_jaw_that_is_stopped_stays(rig):
     for _ in range(20):  # once, unless the jaw is open before a busy machine has stopped it
         rig.gripper.grab(wait=False).result(60.0)
         motion = rig.gripper.move(1.0, wait=False)
-        until(lambda: rig.gripper.aperture > 0.1)
+        until_true(lambda: rig.gripper.aperture > 0.1)
         rig.gripper.stop()
         if motion.future.exception(60.0) is not None and rig.gripper.aperture < 0.95:
             break
@@ -223,7 +210,7 @@ def test_a_lost_machine_is_reported_and_found_again_and_nothing_moves(machine, r
     machine.cut()
     with pytest.raises(MachineUnavailable, match="check that the machine runs"):
         motion.result(60.0)
-    until(lambda: not rig.connection.is_up)
+    until_true(lambda: not rig.connection.is_up)
     assert rig.arm.state.mode is Mode.FAULT
     assert "lost" in rig.connection.words(rig.clock.now())
     with pytest.raises(MachineUnavailable):
@@ -231,9 +218,9 @@ def test_a_lost_machine_is_reported_and_found_again_and_nothing_moves(machine, r
     with pytest.raises(MachineUnavailable):
         rig.arm.move(JointGoal(q=READY), wait=False).result(60.0)
     machine.mend()
-    until(lambda: rig.connection.is_up)
+    until_true(lambda: rig.connection.is_up)
     assert rig.connection.words(rig.clock.now()) == "connected"
-    until(lambda: rig.arm.state.mode is Mode.HOLDING)
+    until_true(lambda: rig.arm.state.mode is Mode.HOLDING)
     rests = rig.arm.state.q
     for _ in range(30):
         pause()
@@ -247,7 +234,7 @@ def test_a_client_that_goes_away_takes_its_motion_with_it(machine, rig):
     under_way(other)
     other.close()
     other.close()
-    until(lambda: not rig.arm.state.arm_moving)
+    until_true(lambda: not rig.arm.state.arm_moving)
     assert rig.arm.state.q[0] < FAR[0] - np.radians(5.0)
 
 
@@ -256,8 +243,8 @@ def test_so_does_one_that_only_sent_a_goal(machine, rig):
     with MachineRig.connect(machine.address) as other:
         other.arm.set_speed(np.radians(15.0))
         other.arm.retarget(FAR)
-        until(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
-    until(lambda: not rig.arm.state.arm_moving)
+        until_true(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
+    until_true(lambda: not rig.arm.state.arm_moving)
     assert rig.arm.state.q[0] < FAR[0] - np.radians(5.0)
 
 
@@ -329,10 +316,10 @@ def of_several_arms_one_must_be_named(machine):
         MachineRig.connect(machine.address, arm="third")
     with MachineRig.connect(machine.address, arm="second") as rig:
         machine.remove(ARM, "second")
-        until(lambda: rig.arm.state.mode is Mode.FAULT)
+        until_true(lambda: rig.arm.state.mode is Mode.FAULT)
         assert rig.connection.is_up
         machine.add(ARM, SIMULATED, "second")
-        until(lambda: rig.arm.state.mode is Mode.HOLDING)
+        until_true(lambda: rig.arm.state.mode is Mode.HOLDING)
 
 
 def test_a_module_that_takes_no_trajectory_gets_the_corners_of_the_path(rig, monkeypatch):

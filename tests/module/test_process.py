@@ -25,6 +25,7 @@ from harness.fake_parent import (
     ROOT,
     SIMULATED,
     SIMULATED_GRIPPER,
+    FakeMotion,
     is_listening,
     running_module,
     until,
@@ -322,21 +323,6 @@ async def test_frozen_time_holds_up_neither_the_end_of_an_arm_nor_that_of_the_pr
             await kept
 
 
-class FakeMotion(Motion):
-    """A motion service on the parent's side."""
-
-    def __init__(self):
-        super().__init__("mine")
-        self.asked = []
-
-    async def move(self, component_name, destination, world_state=None, constraints=None, **kwargs):
-        self.asked.append((component_name, destination.reference_frame, dict(kwargs["extra"])))
-        return True
-
-    move_on_globe = move_on_map = get_pose = None
-    stop_plan = get_plan = list_plan_statuses = None
-
-
 async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_parent(tmp_path):
     """By a simulated arm and by a real one."""
     service = FakeMotion()
@@ -355,7 +341,8 @@ async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_p
             await arm.move_to_position(Pose(x=250, y=0, z=150, o_z=1))
             await module.remove(ARM, "arm")
 
-    assert service.asked == 2 * [("arm", "arm_origin", {"goal_metric_type": "position_only"})]
+    asked = [(name, there.reference_frame, extra) for name, there, extra in service.calls]
+    assert asked == 2 * [("arm", "arm_origin", {"goal_metric_type": "position_only"})]
 
 
 PARENT = """

@@ -8,20 +8,21 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from harness.fake_parent import until
-from harness.in_process_module import advance, arm_client, duration_of, in_time, new_arm, refused
-from viam.components.arm import JointPositions, MoveOptions, Pose
+from harness.in_process_module import (
+    advance,
+    arm_client,
+    duration_of,
+    in_time,
+    joints,
+    new_arm,
+    positions,
+    refused,
+)
+from viam.components.arm import MoveOptions, Pose
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 ELSEWHERE = [30.0, -30.0, 30.0, 40.0, 20.0]
 ATTRIBUTES = {"acceleration_degs_per_sec_per_sec": 500.0}
-
-
-def joints(*degrees):
-    return JointPositions(values=[float(value) for value in degrees])
-
-
-async def positions(client):
-    return list((await client.get_joint_positions()).values)
 
 
 async def start(client, call):

@@ -6,21 +6,23 @@ import math
 
 import pytest
 from grpclib import GRPCError, Status
-from harness.in_process_module import advance, arm_client, duration_of, in_time, new_arm, refused
-from viam.components.arm import JointPositions, KinematicsFileFormat, MoveOptions, Pose
+from harness.fake_parent import FakeMotion
+from harness.in_process_module import (
+    advance,
+    arm_client,
+    duration_of,
+    in_time,
+    joints,
+    new_arm,
+    positions,
+    refused,
+)
+from viam.components.arm import KinematicsFileFormat, MoveOptions, Pose
 from viam.services.motion import Motion
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 ELSEWHERE = [30.0, -30.0, 30.0, 40.0, 20.0]
 ATTRIBUTES = {"acceleration_degs_per_sec_per_sec": 500.0}
-
-
-def joints(*degrees):
-    return JointPositions(values=[float(value) for value in degrees])
-
-
-async def positions(client):
-    return list((await client.get_joint_positions()).values)
 
 
 async def test_manual_mode_lets_go_and_a_move_takes_hold_again(client):
@@ -169,21 +171,6 @@ async def test_the_tool_is_marked_and_the_kinematics_are_urdf_when_asked_for():
     assert b"<robot" in data
     assert "tool" in models
     assert labels[-1] == "arm:tool"
-
-
-class FakeMotion(Motion):
-    """A motion service that remembers what it was asked."""
-
-    def __init__(self, answer=True):
-        super().__init__("mine")
-        self.answer, self.calls = answer, []
-
-    async def move(self, component_name, destination, world_state=None, constraints=None, **kwargs):
-        self.calls.append((component_name, destination, kwargs["extra"]))
-        return self.answer
-
-    move_on_globe = move_on_map = get_pose = None
-    stop_plan = get_plan = list_plan_statuses = None
 
 
 async def test_a_named_motion_service_plans_instead():

@@ -12,8 +12,8 @@ import pytest
 from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
 from harness.fake_parent import MOTION, config_of, until
-from harness.in_process_module import advance, in_time
-from viam.components.arm import Arm, JointPositions
+from harness.in_process_module import advance, in_time, joints
+from viam.components.arm import Arm
 from viam.proto.common import Pose, PoseInFrame
 from viam.resource.manager import ResourceManager
 from viam.services.motion import MotionClient
@@ -41,10 +41,6 @@ async def motion(arm):
         yield client
 
 
-def joints(degrees):
-    return JointPositions(values=[float(value) for value in degrees])
-
-
 def point(x, y, z):
     pose = Pose(x=x, y=y, z=z, o_z=1.0)
     return PoseInFrame(reference_frame="arm_origin", pose=pose)
@@ -67,7 +63,7 @@ def hung_planner(arm):
 @asynccontextmanager
 async def under_way(arm, client):
     """A move that is well under way; over when the block is."""
-    call = asyncio.ensure_future(client.move_to_joint_positions(joints(FAR)))
+    call = asyncio.ensure_future(client.move_to_joint_positions(joints(*FAR)))
     while np.degrees(arm.rig.arm.state.q[0]) < 5.0:
         assert not call.done(), await call
         await advance(client, 0.05)
@@ -208,11 +204,11 @@ async def test_of_two_recordings_begun_at_once_one_is_refused(arm, client, tmp_p
 
 def retarget(client, motion):
     extra = {"interpolate": False}
-    return client.move_through_joint_positions([joints(FAR)], extra=extra)
+    return client.move_through_joint_positions([joints(*FAR)], extra=extra)
 
 
 SOURCES = {
-    "a move": lambda client, motion: client.move_to_joint_positions(joints(FAR)),
+    "a move": lambda client, motion: client.move_to_joint_positions(joints(*FAR)),
     "a pose": lambda client, motion: client.move_to_position(Pose(x=100, y=250, z=150, o_z=1)),
     "a retarget": retarget,
     "a stream": lambda client, motion: stream(client),
@@ -234,7 +230,7 @@ async def test_superseded_is_aborted_and_stopped_is_cancelled(
     if ending == "stop":
         await client.stop()
     else:
-        await in_time(client, client.move_to_joint_positions(joints(HOME)))
+        await in_time(client, client.move_to_joint_positions(joints(*HOME)))
     assert (await error_of(call)).status is status
     await at_rest(arm, client)
 
@@ -254,7 +250,7 @@ async def test_a_jog_aborts_what_is_under_way_and_ends_with_a_stop(arm, client, 
 
 async def test_a_move_takes_over_from_a_jog(arm, client):
     jog = await in_time(client, asyncio.to_thread(arm.rig.arm.jog))
-    await in_time(client, client.move_to_joint_positions(joints(HOME)))
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
     with pytest.raises(Interrupted) as caught:
         await asyncio.wrap_future(jog.future)
     assert caught.value.by == SUPERSEDED

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.emulated_port import patiently, processes_came_late
+from harness.emulated_port import in_the_end
 from harness.fake_machine import FakeMachine, FakeStore, Thing, a_box, hanging, seen_thing
 from harness.fake_parent import ARM, GRIPPER, MOTION, SIMULATED, SIMULATED_GRIPPER, running_module
 from harness.in_process_module import refused
@@ -108,11 +108,6 @@ class Bench:
         there = PoseInFrame(reference_frame=FRAME, pose=Pose(x=x, y=y, z=z, o_z=1))
         with pytest.raises(GRPCError, match=of):
             await in_the_end(lambda: self.motion.move("arm", there))
-
-
-async def in_the_end(call):
-    """The outcome of ``call()``, asked for again if this machine was too busy to say it."""
-    return await patiently(call, came_late=processes_came_late)
 
 
 @pytest.fixture

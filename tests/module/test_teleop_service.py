@@ -10,7 +10,7 @@ import pytest
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
 from grpclib.testing import ChannelFor
-from harness.emulated_port import patiently, processes_came_late
+from harness.emulated_port import in_the_end
 from harness.fake_parent import config_of, until
 from harness.in_process_module import arm_client, gripper_client, new_arm, new_gripper, refused
 from viam.components.arm import Arm, JointPositions, MoveOptions
@@ -115,7 +115,7 @@ async def followed(client, leader, follower, go, is_there):
     """Let the leader ``go()``, as a task, until ``is_there()``; begun again if they are parted."""
     for _ in range(10):
         await until(lambda: is_in(client, "mirroring"))
-        going = asyncio.ensure_future(patiently(go, came_late=processes_came_late))
+        going = asyncio.ensure_future(in_the_end(go))
         there = False
 
         async def is_over():
@@ -129,7 +129,7 @@ async def followed(client, leader, follower, go, is_there):
         await going
         here = await follower.get_joint_positions()
         back = partial(leader.move_to_joint_positions, here)
-        await patiently(back, came_late=processes_came_late)
+        await in_the_end(back)
     raise AssertionError("they are parted again and again")
 
 

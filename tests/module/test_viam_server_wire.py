@@ -111,9 +111,8 @@ async def motion(arm):
         yield MotionClient(service.name, channel)
 
 
-@pytest.mark.parametrize("request_world", CLOUDS.values(), ids=CLOUDS)
-async def test_the_arm_does_not_drive_into_a_cloud(motion, request_world):
+async def test_the_arm_does_not_drive_into_a_cloud(motion):
     into = PoseInFrame(reference_frame="arm_origin", pose=MIDDLE)
     with pytest.raises(GRPCError, match="seen"):
         async with asyncio.timeout(30.0):
-            await motion.move("arm", into, request_world)
+            await motion.move("arm", into, sent_on(cloud(CUBE_AT_MM, MIDDLE)))

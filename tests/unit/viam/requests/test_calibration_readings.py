@@ -62,25 +62,6 @@ def sent(now):
     return convert.to_result(readings(now))
 
 
-def test_a_recording_reads_as_the_documentation_of_the_published_module_shows():
-    now = sent(situation())
-
-    assert now["calibration_state"] == "range_recording"
-    assert now["available_commands"] == ["stop_range_recording", "abort"]
-    assert now["servo_count"] == 1
-    assert now["recording_time_seconds"] == 15.3
-    assert now["position_samples"] == 306
-    published = {
-        "id": 3,
-        "current_position": 2150,
-        "homing_offset": -103,
-        "recorded_min": 758,
-        "recorded_max": 2758,
-        "is_completed": False,
-    }
-    assert published.items() <= now["joints"]["elbow_flex"].items()
-
-
 def test_a_recording_says_what_is_left_to_do():
     elbow = sent(situation())["joints"]["elbow_flex"]
 
@@ -88,17 +69,6 @@ def test_a_recording_says_what_is_left_to_do():
     assert elbow["recorded_range_degs"] == pytest.approx(175.8)
     assert elbow["expected_range_degs"] == 193.2
     assert "both its stops" in elbow["message"]
-
-
-@pytest.mark.parametrize("state", list(State))
-def test_every_state_has_its_name_its_instruction_and_its_commands(state):
-    now = sent(situation(state))
-
-    assert now["calibration_state"] == state.value
-    assert now["available_commands"] == [command.value for command in OFFERED[state]]
-    assert now["instruction"]
-    recorded = {"recording_time_seconds", "position_samples"} & now.keys()
-    assert bool(recorded) is (state in (State.RECORDING, State.COMPLETED))
 
 
 def nulls(value):
