@@ -5,7 +5,6 @@ The servos are those of ``so101 emulate``, or with ``--hardware PORT`` an arm's,
 """
 
 import asyncio
-import json
 import time
 from contextlib import asynccontextmanager
 
@@ -19,7 +18,6 @@ from harness.fake_parent import (
     GRIPPER,
     HARDWARE_ARM,
     HARDWARE_GRIPPER,
-    SIMULATED,
     running_module,
     until,
 )
@@ -197,22 +195,6 @@ async def test_the_tool_goes_where_it_is_sent_as_much_of_the_pose_as_asked(sessi
         approach = np.dot([there.o_x, there.o_y, there.o_z], [goal.o_x, goal.o_y, goal.o_z])
         assert approach > np.cos(np.radians(2.0))
     await session.go(start)
-
-
-async def test_real_and_simulated_arms_have_the_same_kinematics(session):
-    simulated = await session.module.add(ARM, SIMULATED, {}, "simulated")
-    try:
-        kinds, chains = [], []
-        for arm in (session.arm, simulated):
-            kind, data, *_ = await arm.get_kinematics()
-            chain = json.loads(data)
-            chain.pop("name")
-            kinds.append(kind)
-            chains.append(chain)
-        assert kinds[0] == kinds[1]
-        assert chains[0] == chains[1]
-    finally:
-        await session.module.remove(ARM, "simulated")
 
 
 # The arm's requests

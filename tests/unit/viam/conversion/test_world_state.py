@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
+from harness.fake_machine import hanging
 from viam.proto.common import (
     Capsule,
     GeometriesInFrame,
@@ -19,7 +20,6 @@ from viam.proto.common import (
     Vector3,
     WorldState,
 )
-from viam.proto.robot import FrameSystemConfig
 from viam.proto.service.motion import CollisionSpecification
 
 from so101_motion.common.errors import ConfigError, MachineUnavailable
@@ -52,15 +52,8 @@ class MachineWithFrames:
         return PoseInFrame(reference_frame=destination, pose=Pose(z=z, o_z=1.0))
 
     async def get_frame_system_config(self):
-        return [
-            FrameSystemConfig(
-                frame=Transform(
-                    reference_frame=name,
-                    pose_in_observer_frame=PoseInFrame(reference_frame=parent, pose=Pose(o_z=1.0)),
-                )
-            )
-            for name, parent in (("arm", "world"), ("gripper", "arm"), ("camera", "world"))
-        ]
+        parents = {"arm": "world", "gripper": "arm", "camera": "world"}
+        return [hanging(name, parent) for name, parent in parents.items()]
 
 
 @pytest.fixture
@@ -284,13 +277,7 @@ async def test_a_label_of_any_length_is_refused():
 
 
 async def test_frames_that_hang_from_too_many_others_are_refused():
-    chain = [
-        Transform(
-            reference_frame=f"frame {i}",
-            pose_in_observer_frame=PoseInFrame(reference_frame=f"frame {i + 1}", pose=Pose(o_z=1)),
-        )
-        for i in range(1_000)
-    ]
+    chain = [transform(f"frame {i}", f"frame {i + 1}") for i in range(1_000)]
     frames = Frames("arm", TOOL, chain)
     for look in (frames.T_base, frames.is_held):
         with pytest.raises(ConfigError, match="has more than 100 parents"):
