@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import click
 
@@ -29,7 +29,7 @@ def viam() -> None:
 
 
 @verb(viam, "import")
-def import_(file: TextIO = argument(click.File(encoding="utf-8")), as_json: bool = JSON) -> None:
+def import_(file: BinaryIO = argument(click.File("rb")), as_json: bool = JSON) -> None:
     """Read a machine's configuration and print it rewritten for this module.
 
     FILE is the machine's JSON (Configure, then JSON, in Viam's app; or /etc/viam.json), or - to
@@ -41,9 +41,16 @@ def import_(file: TextIO = argument(click.File(encoding="utf-8")), as_json: bool
     so101 viam import machine.json
     so101 viam import machine.json > new.json
     """  # noqa: D301
+    from so101_motion.common.errors import ConfigError
+    from so101_motion.files.json_file import content
     from so101_motion.viam.migration import migrate
 
-    migration = migrate(_content(file))
+    try:
+        machine = content(file.read())
+    except ValueError as error:
+        name = getattr(file, "name", "-")
+        raise ConfigError("configuration", name, str(error)) from error
+    migration = migrate(machine)
     if as_json:
         told = ("name", "model", "problem", "notes")
         facts = {
@@ -91,17 +98,6 @@ def config(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None
             click.echo(json.dumps(suggested, indent=2))
     if not suggested["components"]:
         raise SystemExit(NO_DEVICE)
-
-
-def _content(file: TextIO) -> object:
-    from so101_motion.common.errors import ConfigError
-
-    try:
-        return json.loads(file.read())
-    except UnicodeDecodeError as error:
-        raise ConfigError("configuration", file.name, "is not UTF-8 text") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError("configuration", file.name, f"is not JSON: {error}") from error
 
 
 def _tell(migration: Migration) -> None:
