@@ -248,10 +248,11 @@ class Emulator:
         self._ids = [servo.memory.raw(reg.ID) for servo in self.world.servos]
         for attend in self.on_open:
             attend(self)
-        self._port = serve(self.bus) if serve is not None else self._on_terminal(self.bus)
-
-    def _on_terminal(self, bus: Bus) -> ServedPort:
-        return PtyPort(bus, self.now, pacing=self._options.pacing, link=self._options.link)
+        self._port: ServedPort = (
+            PtyPort(self.bus, now, pacing=self._options.pacing, link=self._options.link)
+            if serve is None
+            else serve(self.bus)
+        )
 
     @property
     def port(self) -> str:

@@ -105,7 +105,8 @@ class World:
         """Step the moving servos, at most to the next slow update; return the milliseconds."""
         awake = [servo.drive for servo in self.servos if not servo.drive.quiet]
         if not awake and not self.hand.busy and not self._phase:
-            return min(self._longest_jump(), left)
+            soon = any(each.drive.guard.timing or each.boot_at is not None for each in self.servos)
+            return min(_TIMING_JUMP_MS if soon else _JUMP_MS, left)
         span = min(_SLOW_MS - self._phase, left)
         for drive in awake:
             drive.run(span)
@@ -118,15 +119,13 @@ class World:
         if elapsed >= _SLOW_MS:
             self._look((elapsed - self._phase) / 1000.0)
 
-    def _longest_jump(self) -> int:
-        soon = any(servo.drive.guard.timing or servo.boot_at is not None for servo in self.servos)
-        return _TIMING_JUMP_MS if soon else _JUMP_MS
-
     def _look(self, dt: float) -> None:
         """Update gravity, hand, supply, heat and protections after ``dt`` seconds."""
         now, hand = self.t, self.hand if self.hand.busy else None
         volts = self.supply.under(servo.drive.motor.drawn for servo in self.servos)
-        self._weigh()
+        angles = [servo.drive.q for servo in self.servos]
+        if angles != self._felt:
+            self._felt, self._weights = angles, self._gravity(np.array(angles)).tolist()
         for servo, weight in zip(self.servos, self._weights, strict=True):
             drive, direction = servo.drive, servo.joint.direction
             push = 0.0
@@ -140,12 +139,6 @@ class World:
             if dt:
                 drive.slow_step(dt)
             servo.follow_power(now)
-
-    def _weigh(self) -> None:
-        angles = [servo.drive.q for servo in self.servos]
-        if angles != self._felt:
-            self._felt = angles
-            self._weights = self._gravity(np.array(angles)).tolist()
 
     # -- what people do to an arm ---------------------------------------------------------------
 

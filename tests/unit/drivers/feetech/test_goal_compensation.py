@@ -15,27 +15,41 @@ NAMES = tuple(MAPS)
 LIFT = NAMES.index("shoulder_lift")
 
 
+class Driven:
+    """Six joints that start at ``q``; the second is commanded, every 10 ms."""
+
+    def __init__(self, gravity=lambda q: np.zeros(6), q=0.0, servos=MAPS):
+        limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
+        self.servo = dict(servos)[NAMES[LIFT]]
+        self.joint = GoalCompensation(dict(enumerate(servos.values())), gravity, limiter, None, {})
+        self.k, self.q = 0, [q] * 6
+        self.joint.begin(self.q, self.q, 0.0, ())
+
+    def send(self, qd, qdd=None, **how):
+        """Go on at ``qd`` [rad/s]; how far the goal is beyond the command [rad]."""
+        self.k += 1
+        self.q = [*self.q]
+        self.q[LIFT] += 0.01 * qd
+        rates, changes = [0.0] * 5, [0.0] * 5
+        rates[LIFT], changes[LIFT] = qd, qdd or 0.0
+        told = None if qdd is None else changes
+        t = 0.01 * self.k
+        self.joint.point(self.q, rates, t, lambda i: math.nan, (), told, **how)
+        goals = self.joint.goals(t)
+        return self.servo.to_rad(goals[self.servo.servo_id]) - self.q[LIFT]
+
+
 def followed(*, behind_deg, seconds):
     """What the trim has learnt after a lift at 50 deg/s behind a target, late by so much [deg]."""
-    limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
-    weight = np.eye(6)[LIFT]  # [N m]
-    compensation = GoalCompensation(
-        dict(enumerate(MAPS.values())), lambda q: weight, limiter, None, {}
-    )
-    speed, q = math.radians(50.0), [0.0] * 6
-    compensation.begin(q, q, 0.0, ())
+    arm, speed = Driven(lambda q: np.eye(6)[LIFT]), math.radians(50.0)  # [N m]
     for k in range(1, round(seconds / 0.01)):
-        t, qd = 0.01 * k, min(10.0 * 0.01 * k, speed)
-        q = [*q]
-        q[LIFT] += 0.01 * qd
-        rates = [0.0] * 5
+        qd = min(10.0 * 0.01 * k, speed)
+        arm.send(qd)
+        at, rates = [*arm.q], [0.0] * 6
+        at[LIFT] -= math.radians(behind_deg) * min(0.01 * k / 0.1, 1.0)
         rates[LIFT] = qd
-        compensation.point(q, rates, t, lambda i: math.nan, ())
-        compensation.goals(t)
-        at = [*q]
-        at[LIFT] -= math.radians(behind_deg) * min(t / 0.1, 1.0)
-        compensation.trim.measure(at, [*rates, 0.0], range(6), t)
-    return math.degrees(compensation.trim.rest[LIFT])
+        arm.joint.trim.measure(at, rates, range(6), 0.01 * k)
+    return math.degrees(arm.joint.trim.rest[LIFT])
 
 
 def test_the_lag_of_a_joint_that_follows_a_target_is_not_taken_for_weight():
@@ -54,26 +68,13 @@ def ahead_deg(
     Its acceleration is known from ``told_from`` to ``told_until`` [s], and is said to be ``told``
     [rad/s^2] once it is at that speed. One that ``slows`` has done so for the last 0.15 s.
     """
-    limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
-    servos = dict(enumerate(MAPS.values()))
-    compensation = GoalCompensation(servos, lambda q: np.zeros(6), limiter, None, {})
-    speed, qd, q = math.radians(speed_deg), 0.0, [-1.5] * 6
-    compensation.begin(q, q, 0.0, ())
+    arm, speed, qd = Driven(q=-1.5), math.radians(speed_deg), 0.0
     for k in range(1, 101):
-        qdd = [0.0] * 5
-        qdd[LIFT] = -6.0 if slows and k > 85 else 5.0 if qd < speed else told
-        rates = [0.0] * 5
-        rates[LIFT] = qd
-        q = [*q]
-        q[LIFT] += 0.01 * qd
+        qdd = -6.0 if slows and k > 85 else 5.0 if qd < speed else told
         known = qdd if told_from < 0.01 * k < told_until else None
-        compensation.point(
-            q, rates, 0.01 * k, lambda i: math.nan, (), known, follows_target=follows_target
-        )
-        goals = compensation.goals(0.01 * k)
-        qd = max(min(qd + 0.01 * qdd[LIFT], speed), 0.0)
-    servo = servos[LIFT]
-    return math.degrees(servo.to_rad(goals[servo.servo_id]) - q[LIFT])
+        ahead = arm.send(qd, known, follows_target=follows_target)
+        qd = max(min(qd + 0.01 * qdd, speed), 0.0)
+    return math.degrees(ahead)
 
 
 def test_a_slow_joint_that_follows_a_target_is_driven_less_far_ahead_than_a_planned_one():
@@ -97,49 +98,32 @@ def test_one_that_was_driven_ahead_does_not_run_on_when_it_slows_and_nobody_says
 
 
 def test_what_the_firmware_drops_of_its_set_point_is_added_towards_higher_ticks():
-    limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
     for direction in (1, -1):
-        servos = {i: replace(each, direction=direction) for i, each in enumerate(MAPS.values())}
         beyond = 0.0
         for way in (1.0, -1.0):
-            compensation = GoalCompensation(servos, lambda q: np.zeros(6), limiter, None, {})
-            q, qd = [0.0] * 6, [0.0] * 5
-            compensation.begin(q, q, 0.0, ())
+            arm, qd = (
+                Driven(servos={n: replace(m, direction=direction) for n, m in MAPS.items()}),
+                0.0,
+            )
             for k in range(1, 101):
-                qdd = [0.0] * 5
-                qdd[LIFT] = way * (5.0 if k <= 20 else 0.0)
-                qd[LIFT] += 0.01 * qdd[LIFT]
-                q = [each + 0.01 * v for each, v in zip(q, [*qd, 0.0], strict=True)]
-                compensation.point(q, [*qd], 0.01 * k, lambda i: math.nan, (), qdd)
-                goal = compensation.goals(0.01 * k)[servos[LIFT].servo_id]
-                beyond += (servos[LIFT].to_rad(goal) - q[LIFT]) * (k > 30) / 140.0
+                qdd = way * (5.0 if k <= 20 else 0.0)
+                qd += 0.01 * qdd
+                beyond += arm.send(qd, qdd) * (k > 30) / 140.0
         # Ahead by the same both ways, but for what is dropped.
         assert direction * beyond == pytest.approx(0.5 * RAD_PER_TICK, rel=0.2)
 
 
 def test_a_joint_whose_motor_is_driven_through_the_play_may_stand():
     """Its weight changes sides so fast that no unknown load is needed to take it through."""
-    limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
-    compensation = GoalCompensation(
-        dict(enumerate(MAPS.values())),
-        lambda q: math.copysign(0.5, q[LIFT] - 0.1) * np.eye(6)[LIFT],
-        limiter,
-        None,
-        {},
-    )
-    compensation.trim.models[LIFT] = ServoModel(figures=ServoFigures(play=math.radians(0.8)))
-    q, qd = [0.0] * 6, 0.0
-    compensation.begin(q, q, 0.0, ())
+    arm, qd = Driven(lambda q: math.copysign(0.5, q[LIFT] - 0.1) * np.eye(6)[LIFT]), 0.0
+    joint = arm.joint
+    joint.trim.models[LIFT] = ServoModel(figures=ServoFigures(play=math.radians(0.8)))
     may_stand, kept = [], []
-    for k in range(1, 100):
+    for _ in range(1, 100):
         qdd = 2.0 if qd < 0.3 else 0.0
-        qd, q = qd + 0.01 * qdd, [*q]
-        q[LIFT] += 0.01 * qd
-        rates, changes = [0.0] * 5, [0.0] * 5
-        rates[LIFT], changes[LIFT] = qd, qdd
-        compensation.point(q, rates, 0.01 * k, lambda i: math.nan, (), changes)
-        compensation.goals(0.01 * k)
-        may_stand.append(LIFT in compensation.in_play())
-        kept.append(LIFT not in compensation.trim.in_play())
+        qd += 0.01 * qdd
+        arm.send(qd, qdd)
+        may_stand.append(LIFT in joint.in_play())
+        kept.append(LIFT not in joint.trim.in_play())
     assert all(kept)
     assert 5 <= sum(may_stand[20:]) <= 8, "while its motor crosses the play, and not after"

@@ -12,6 +12,8 @@ from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoFigures
 
 DT, PLAY = 0.01, math.radians(0.85)
+TURNS = np.radians(200.0) * (0.5 - DT * np.arange(120))
+"""Speeds of a joint that turns round at 0.5 s [rad/s]."""
 
 
 def turned(speeds, *, play=PLAY, weights=None, kind=STS3215_12V):
@@ -33,8 +35,7 @@ def turned(speeds, *, play=PLAY, weights=None, kind=STS3215_12V):
 
 
 def test_friction_changes_sides_before_the_joint_turns_and_is_done_soon_after():
-    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))  # turns at 0.5 s
-    ways, _ = turned(speeds)
+    ways, _ = turned(TURNS)
     felt = ways[: round((0.5 - DELAY - 0.022) / DT)]
     assert felt[-6] == 1.0
     assert felt[-1] < 0.5
@@ -42,10 +43,8 @@ def test_friction_changes_sides_before_the_joint_turns_and_is_done_soon_after():
 
 
 def test_friction_changes_sides_earlier_the_farther_the_goal_has_to_step():
-    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))
-
     def begins(kind, weight):  # [s] before the turn, beyond the delay of a goal
-        ways, _ = turned(speeds, weights=np.full(120, weight), kind=kind)
+        ways, _ = turned(TURNS, weights=np.full(120, weight), kind=kind)
         return 0.5 - kind.goal_delay - DT * np.argmax(ways[20:] < 1.0) - 20 * DT
 
     assert begins(STS3215_7V4, 1.0) > begins(STS3215_12V, 1.0) + 0.015
@@ -53,8 +52,7 @@ def test_friction_changes_sides_earlier_the_farther_the_goal_has_to_step():
 
 
 def test_the_motor_goes_through_all_of_the_play_and_no_further():
-    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))
-    _, crossing = turned(speeds)
+    _, crossing = turned(TURNS)
     assert DT * crossing[crossing < 0.0].sum() == pytest.approx(-PLAY)
     assert DT * crossing[crossing > 0.0].sum() == pytest.approx(0.5 * PLAY), "from the middle"
 
@@ -68,13 +66,11 @@ def test_a_joint_that_comes_to_rest_keeps_its_friction_where_it_is():
 
 
 def test_nothing_crosses_a_play_that_nobody_knows():
-    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))
-    assert not turned(speeds, play=None)[1].any()
+    assert not turned(TURNS, play=None)[1].any()
 
 
 def test_a_joint_under_load_does_not_cross_its_play_when_it_turns():
-    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))
-    _, crossing = turned(speeds, weights=np.full(120, 0.5))
+    _, crossing = turned(TURNS, weights=np.full(120, 0.5))
     assert not crossing[10:].any()
 
 
