@@ -167,12 +167,13 @@ class Frames:
     async def is_held(self, frame: str) -> bool:
         """Whether ``frame`` moves with the arm's tool."""
         arms, brought = (self.arm, f"{self.arm}_origin"), self._brought.values()
-        return await carrier(frame, arms, brought, self._machine_parents) == self.arm
 
-    async def _machine_parents(self) -> Mapping[str, str]:
-        if self._parents is None:
-            self._parents = await parents()
-        return self._parents
+        async def machine_parents() -> Mapping[str, str]:
+            if self._parents is None:
+                self._parents = await parents()
+            return self._parents
+
+        return await carrier(frame, arms, brought, machine_parents) == self.arm
 
     async def _ask(self, frame: str, seen_from: str) -> SE3:
         machine = machine_here()

@@ -23,6 +23,7 @@ from viam.proto.common import Geometry, PoseInFrame
 from viam.services.motion import Motion as MotionService
 
 from so101_motion.arm.arm import SCENE
+from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.calib.record import store
@@ -130,6 +131,8 @@ class ArmResource(Configured, Arm):
         self.here[self.short_name] = self
         self._arm = rig.arm
         self.config, arm = config, rig.arm
+        arm.set_ceiling(JointCaps(speed=config.max_speed, acceleration=config.max_acceleration))
+        arm.set_load(config.load)
         guard = SCENE if config.guarded else None
         self._retarget = partial(arm.retarget, guard=guard)
         self._start_stream = partial(arm.start_stream, guard=guard)

@@ -14,6 +14,7 @@ from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import checked_number
 from so101_motion.rig.rig import Rig
+from so101_motion.viam.component_config import SimulatedGripperConfig
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured
@@ -34,13 +35,13 @@ class GripperResource(Configured, Gripper):
     here: ClassVar[dict[str, GripperResource]] = {}
     """The grippers of this process by name; services look up theirs here."""
 
-    def __init__(self, name: str, rig: Rig, *, gripper_type: str, mesh_detail: str) -> None:
+    def __init__(self, name: str, rig: Rig, config: SimulatedGripperConfig) -> None:
         super().__init__(name)
         self.rig = rig
         self.short_name = name.rpartition(":")[2]
         self.here[self.short_name] = self
         self._gripper = rig.gripper
-        self._type, self._detail = gripper_type, mesh_detail
+        self._type, self._detail = config.gripper_type, config.mesh_detail
         self._latest: Motion | None = None
         self._commands: dict[str, Command] = {}
 

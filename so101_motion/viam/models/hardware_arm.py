@@ -12,7 +12,6 @@ import numpy as np
 from viam.components.arm import JointPositions
 from viam.resource.types import Model
 
-from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
@@ -85,12 +84,9 @@ class HardwareArm(ArmResource):
         )
         rig = open_without_waiting(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
         try:
-            ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)
-            rig.arm.set_ceiling(ceiling)
             rig.arm.set_speed(wanted.speed)
             rig.arm.set_acceleration(wanted.acceleration)
             rig.arm.compliance = wanted.compliance
-            rig.arm.set_load(wanted.load)
             rig.arm.scene = scene
             rig.warm_up()
             return cls(name, rig, wanted, dependencies)

@@ -53,9 +53,7 @@ class HardwareGripper(GripperResource):
     rig: HardwareRig
 
     def __init__(self, name: str, rig: HardwareRig, config: HardwareGripperConfig) -> None:
-        super().__init__(
-            name, rig, gripper_type=config.gripper_type, mesh_detail=config.mesh_detail
-        )
+        super().__init__(name, rig, config)
         self._servo_id = config.servo_id
         self._open_percent, self._closed_percent = OPEN_PERCENT, CLOSED_PERCENT
         self._is_closed = False

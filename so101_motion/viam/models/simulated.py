@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 from viam.resource.types import Model
 
-from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.clock import ManualClock, MonotonicClock
 from so101_motion.common.errors import ConfigError
@@ -57,9 +56,6 @@ class SimulatedArm(ArmResource):
             q_start=cls.left_at.pop(name, None),
             clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
         )
-        ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)
-        rig.arm.set_ceiling(ceiling)
-        rig.arm.set_load(wanted.load)
         return cls(name, rig, wanted, dependencies)
 
     async def close(self) -> None:

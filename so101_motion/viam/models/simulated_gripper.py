@@ -33,15 +33,13 @@ class SimulatedGripper(GripperResource):
     """The last jaw angles of closed components, by name [rad]; as for the simulated arm."""
 
     def __init__(self, name: str, rig: Rig, config: SimulatedGripperConfig) -> None:
-        super().__init__(
-            name, rig, gripper_type=config.gripper_type, mesh_detail=config.mesh_detail
-        )
+        super().__init__(name, rig, config)
         self._target = self._gripper.aperture
         self._commands |= {
             "set_position": Taking(
                 self._set_position, ("percentage", "position_percentage", "wait")
             ),  # it never waits
-            "get_position": self._get_position,
+            "get_position": self._position,
         }
 
     @classmethod
@@ -80,7 +78,7 @@ class SimulatedGripper(GripperResource):
         return Gripper.HoldingStatus(is_holding_something=False)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        return convert.to_result({**self._position(), "is_moving": await self.is_moving()})
+        return convert.to_result({**await self._position(), "is_moving": await self.is_moving()})
 
     async def _set_position(self, given: Attributes) -> dict[str, Any]:
         for key in ("percentage", "position_percentage"):
@@ -88,15 +86,12 @@ class SimulatedGripper(GripperResource):
                 return {"target_percentage": await self._go(given.required(key, unit="%"))}
         raise ConfigError("percentage", None, "is missing; a number from 0 (closed) to 100 (open)")
 
-    async def _get_position(self) -> dict[str, Any]:
-        return self._position()
-
     async def _go(self, percentage: float, *, waits: bool = False) -> float:
         percentage = clamped(percentage)
         log_failure_of(self._start(percentage / 100.0), self.logger)
         return percentage
 
-    def _position(self) -> dict[str, Any]:
+    async def _position(self) -> dict[str, Any]:
         return {
             "position_percentage": self._percentage(),
             "target_percentage": round(100.0 * self._target, 3),

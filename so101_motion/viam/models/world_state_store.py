@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, Iterator, Mapping
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any, ClassVar
 
@@ -40,14 +41,10 @@ _FLOOR_THICKNESS = 0.01
 _FLOOR, _OBSTACLE, _ZONE, _HELD, _PATH, _GOAL = (
     {"color": {"r": r, "g": g, "b": b}, "opacity": opacity}
     for r, g, b, opacity in (
-        (200, 200, 200, 0.3),
-        (150, 150, 150, 0.8),
-        (220, 60, 60, 0.25),
-        (240, 165, 0, 0.8),
-        (60, 120, 220, 0.9),
-        (60, 200, 90, 0.9),
+        (200, 200, 200, 0.3), (150, 150, 150, 0.8), (220, 60, 60, 0.25),
+        (240, 165, 0, 0.8), (60, 120, 220, 0.9), (60, 200, 90, 0.9),
     )
-)
+)  # fmt: skip
 
 Shown = dict[bytes, Transform]  # the shown transforms, by UUID
 
@@ -102,10 +99,16 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
 
     async def _seen(self) -> Shown:
         """What is shown now; all streams share one look in each period."""
+
+        def look() -> Shown:
+            with suppress(ConfigError):
+                return self._now()
+            return {}
+
         now = asyncio.get_running_loop().time()
         if self._looking is None or (self._looking.done() and now >= self._looked + _PERIOD / 2.0):
             self._looked = now
-            self._looking = in_own_thread(self._now_or_nothing)
+            self._looking = in_own_thread(look)
         return await asyncio.shield(self._looking)
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
@@ -118,12 +121,6 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
     def _now(self) -> Shown:
         resource = arm_here(self._arm_name)
         return {t.uuid: t for t in shown_of(resource.short_name, resource.rig.arm)}
-
-    def _now_or_nothing(self) -> Shown:
-        try:
-            return self._now()
-        except ConfigError:
-            return {}
 
 
 def shown_of(name: str, arm: Arm) -> Iterator[Transform]:
