@@ -20,8 +20,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import click
 
@@ -32,24 +31,8 @@ from so101_motion.cli.shared import (
     print_json,
     state_of_opened_arms,
 )
-from so101_motion.common import interrupts
-from so101_motion.common.errors import (
-    LONGEST_QUOTE,
-    BusError,
-    CalibrationError,
-    ConfigError,
-    Interrupted,
-    MachineRefused,
-    MachineUnavailable,
-    MotionError,
-    MotorSetupError,
-    NotPossibleNow,
-    PlanningError,
-    PortUnavailable,
-    So101Error,
-    clipped,
-    quoted,
-)
+from so101_motion.common import errors, interrupts
+from so101_motion.common.errors import LONGEST_QUOTE, So101Error, clipped, quoted
 from so101_motion.common.import_check import explain
 
 _VERBS = (
@@ -61,8 +44,7 @@ _VERBS = (
 _ADVICE = re.compile(rf"(?:; |\. |, so )(?=(?:{_VERBS}) )", re.IGNORECASE)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ErrorText:
+class ErrorText(NamedTuple):
     """The parts of an error message."""
 
     what: str  # what went wrong
@@ -71,24 +53,21 @@ class ErrorText:
 
 
 def parted(error: So101Error) -> ErrorText:
-    if isinstance(error, (CalibrationError, MotorSetupError)):
+    if isinstance(error, errors.CalibrationError | errors.MotorSetupError):
         what = f"{error.joint}: {error.reason}" if error.joint else error.reason
-        return ErrorText(what=what, advice=error.next_step)
-    if isinstance(error, ConfigError):
-        why, advice = _split(error.reason)
+        return ErrorText(what, advice=error.next_step)
+    if isinstance(error, errors.ConfigError):
         given = "" if error.value is None else f" = {quoted(error.value)}"
-        return ErrorText(
-            what=f'"{clipped(error.key, LONGEST_QUOTE)}"{given}', why=why, advice=advice
-        )
-    if isinstance(error, (PortUnavailable, MachineUnavailable)):
-        name = error.port if isinstance(error, PortUnavailable) else f"machine {error.address}"
+        return ErrorText(f'"{clipped(error.key, LONGEST_QUOTE)}"{given}', *_split(error.reason))
+    if isinstance(error, errors.PortUnavailable):
+        return ErrorText(error.port, *_split(error.reason))
+    if isinstance(error, errors.MachineUnavailable):
+        return ErrorText(f"machine {error.address}", *_split(error.reason))
+    if isinstance(error, errors.MachineRefused):
         why, advice = _split(error.reason)
-        return ErrorText(what=name, why=why, advice=advice)
-    if isinstance(error, MachineRefused):
-        why, advice = _split(error.reason)
-        return ErrorText(what=error.what, why=f"the machine says: {why}", advice=advice)
+        return ErrorText(error.what, f"the machine says: {why}", advice)
     what, advice = _split(str(error))
-    return ErrorText(what=what, advice=advice)
+    return ErrorText(what, advice=advice)
 
 
 def _split(sentence: str) -> tuple[str, str]:
@@ -100,16 +79,16 @@ def _split(sentence: str) -> tuple[str, str]:
 
 
 _EXIT_CODES: tuple[tuple[type[So101Error], int], ...] = (
-    (PlanningError, 5),
-    (PortUnavailable, 3),
-    (MachineUnavailable, 3),
-    (BusError, 4),
-    (MotorSetupError, 4),
-    (NotPossibleNow, 6),
-    (CalibrationError, 6),
-    (Interrupted, 7),
-    (MotionError, 4),
-    (ConfigError, 2),
+    (errors.PlanningError, 5),
+    (errors.PortUnavailable, 3),
+    (errors.MachineUnavailable, 3),
+    (errors.BusError, 4),
+    (errors.MotorSetupError, 4),
+    (errors.NotPossibleNow, 6),
+    (errors.CalibrationError, 6),
+    (errors.Interrupted, 7),
+    (errors.MotionError, 4),
+    (errors.ConfigError, 2),
 )
 
 KINDS: dict[int, tuple[str, str]] = {  # name and default message of each exit code

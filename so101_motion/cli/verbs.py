@@ -33,16 +33,8 @@ from so101_motion.common import interrupts
 _SECTIONS: dict[str, tuple[click.Command, ...]] = {
     "Try it": (demo,),
     "Put an arm together": (
-        install_udev,
-        ports,
-        setup,
-        calibrate,
-        calibration,
-        doctor,
-        move_test,
-        identify,
-        report_arm,
-        cell,
+        *(install_udev, ports, setup, calibrate, calibration, doctor, move_test, identify),
+        *(report_arm, cell),
     ),
     "Move": (view, status, plan, move, run, stop, guide, teleop),
     "Data sets and sweeps": (dataset, sweep),
@@ -76,7 +68,11 @@ class _So101(click.Group):
                 formatter.write_dl([(str(v.name), v.get_short_help_str(200)) for v in verbs])
 
 
-@click.group(cls=_So101, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=_So101,
+    commands=[each for verbs in _SECTIONS.values() for each in verbs],
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(__version__, prog_name="so101")
 def main() -> None:
     """Motion for the SO-101 arm: planned, timed, stoppable.
@@ -89,8 +85,3 @@ def main() -> None:
     so101 move --sim --xyz 250,0,60           a move without hardware
     so101 doctor                              what is wrong, and what to do about it
     """  # noqa: D301
-
-
-for _verbs in _SECTIONS.values():
-    for _verb in _verbs:
-        main.add_command(_verb)

@@ -25,14 +25,8 @@ NEEDED = (
 NEEDED_BY_EXTRA = {
     "viewer": ("viser", "websockets"),
     "dev": (
-        "hypothesis",
-        "manifold3d",
-        "mcap_ros2",
-        "playwright",
-        "pyarrow",
-        "pytest",
-        "qpsolvers",
-        "scservo_sdk",
+        *("hypothesis", "manifold3d", "mcap_ros2", "playwright", "pyarrow", "pytest"),
+        *("qpsolvers", "scservo_sdk"),
     ),
 }
 """Further packages of each extra of the installation."""
