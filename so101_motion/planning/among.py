@@ -41,20 +41,11 @@ from so101_motion.planning.request import Plan, PlanRequest
 from so101_motion.planning.timing.trajectory import Trajectory
 
 WAIT = 0.05  # step by which a wait is made longer until the path is free [s]; chosen
-
-SURELY = 0.7
-"""Arms nearer than this share of ``ROOM`` fail every proof. Chosen: proofs leave seven eighths."""
-
+SURELY = 0.7  # share of ``ROOM`` that no proof passes; chosen: proofs leave seven eighths
 COARSE = 4  # waits are tried first in steps so many times as long; chosen
-
-TRIED = 0.025
-"""Longest search for a path around moving arms [s]; chosen: waiting is the alternative, and
-searches that succeed take some milliseconds."""
-
+TRIED = 0.025  # longest search around moving arms [s]; chosen: waiting is the alternative
 BRAKES = 0.1  # time between the instants at which it is checked that all arms can brake [s]; chosen
-
-LEAVING = 0.1
-"""Time between the instants at which two arms that were too near are tried to be apart [s]."""
+LEAVING = 0.1  # time between tries of two arms that were too near to be apart [s]
 
 
 def crosses(arm: str, meeting: Meeting, *, since: float = 0.0) -> InCollision:
@@ -288,17 +279,7 @@ def _waiting(plan: Plan, wait: float, others: Sequence[OtherArm]) -> Plan:
 
 def delayed(trajectory: Trajectory, wait: float) -> Trajectory:
     """The same motion after standing still for ``wait`` [s], rounded to a sample."""
-    count = round(wait / trajectory.dt)
-    if count == 0:
-        return trajectory
-    still = np.zeros((count, trajectory.n))
-    return replace(
-        trajectory,
-        q=np.concatenate([np.repeat(trajectory.q[:1], count, axis=0), trajectory.q]),
-        qd=np.concatenate([still, trajectory.qd]),
-        qdd=np.concatenate([still, trajectory.qdd]),
-        duration=trajectory.duration + count * trajectory.dt,
-    )
+    return trajectory.with_rest(before=round(wait / trajectory.dt))
 
 
 def _standing(other: OtherArm, q: Array) -> StandingArm:

@@ -24,20 +24,11 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import SAME, MotionBuilder
 from so101_motion.planning.planning_context import PlanningContext
 
-APPROACHES = 12
-"""Number of configurations above a pose from which the line to it is tried. Chosen: a few branches,
-each with a few pitches."""
-
-LARGEST_LACK = 0.015
-"""Configurations that lack more clearance than this are not tried [m]. Chosen: the motion of the
-gripper's edge by a step of pitch or roll between candidates."""
-
-APART = 0.3
-"""Improved candidates differ by this in some joint [rad], so that they reach different maxima."""
-
+APPROACHES = 12  # configurations from which a line to a pose is tried; chosen
+LARGEST_LACK = 0.015  # of clearance in configurations tried [m]; chosen, one step of the gripper
+APART = 0.3  # difference of improved candidates in some joint [rad]; chosen
 CLIMBERS = 12
 STEPS = 25  # number of candidates to improve, and of variations of each. Chosen: 50 ms at most
-
 _FIRST_STEP = 0.1
 _SMALLER = 0.8
 
@@ -176,9 +167,7 @@ def _climbed(
     return None
 
 
-_ONE = 2.0 * math.pi / 4096.0
-"""Waypoints no farther apart than this are one [rad]: a tick of the servo's encoder."""
-
+_ONE = 2.0 * math.pi / 4096.0  # nearer waypoints are one [rad]: an encoder's tick
 _TURN = 1e-6  # a waypoint at which the direction changes less than this is on a line
 
 

@@ -16,9 +16,7 @@ FARTHEST = 1_000.0
 """Goals farther from the base are probably in millimetres and refused [m]; chosen. For nearer ones
 out of reach, the error names the nearest reachable point."""
 
-FARTHEST_LINE = 5.0
-"""The same for the end of a line [m]: a line of 30 m takes 20 s to search. Chosen, ten times the
-reach."""
+FARTHEST_LINE = 5.0  # the same for a line [m]: 30 m take 20 s to search; chosen
 
 
 def _refuse_far(T_base_tool: SE3, most: float) -> None:

@@ -9,7 +9,7 @@ exactly on the lines that were proven.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -46,14 +46,9 @@ _ADVICE = {
 
 Pieces = list[Trajectory]  # a motion in parts, with the arm at rest between them
 
-DEPARTURE_SPEED = 0.25
-"""Speed of the fastest joint while leaving a start in contact or beyond a limit [rad/s]. Chosen:
-slow enough to watch; the path is seldom longer than 0.3 rad."""
-
+DEPARTURE_SPEED = 0.25  # of the fastest joint leaving a bad start [rad/s]; chosen to be watched
 SMOOTHING_SHARE = 0.25  # share of a corner tolerance for the smoothing of acceleration. Chosen
-
-SMOOTHING_MOST = 0.02
-"""Largest deviation from the path by smoothing [rad]; the default of ``retime``."""
+SMOOTHING_MOST = 0.02  # largest deviation by smoothing [rad]; ``retime``'s default
 
 NARROWEST, WIDEST = 0.002, 0.5
 """With a corner tolerance below the first the arm stops at corners, which is then faster than
@@ -63,18 +58,10 @@ Chosen."""
 _ROUNDER = 0.25  # factor of the roundings in the second attempt
 LOOK = 0.02  # travel between the samples of a quick check before a motion is timed [m]
 _PER_PIECE = 16  # points of each piece of a rounded path in a quick check before it is timed
-
-SAME = 1e-6
-"""Configurations whose joints all agree to this count as equal [rad]. Chosen: a servo tick is
-1.5e-3."""
-
+SAME = 1e-6  # joints that agree so far are equal [rad]; chosen: a tick is 1.5e-3
 _TOOL_POINTS = 65
-_TOOL_SLACK = 1e-3
-"""Relative excess of tool speed that is accepted, because it is limited at points only."""
-
-SMALLER = 0.35
-"""Factor by which a blocked corner is cut less. Chosen: three sizes between 0.1 and 0.01 rad."""
-
+_TOOL_SLACK = 1e-3  # accepted excess of tool speed: it is limited at points
+SMALLER = 0.35  # factor for a blocked corner; chosen, three sizes from 0.1 to 0.01 rad
 PER_CORNER = 12  # number of configurations of a rounded corner that are checked
 
 
@@ -267,18 +254,6 @@ class MotionBuilder:
                 else self.straight(*part)
                 for part, cut in between_stops(waypoints, corners)
             ]
-
-
-def joined(pieces: Sequence[Trajectory]) -> Trajectory:
-    """One motion of several that each start at rest where the one before ended at rest."""
-    first, *others = pieces
-    lengths = [len(piece) - 1 for piece in pieces[:-1]]
-    q, qd, qdd = (
-        np.concatenate([getattr(first, name), *(getattr(piece, name)[1:] for piece in others)])
-        for name in ("q", "qd", "qdd")
-    )
-    duration = sum(lengths) * first.dt + pieces[-1].duration
-    return Trajectory(dt=first.dt, q=q, qd=qd, qdd=qdd, duration=duration)
 
 
 def _between_ends(trajectory: Trajectory, waypoints: Array) -> Trajectory:

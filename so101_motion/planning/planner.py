@@ -42,12 +42,11 @@ from so101_motion.planning.goals import (
     LineGoal,
     PathGoal,
     PoseGoal,
-    ToolGoal,
 )
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.motion_builder import MotionBuilder, Pieces, joined
+from so101_motion.planning.motion_builder import MotionBuilder, Pieces
 from so101_motion.planning.moving_start import taken_up
 from so101_motion.planning.paths.path import PathFinder
 from so101_motion.planning.paths.start_recovery import FARTHEST, find_departure, needs_departure
@@ -56,14 +55,11 @@ from so101_motion.planning.request import PathDeviation, Plan, PlanReport, PlanR
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.path_geometry import JointPath
 from so101_motion.planning.timing.torque import Load, carried
-from so101_motion.planning.timing.trajectory import Trajectory
+from so101_motion.planning.timing.trajectory import Trajectory, joined
 
 __all__ = ["Plan", "PlanReport", "PlanRequest", "Planner"]
 
-CORNER = 0.1
-"""How far each joint may cut the corners of a path that was found here [rad]. Chosen: large enough
-to keep the speed up; a blocked corner is cut less."""
-
+CORNER = 0.1  # how far joints may cut corners [rad]; chosen to keep the speed up
 _PICTURE_POINTS = 64  # number of points of the tool's path in a plan, for pictures
 
 _Frame = tuple[str, tuple[float, ...], tuple[float, ...]]
@@ -246,7 +242,7 @@ class Planner:
     def _departure(self, context: PlanningContext) -> tuple[Pieces, Array]:
         """The slow motion out of a bad start, none for a good one, and where planning begins."""
         request, moves = context.request, context.moves
-        q_start = request.q_start
+        q_start, goal = request.q_start, request.goal
         if request.lead is not None and not context.is_free(q_start):
             raise moves.in_collision(q_start, "start")
         if not needs_departure(context.model, moves.collision, q_start, request.q_jaw):
@@ -259,7 +255,7 @@ class Planner:
                 q_jaw=request.q_jaw,
                 towards=_towards(context),
                 seed=request.seed,
-                farthest=_farthest(context),
+                farthest=goal.farthest if isinstance(goal, LeaveContactGoal) else FARTHEST,
             )
             return [moves.departing(q_start, q_exit)], q_exit
 
@@ -278,10 +274,14 @@ class Planner:
                 context.moves.load.check_goal(q_goal)
             return self._to_any(context, q_from, iter([q_goal]))
         if isinstance(goal, PathGoal):
-            return self._along(context, q_from, goal)
+            with context.stage("path"):
+                waypoints = checked_path(context.model, context.moves, q_from, goal.waypoints)
+            return waypoints, self._timed(context, waypoints, goal.tolerance, spline=True)
         if isinstance(goal, ApproachGoal):
             return self._approach(context, q_from, goal)
-        return self._on_path(context, q_from, goal)
+        with context.stage("path"):
+            found = context.lines.find(goal, q_from, context.moves.collision, context.request.q_jaw)
+        return found.waypoints, self._followed(context, found)
 
     def _to_any(
         self, context: PlanningContext, q_from: Array, goals: Iterator[Array]
@@ -292,22 +292,6 @@ class Planner:
         if context.branches:
             context.branch = context.branches[found.goal]
         return found.waypoints, self._timed(context, found.waypoints, CORNER, quick=found.motion)
-
-    def _along(
-        self, context: PlanningContext, q_from: Array, goal: PathGoal
-    ) -> tuple[Array, Pieces]:
-        """Waypoints and motion through given waypoints."""
-        with context.stage("path"):
-            waypoints = checked_path(context.model, context.moves, q_from, goal.waypoints)
-        return waypoints, self._timed(context, waypoints, goal.tolerance, spline=True)
-
-    def _on_path(
-        self, context: PlanningContext, q_from: Array, goal: ToolGoal
-    ) -> tuple[Array, Pieces]:
-        """Waypoints and motion along a prescribed path of the tool."""
-        with context.stage("path"):
-            found = context.lines.find(goal, q_from, context.moves.collision, context.request.q_jaw)
-        return found.waypoints, self._followed(context, found)
 
     def _followed(self, context: PlanningContext, found: ToolMotion) -> Pieces:
         """The motion along curves that keep the tool to its path."""
@@ -362,12 +346,6 @@ class Planner:
 
 def _tool_path(tool: ArmChain, q: Array) -> Array:
     return tool.positions(q[np.unique(np.linspace(0, len(q) - 1, _PICTURE_POINTS).astype(int))])
-
-
-def _farthest(context: PlanningContext) -> float:
-    """How far any point of the arm may move to leave a bad start [m]."""
-    goal = context.request.goal
-    return goal.farthest if isinstance(goal, LeaveContactGoal) else FARTHEST
 
 
 def _towards(context: PlanningContext) -> list[Array]:

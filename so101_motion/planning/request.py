@@ -18,9 +18,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
 from so101_motion.planning.timing.trajectory import Trajectory
 
-ROUTE_EFFORT = 16
-"""Default number of routes that are compared. Chosen: a third of the gain of hundreds, in 50 ms."""
-
+ROUTE_EFFORT = 16  # routes compared; chosen: a third of the gain of hundreds, in 50 ms
 HURRIED_EFFORT = 3  # the same where there is little time, at most. Chosen: some milliseconds
 MOST_ROUTES = 10_000  # most routes that may be compared
 

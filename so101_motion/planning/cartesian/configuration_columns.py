@@ -38,14 +38,9 @@ from so101_motion.planning.kinematics.batch_ik import (
 )
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 
-ROOM = 0.05
-"""Configurations closer than this to a joint limit or a straight arm cost more [rad]. Chosen: 3
-deg."""
-
+ROOM = 0.05  # nearer to a limit or a straight arm costs more [rad]; chosen, 3 deg
 OF_LIMIT = 0.3  # cost of a whole path at a joint limit, against 1 for a radian of pitch. Chosen
-
-OF_DEVIATION = 10.0
-"""Cost of a whole path with the tool turned off by the tolerance. Chosen: deviations stay small."""
+OF_DEVIATION = 10.0  # cost of a path turned off by the tolerance; chosen: deviations stay small
 
 
 class Allowed(NamedTuple):

@@ -38,9 +38,7 @@ MOST_CONFIGURATIONS, FINEST = 400, 0.001
 """A curve that needs more configurations than this, and closer together [m], is given up: it passes
 too close to a singular configuration."""
 
-SETTLING = 0.7
-"""With twice the configurations less than this share of the error must be left, or the fit is given
-up. Chosen: for a smooth curve a sixteenth is left."""
+SETTLING = 0.7  # twice the configurations must leave less of the error; a smooth curve: a sixteenth
 
 MIDWAY = 0.45
 """Share of the tolerance by which a curve may be off in the middle between its configurations.

@@ -32,9 +32,7 @@ NEAR = 0.15
 """Largest change of the joints but the pan in one step [rad]. Chosen: half a millimetre takes a
 tenth of that, except near singular configurations."""
 
-PAN_NEAR = 0.6
-"""The same for the pan [rad]: it turns so far in half a millimetre, one millimetre off its axis."""
-
+PAN_NEAR = 0.6  # the same for the pan, as in half a millimetre beside its axis
 NEAR_END = 0.010  # if a point so soon after the end is out of reach, that is the reason [m]. Chosen
 
 _ADVICE = "end it earlier, or start it from another configuration"

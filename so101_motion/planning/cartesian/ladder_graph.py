@@ -37,10 +37,7 @@ PAN_JUMP = 1.5
 """The same for the pan alone [rad]. Past the pan axis it has to turn far in a few millimetres.
 Chosen: half of what separates facing a point from reaching it over the back."""
 
-SIDE_JUMP = 0.3
-"""The same for a change from facing to reaching over the back, which is one motion only with the
-tool on the pan axis [rad]. Chosen."""
-
+SIDE_JUMP = 0.3  # the same for a change of sides, one motion on the pan axis only; chosen
 OF_MOTION = 0.01  # cost of joint motion, against 1 for the pitch. Chosen: the pitch stays if it can
 
 Indices = NDArray[np.intp]

@@ -63,17 +63,9 @@ class ToolMotion:
 FEWEST = 8  # fewest parts into which a path between two rests is cut
 TURN_SPACING = 0.15  # largest turn of the tool between two columns [rad]. Chosen: 9 degrees
 ATTEMPTS = 20  # how many sequences are tried. Chosen: none of 684 random lines needed more than 4
-
-FIT_FAILURES = 10
-"""The search is given up after so many sequences through which no curve could be fitted."""
-
-CONTACTS_BEFORE_THOROUGH = 3
-"""After so many sequences in contact, all configurations that might still be used are checked."""
-
-AT_ONCE = 16
-"""Number of points whose configurations are computed between two checkpoints. Chosen: the finest
-search takes some milliseconds for them."""
-
+FIT_FAILURES = 10  # sequences without a curve after which the search is given up
+CONTACTS_BEFORE_THOROUGH = 3  # sequences in contact after which all configurations are checked
+AT_ONCE = 16  # points between two checkpoints; chosen: some milliseconds
 _LOOKS = 8  # number of points of each piece of a curve at which the tool is compared with its path
 
 

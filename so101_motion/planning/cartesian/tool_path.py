@@ -27,19 +27,10 @@ from so101_motion.common.geometry import SE3, Array, rotation_vector
 from so101_motion.common.units import to_mm
 from so101_motion.planning.goals import ArcTo, LineTo
 
-SHORTEST = 1e-6
-"""Points closer than this are the same [m]. Chosen: a hundredth of the tolerance of a line."""
-
-STRAIGHTEST = 1e-4
-"""An arc is refused if its via point is nearer to the chord than this share of the chord. Chosen:
-its radius would be more than a thousand times its length."""
-
+SHORTEST = 1e-6  # points closer than this are the same [m]; chosen, a hundredth of the tolerance
+STRAIGHTEST = 1e-4  # least share of the chord by which an arc's via point is off it; chosen
 _ROUNDS = 4  # iterations for the length of a rounded corner; each gains two digits
-
-_ROUNDEST = 1.5
-"""Shortest rounded corner, in ``reach``. Chosen: the corner of a path that turns back on itself has
-hardly any length, and would become too tight to move through."""
-
+_ROUNDEST = 1.5  # shortest rounded corner, in ``reach``; chosen for paths that turn back
 _SAMPLES = 64  # number of points at which the length of a rounded corner is measured
 
 
@@ -103,11 +94,7 @@ class Rounding(NamedTuple):
 
 
 def curve_of(p_start: Array, segment: LineTo | ArcTo, number: int) -> SegmentCurve:
-    """The curve of one segment from ``p_start``; ``number`` is its number in messages.
-
-    Raises:
-        ConfigError: It has no length, or its three points are on no circle.
-    """
+    """The curve of one segment from ``p_start``; ``number`` is its number in messages."""
     p_end = segment.T_base_tool.p
     chord = float(np.linalg.norm(p_end - p_start))
     if chord < SHORTEST:
@@ -183,8 +170,7 @@ def polynomial(coefficients: Array, u: Array) -> Array:
 
 Indices = NDArray[np.intp]
 
-LEVER = 0.1
-"""Nominal length of a turn on the spot [m/rad]: about the lever from wrist to jaw. Chosen."""
+LEVER = 0.1  # length of a turn on the spot [m/rad]; chosen, from wrist to jaw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -322,10 +308,6 @@ def path_through(T_start: SE3, segments: Sequence[LineTo | ArcTo], blend: float)
 
     ``blend`` is the distance from a corner within which it may leave them [m], at most half a
     segment; at 0 the arm rests at each corner.
-
-    Raises:
-        ConfigError: There is no segment, one has no length or is no arc, or ``blend`` is negative
-            or not finite.
     """
     if not segments:
         raise ConfigError("segments", (), "a path of the tool needs at least one line or arc")

@@ -19,9 +19,7 @@ from so101_motion.planning.collision.shape_files import read_shape
 
 THICKEST = 0.06  # thickest object that is grasped [m]; chosen: the jaws open to 90 mm
 DEEP = 0.015  # largest distance from the object's edge to the middle of the grip [m]; chosen
-
-FROM_END = 0.012
-"""Distance from the object's end of a grasp near an end [m]; chosen: the jaws are 20 mm wide."""
+FROM_END = 0.012  # distance of a grasp from the object's end [m]; chosen: jaws are 20 mm wide
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -40,18 +40,9 @@ from so101_motion.planning.kinematics.model import GRIPPER_LINK, JAW_LINK, Robot
 from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import Plan
 
-BEFORE = 0.06
-"""Length of the taker's straight line to the object and of the giver's away from it [m]. Chosen:
-twice what the jaws reach over the object, and ``ROOM``."""
-
-WIDER = to_rad(15.0)
-"""How much wider than the object a jaw is open while it is around it without holding it [rad];
-chosen, 20 mm."""
-
-BESIDE = 0.002
-"""Gap between the pad of the taker's fixed jaw and the object before it closes [m]; chosen, so that
-it does not push the object out of the other gripper."""
-
+BEFORE = 0.06  # straight line to the object and away from it [m]; chosen, the jaws' reach twice
+WIDER = to_rad(15.0)  # how far a jaw around the object is open beyond it [rad]; chosen, 20 mm
+BESIDE = 0.002  # gap beside the taker's fixed pad [m]; chosen: it pushes nothing away
 MOST = 12  # how many meetings are planned for before planning fails; chosen
 AT_A_TIME = 5  # how many meetings are found before the best of them is planned for; chosen
 SEEDS = 6  # how often meetings are searched, among other random configurations each time; chosen

@@ -21,12 +21,9 @@ from so101_motion.common.geometry import SE3, Array, rotation_vector
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.model import RobotModel
 
-LEVER = 0.1
-"""Weight of one radian against metres [m/rad]; chosen, about the distance from wrist to jaw."""
-
+LEVER = 0.1  # weight of a radian against metres [m/rad]; chosen, from wrist to jaw
 GIVERS, TAKERS = 64, 400  # number of configurations of giver and taker that are compared; chosen
 TRIED = 24  # number of pairs that are brought together; chosen
-
 _STEPS, _LONGEST, _DAMPING = 12, 0.4, 1e-5
 _MET = 1e-7  # largest remaining error of a meeting [m]; chosen, far below what can be measured
 

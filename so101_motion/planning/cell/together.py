@@ -3,17 +3,11 @@
 Three methods, the quickest first; each is tried only if the one before fails. *All at once*: every
 arm is planned as if it were alone, and the faster ones are slowed down to the slowest. *One after
 the other*: arms are planned in turn, each around the motions of those planned before
-(``planning/among.py``), in several orders; the order that ends earliest is taken, and an arm that
-arrives early rests. *As one*: where arms have to make room for each other, a path is searched for
-all joints together and timed as one motion, slower where the arms are near each other
-(``pace.py``).
+(``planning/among.py``), in several orders; the order that ends earliest is taken. *As one*: where
+arms have to make room for each other, a path is searched for all joints together and timed as one
+motion, slower where the arms are near each other: a proof asks for more room where both are fast.
 
 The result is proven as a whole: every arm by itself as always, and every two arms in time.
-
-The speed of several arms on a common path is limited where they are near each other.
-
-A proof asks for more room where both arms are fast (``apart.py``). A path that leaves less room is
-slowed down there, instead of everywhere. The result will probably pass the proof; it is not one.
 """
 
 from __future__ import annotations
@@ -48,7 +42,6 @@ from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.batch_check import MOST_ARMS, Couple, LineCheck
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.goals import JointGoal, PathGoal
-from so101_motion.planning.motion_builder import joined
 from so101_motion.planning.paths.compiled_search import (
     CompiledSearch,
     Deadline,
@@ -65,14 +58,11 @@ from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import JointPath, blended_path
 from so101_motion.planning.timing.retime import retime
 from so101_motion.planning.timing.torque import slowed
-from so101_motion.planning.timing.trajectory import Trajectory
+from so101_motion.planning.timing.trajectory import Trajectory, joined
 
 LOOKS = 64  # number of places of a path at which distances are measured; chosen, a millisecond
 FAR = 0.3  # bodies further apart than this limit no speed [m]; chosen
-
-SHARE = 0.8
-"""Share of the spare room that may be used; chosen: between two places there may be less."""
-
+SHARE = 0.8  # share of the spare room that is used; chosen: between places there may be less
 SLOWEST = 0.02  # lowest limit of a speed [m/s]; chosen
 
 
@@ -112,13 +102,9 @@ def pace_on(path: JointPath, team: Sequence[TeamMember]) -> Callable[[Array, Arr
     return pace
 
 
-SLOWER = (1.0, 1.5, 2.2, 3.3, 5.0)
-"""Factors by which a common motion is slowed: slow arms may be nearer to each other. Chosen."""
-
+SLOWER = (1.0, 1.5, 2.2, 3.3, 5.0)  # factors of slowing: slow arms may be nearer; chosen
 SPARE = 0.005  # extra room of a common path [m], because its corners are cut; chosen
-
-MOST_ORDERS = 6
-"""Number of orders in which arms are planned one after the other; chosen, all orders of three."""
+MOST_ORDERS = 6  # orders of planning one after the other; chosen, all of three
 
 ALONE, IN_TURN, AS_ONE = 0.5, 0.75, 1.15
 """Shares of the time budget after which each method leaves it to the next; chosen. The last is all
@@ -311,7 +297,7 @@ def _proven(
 ) -> dict[str, Plan] | None:
     """Plans with trajectories of the same length; None if two arms come too near to each other."""
     length = max(map(len, trajectories))
-    even = [_lengthened(each, length) for each in trajectories]
+    even = [each.with_rest(after=length - len(each)) for each in trajectories]
     if not _keep_apart(team, even):
         return None
     return {
@@ -328,21 +314,6 @@ def _keep_apart(team: Sequence[TeamMember], trajectories: Sequence[Trajectory]) 
         if crossing(a.request.scene.attached, course, [seen]) is not None:
             return False
     return True
-
-
-def _lengthened(trajectory: Trajectory, length: int) -> Trajectory:
-    """The same motion, and rest until it has so many samples."""
-    rest = length - len(trajectory)
-    if rest == 0:
-        return trajectory
-    still = np.zeros((rest, trajectory.n))
-    return replace(
-        trajectory,
-        q=np.concatenate([trajectory.q, np.repeat(trajectory.q[-1:], rest, axis=0)]),
-        qd=np.concatenate([trajectory.qd, still]),
-        qdd=np.concatenate([trajectory.qdd, still]),
-        duration=(length - 1) * trajectory.dt,
-    )
 
 
 def _as_one(planner: Planner, team: Sequence[TeamMember], ends: float) -> dict[str, Plan]:

@@ -25,23 +25,11 @@ from so101_motion.planning.collision.course import STEP, Course
 from so101_motion.planning.collision.scene import HOLDERS
 from so101_motion.planning.native.library import native
 
-ROOM = 0.02
-"""Distance that planned arms keep [m]. Chosen: for backlash and sag of both, and for the error of
-their base poses."""
-
-GUARDED = 0.01
-"""Distance that arms keep when they follow targets, and when they stop [m]; chosen, half of it."""
-
-EARLY = 0.03
-"""How much one arm may be ahead of the other [s]. Chosen: three periods of the control loop; both
-lag behind their commands, by nearly the same time."""
-
+ROOM = 0.02  # distance that planned arms keep [m]; chosen for backlash, sag and base poses
+GUARDED = 0.01  # distance of arms that follow targets or stop [m]; chosen, half of it
+EARLY = 0.03  # how far one arm may be ahead [s]; chosen, three control periods
 GUARDED_EARLY = 0.01  # the same for arms that follow targets [s]: one period of the control loop
-
-PARTING = 5e-4
-"""Arms that are too near already may come so much nearer [m], because parts that slide along each
-other do. Chosen."""
-
+PARTING = 5e-4  # how much nearer arms that part may come [m]: parts slide; chosen
 UNKNOWN = 2  # as in native.h
 
 

@@ -3,27 +3,21 @@
 *Bodies.* Each link is one convex hull that contains the whole real part (``urdf/README.md``).
 Boxes, spheres and capsules are used as they are; a mesh is its convex parts and other triangles; a
 point cloud an octree of full cubes; what surfaces enclose is solid (``solids.py``); the floor is a
-half-space. Held objects move with the gripper's link; a held mesh or
-cloud is replaced by its convex hull, which is cheap and on the safe side.
+half-space. Held objects move with the gripper's link; a held mesh or cloud is replaced by its
+convex hull, which is cheap and on the safe side.
 
 *Pairs.* Links joined by a hinge always touch, and some others never can; the table of
-``so101_description`` says which, and how that was found. Base and shoulder cannot move towards the
-floor, nor the base towards anything, so these pairs are not checked. Held objects may touch the
-gripper, the jaw and what the scene allows. An obstacle is checked only against links that can come
-near it: each link stays in a ball around the pan joint whatever the joints do.
+``so101_description`` says which. Base and shoulder cannot move towards the floor, nor the base
+towards anything. Held objects may touch the gripper, the jaw and what the scene allows. An obstacle
+is checked only against links that can come near it: each stays in a ball around the pan joint.
 
 *Margins.* A scene's margin says how well its obstacles are known. The distance that links keep from
 each other does not depend on that, so it never gets wider than the default margin.
 
-Motion bounds are upper bounds on the distance of moved points from the axis of each joint.
-
-They are computed from the gripper back to the base: the parts that the next joint carries stay in a
-ball around that joint, whatever its angle, and the link between offsets that ball from this joint's
-axis. The jaw does not move during a motion, so its angle is known. ``continuous_check.py`` proves
-motions free with these bounds.
-
-Source: F. Schwarzer, M. Saha, J.-C. Latombe, Adaptive Dynamic Collision Checking for Single and
-Multiple Articulated Robots in Complex Environments, IEEE T-RO 2005.
+*Motion bounds* are upper bounds on the distance of moved points from each joint's axis, from the
+gripper back to the base: the parts that the next joint carries stay in a ball around that joint,
+and the link between offsets that ball from this joint's axis (F. Schwarzer, M. Saha, J.-C. Latombe,
+Adaptive Dynamic Collision Checking, IEEE T-RO 2005). The jaw does not move during a motion.
 """
 
 from __future__ import annotations
@@ -80,13 +74,9 @@ class _Extent(NamedTuple):
 class MotionBounds:
     """Bounds for one arm with the objects it holds.
 
-    Args:
-        offsets: ``T_before_joint`` of each joint of the arm, and last that of the jaw.
-        points: For each of them, points whose hull contains the parts on it, in its frame, shape
-            (n, 3), [m].
-
-    Attributes:
-        longest: For each joint of the arm, the bound whatever the jaw does, shape (5,), [m].
+    ``offsets`` are ``T_before_joint`` of each joint, the jaw's last; ``points`` (n, 3) [m] for each
+    joint's frame those whose hull contains its parts. ``longest`` holds whatever the jaw does, (5,)
+    [m].
     """
 
     def __init__(self, offsets: Sequence[SE3], points: Sequence[Array]) -> None:
@@ -120,16 +110,9 @@ def _extent(points: Array) -> _Extent:
     )
 
 
-MOST_CORNERS = 1024
-"""The compiled library gets the triangles of a solid with more corners; chosen by time."""
-
-NEAR = 0.1
-"""An obstacle is not checked against a link that never comes nearer than this [m]. Chosen: more
-than the widest clearance that a proof asks for."""
-
-SUNK = 0.001
-"""How deep the base may be inside the obstacle it is screwed to [m]. Chosen: the top of a table
-that is given as a box is where the base plate has its underside."""
+MOST_CORNERS = 1024  # solids with more are given as triangles; chosen by time
+NEAR = 0.1  # pairs that never come nearer are left out [m]; chosen, above all clearances
+SUNK = 0.001  # how deep the base may be in a table it is screwed to [m]; chosen
 
 _LOWERING = frozenset(LINKS[LINKS.index("upper arm") :])
 """The links that can move towards the floor."""

@@ -140,12 +140,8 @@ def _full_corners(cloud: PointCloud) -> Array:
     return np.asarray((full_cubes(cloud)[:, None] + cloud.resolution * _CORNERS).reshape(-1, 3))
 
 
-_MIDDLE = 32_768
-"""Cubes are counted from here in each direction, so that none has a negative number; see
-``scene.CUBES``."""
-
-PLACES = np.array([(2 * _MIDDLE) ** 2, 2 * _MIDDLE, 1])
-"""Difference of the numbers of neighbouring cubes along x, y, z."""
+_MIDDLE = 32_768  # cubes are counted from here; see ``scene.CUBES``
+PLACES = np.array([(2 * _MIDDLE) ** 2, 2 * _MIDDLE, 1])  # steps along x, y, z
 
 
 def cube_numbers(points: Array, edge: float) -> Any:

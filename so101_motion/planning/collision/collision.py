@@ -67,20 +67,15 @@ NEARBY = 0.03  # where the closest pair is looked for first [m]. Chosen: at most
 class Clearance(NamedTuple):
     """The distance of two bodies.
 
-    Attributes:
-        distance: Distance between them [m]; negative by the depth if they overlap; 0 if they
-            overlap and the depth is not known, because the second is a surface only.
-        first: A link by its human name, such as ``"upper arm"``, or a held object.
-        second: Another link, ``"floor"`` or an obstacle.
-        margin: Distance they must keep [m].
-        called: The names of the two in messages.
+    It is negative by the depth if they overlap; 0 if they overlap and the depth is not known,
+    because the second is a surface only.
     """
 
-    distance: float
-    first: str
-    second: str
-    margin: float
-    called: tuple[str, str]
+    distance: float  # [m]
+    first: str  # a link by its human name, such as ``"upper arm"``, or a held object
+    second: str  # another link, ``"floor"`` or an obstacle
+    margin: float  # distance they must keep [m]
+    called: tuple[str, str]  # the names of the two in messages
 
     @property
     def room(self) -> float:
@@ -98,29 +93,17 @@ class Clearance(NamedTuple):
 
 
 class ClosePair(NamedTuple):
-    """Two bodies that are near each other, and the gradient of their distance.
+    """Two bodies that are near each other, and the gradient of their distance."""
 
-    Attributes:
-        distance: Distance between them [m]; negative by the depth if they overlap.
-        first: As in ``Clearance``.
-        second: As in ``Clearance``.
-        p_first: The point of the first that is nearest to the second, in base, shape (3,), [m].
-        p_second: The point of the second that is nearest to the first, in base, shape (3,), [m].
-        normal: Unit vector from the first to the second, shape (3,).
-        gradient: Derivative of the distance by each joint, shape (5,), [m/rad].
-        margin: Distance they must keep [m].
-        pair: Their index in ``CollisionModel.pairs``.
-    """
-
-    distance: float
+    distance: float  # as in ``Clearance``, like the next two
     first: str
     second: str
-    p_first: Array
-    p_second: Array
-    normal: Array
-    gradient: Array
-    margin: float
-    pair: int
+    p_first: Array  # the point of the first nearest to the second, in base, shape (3,), [m]
+    p_second: Array  # the point of the second nearest to the first, in base, shape (3,), [m]
+    normal: Array  # unit vector from the first to the second, shape (3,)
+    gradient: Array  # derivative of the distance by each joint, shape (5,), [m/rad]
+    margin: float  # distance they must keep [m]
+    pair: int  # their index in ``CollisionModel.pairs``
 
 
 class CollisionModel:

@@ -31,23 +31,15 @@ from so101_motion.planning.collision.batch_check import pointer
 from so101_motion.planning.collision.course import STEP, Course, NearArms
 from so101_motion.planning.native.library import native
 
-PUSHED = 0.7
-"""If arms are nearer than this share of the distance they had kept, something else moved them.
-Chosen: a proof leaves seven eighths of it."""
-
-RANGE = 0.03
-"""Distance beyond ``GUARDED`` below which arms approach more slowly [m]; as in guard.py."""
+PUSHED = 0.7  # nearer than this share of what was kept: pushed; a proof leaves 7/8
+RANGE = 0.03  # arms nearer than ``GUARDED`` and this approach slowly [m]; see guard.py
 
 GAP = 0.002
 """Gap beyond the margin that stays when a body is approached [m], and the share of its torque limit
 that a joint keeps free. Chosen: the proof, which checks the margin itself, then refuses nothing."""
 
-_BOUND, _ROW, _MOST = 7, 9, 24
-"""Numbers of a bound, numbers of a near pair, and most pairs that are listed; as in native.h."""
-
-_PLACES = 64
-"""Courses of up to so many samples need no new memory; chosen: a stop of a second has fewer."""
-
+_BOUND, _ROW, _MOST = 7, 9, 24  # numbers of a bound and of a near pair, and most pairs; native.h
+_PLACES = 64  # samples of a course that need no new memory; chosen
 _SAME = 1e-7  # distances that differ by less are equal [m]; coal's rounding
 
 

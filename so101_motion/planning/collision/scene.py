@@ -27,34 +27,20 @@ FLOOR = "floor"  # the name of the floor in messages
 LINKS = tuple(part.replace("_", " ") for part in so101_description.PARTS.values())
 """Names of the links of the arm in messages, from the base outwards."""
 
-HOLDERS = frozenset({"gripper", "jaw"})
-"""The links that hold attached objects, and so may touch them."""
-
-MOST_HELD = 24
-"""Most things that an arm may hold; with its links as many as bits of a mask are left for them."""
-
-FLOOR_Z = -0.0024
-"""Height of the table in the base frame [m]: the underside of the base plate, from the official
-model's lowest point."""
+HOLDERS = frozenset({"gripper", "jaw"})  # they may touch what they hold
+MOST_HELD = 24  # with the links, the bits of a mask
+FLOOR_Z = -0.0024  # the table [m]: the underside of the official base plate
 
 MARGIN = 0.003
 """Distance that bodies must keep at every checked configuration [m]. Chosen: the error of printed
 parts, backlash (about 1 deg) and cables near the body, and small enough for tight poses."""
 
-MARGIN_TOLERANCE = 0.2
-"""Share of its margin by which a pair may be closer during a motion. A path is proven at other
-configurations than its motion; between them it may come a little nearer. Chosen."""
-
+MARGIN_TOLERANCE = 0.2  # share of a margin that a motion beside its proven path may lack; chosen
 LARGEST = 100.0  # largest size and distance [m]; a larger number was probably meant as millimetres
-
 SMALLEST_SEEN = 0.002
-LARGEST_SEEN = 10.0
-"""What is smaller, or larger, than this in all directions is in another unit [m]; chosen."""
-
+LARGEST_SEEN = 10.0  # larger things are in another unit [m]; chosen
 FEW_POINTS = 10  # a cloud of fewer points may be a speck; chosen
-
-CUBES = 32_000
-"""Most cubes of a point cloud from its origin to any of its points: octrees are 16 levels deep."""
+CUBES = 32_000  # most cubes from a cloud's origin: octrees are 16 levels deep
 
 
 class _Form:

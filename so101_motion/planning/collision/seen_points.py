@@ -29,12 +29,8 @@ from so101_motion.planning.collision.shape_files import read_shape
 
 Mask = NDArray[np.bool_]
 
-EDGE = 0.01
-"""Edge of the cubes [m]. Chosen: the precision of depth cameras at this distance, and quick to
-check."""
-
-THIN = EDGE / 4.0
-"""Edge of smaller cubes of which one point each is used [m]; chosen: a camera's noise."""
+EDGE = 0.01  # of the cubes [m]; chosen, the precision of depth cameras
+THIN = EDGE / 4.0  # smaller cubes with one point each [m]; chosen, a camera's noise
 
 OWN = EDGE * 3.0**0.5 + MARGIN + 1e-3
 """Points nearer to the arm than this belong to it [m], so that every cube keeps the margin."""

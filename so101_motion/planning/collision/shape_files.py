@@ -41,12 +41,8 @@ from so101_motion.planning.collision.scene import (
 MESHES = ("stl", "ply", "obj", "off", "glb", "gltf", "3mf")
 """Endings of the mesh files that are read."""
 
-MOST_TRIANGLES = 300_000
-"""Most triangles of a mesh. Chosen: the tree over them is made in half a second."""
-
-MOST_POINTS = 1_000_000
-"""Most points of a cloud, or vertices of a mesh; chosen: a depth camera of 1280x720."""
-
+MOST_TRIANGLES = 300_000  # of a mesh; chosen: its tree takes half a second
+MOST_POINTS = 1_000_000  # of a cloud or a mesh; chosen, a depth camera of 1280x720
 LARGEST_FILE = 32 << 20  # largest file that is read [byte]: the largest message of viam-server
 
 SAME_POINT = 1e-6
@@ -59,21 +55,13 @@ _HEAD = 65_536  # longest head of a file [byte]. Chosen; heads have some hundred
 def shape_file(
     kind: str, data: bytes | memoryview, *, name: str, centre: Array | None = None
 ) -> ShapeFile:
-    """Check the head of a mesh or cloud in metres, and wrap its bytes for the planner.
-
-    Raises:
-        ConfigError: It is too large, or its head cannot be read.
-    """
+    """Check the head of a mesh or cloud in metres, and wrap its bytes for the planner."""
     _refuse_large(kind, bytes(data[:_HEAD]), len(data))
     return ShapeFile(kind=kind, data=np.frombuffer(data, np.uint8), name=name, centre=centre)
 
 
 def read_shape(shape: Shape | ShapeFile) -> Shape:
-    """Read the shape in a file; returns any other shape as it is.
-
-    Raises:
-        ConfigError: The file cannot be read; the message has its name.
-    """
+    """Read the shape in a file; returns any other shape as it is."""
     if not isinstance(shape, ShapeFile):
         return shape
     data = shape.data.tobytes()
@@ -91,11 +79,7 @@ def read_shape(shape: Shape | ShapeFile) -> Shape:
 
 
 def mesh_kind(data: bytes | memoryview) -> str:
-    """The kind of a mesh file, by its content: ``"ply"`` or ``"stl"``.
-
-    Raises:
-        ConfigError: It is neither.
-    """
+    """The kind of a mesh file, by its content: ``"ply"`` or ``"stl"``."""
     head = bytes(data[:_HEAD])
     if head.split(maxsplit=1)[:1] == [b"ply"]:
         return "ply"
@@ -109,9 +93,6 @@ def file_mesh(kind: str, data: bytes, *, scale: float = 1.0, most: int = MOST_TR
 
     ``kind`` is the file's ending, one of ``MESHES``; ``scale`` a factor for its lengths, 1000 for a
     file of an undeclared unit in metres; ``most`` the most triangles.
-
-    Raises:
-        ConfigError: It is too large, or no such file.
     """
     vertices, triangles = read_mesh(kind, data, most=most)
     if kind not in ("glb", "gltf", "3mf"):  # these are in metres when they were read
@@ -124,9 +105,6 @@ def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Ar
     """Read vertices (n, 3) and triangles (m, 3), at most ``most``.
 
     Lengths are metres and z is up where the format declares them (GLB, 3MF); else as in the file.
-
-    Raises:
-        ConfigError: It is too large, or no such file.
     """
     size = f"{len(data)} bytes"
     if kind not in MESHES:
@@ -176,11 +154,7 @@ def coarse(meshes: Sequence[tuple[Array, Any]], grid: float) -> tuple[Array, Any
 
 
 def read_points(data: bytes) -> Array:
-    """Read the points of a PCD file from Viam's cameras, shape (n, 3), [m].
-
-    Raises:
-        ConfigError: It is too large, or no such file.
-    """
+    """Read the points of a PCD file from Viam's cameras, shape (n, 3), [m]."""
     _refuse_large("pcd", data, len(data))
     try:
         return _pcd(data)
@@ -192,9 +166,6 @@ def read_cloud(kind: str, data: bytes) -> Array:
     """Read the points of a PCD, PLY or XYZ file, shape (n, 3), in its unit; n >= 1.
 
     Points that are not finite, as cameras write them where they see nothing, are left out.
-
-    Raises:
-        ConfigError: It is too large, or no such file.
     """
     if len(data) > LARGEST_FILE:
         reason = f"is larger than the {LARGEST_FILE} bytes that are read"

@@ -29,23 +29,13 @@ from so101_motion.planning.collision.scene import Mesh
 from so101_motion.planning.collision.shape_files import welded
 
 FLAT = 2e-4  # a mesh no farther from its hull than this is the hull [m]; chosen: the error of scans
-
-SAME_AREA = 0.01
-"""Share by which its area may differ from the hull's. Chosen: a missing side is far more."""
-
+SAME_AREA = 0.01  # how far its area may differ from the hull's; a side is far more
 FINEST = 0.004  # smallest cell of a grid around a mesh [m]; chosen
 MOST_CELLS = 1_000_000  # most cells of a grid. Chosen: searched in 20 ms
-
-RIB = 0.0125
-"""A solid is filled so densely that no link finds room in it [m]; the thinnest is 15 mm."""
-
-SHALLOW = 1e-4
-"""Depth of a body that is only in the outer half of a solid's outermost cells [m]; chosen."""
-
+RIB = 0.0125  # of filled solids [m]: no link fits between, the thinnest is 15 mm
+SHALLOW = 1e-4  # depth in the outer half of the outermost cells [m]; chosen
 TOUCHING = 1e-6  # a convex solid that is no farther away than this is touched [m]: coal's tolerance
-
-SAMPLE = 0.008
-"""Distance of the points of a body whose depth is looked up, besides its corners [m]; chosen."""
+SAMPLE = 0.008  # distance of points whose depth is looked up [m]; chosen
 
 
 class Depth(NamedTuple):

@@ -77,10 +77,7 @@ class BoundedStep:
         self._address = ctypes.c_void_p(given.ctypes.data)
 
 
-RANGE = 0.05
-"""Distance beyond the margin below which bodies are approached more slowly [m]. Chosen: a tool at
-0.25 m/s brakes within it at 0.6 m/s^2; faster approaches are stopped by ``admits``."""
-
+RANGE = 0.05  # beyond the margin, where approaches get slower [m]; chosen
 BENT = 0.3  # share of the smallest margin by which a path may bend between its samples; chosen
 FAST = 0.01  # travel of a path to rest above which servos are inexact [m]; chosen
 
@@ -94,8 +91,7 @@ AHEAD, AHEAD_SHARE = 0.02, 0.2
 most the first [m], as a share of the travel the second. Emulated, among hostile targets at 150
 deg/s, a joint came 21 mm nearer to the table than its command."""
 
-AHEAD_STEP = 0.002
-"""That margin is rounded up to multiples of this [m]; chosen, small beside ``INEXACT``."""
+AHEAD_STEP = 0.002  # that margin is rounded up to these [m]; chosen
 
 CONTACT = 1.0 / 3.0
 """Bodies that are nearer than this share of their margin count as in contact for ``contact``: 1 mm
@@ -109,11 +105,8 @@ GUIDED_GAP = 0.005
 """Gap beyond the margin at which a hand is held back [m]. Chosen: fitted servos, led at 30 deg/s by
 a hand of 2 N m, went 5 mm farther than that in the median, and 9 mm at most."""
 
-PLACES = 4
-"""Approximate number of samples of a path at which it is checked whether bodies part; chosen."""
-
-_CLOSER = 1e-6
-"""How much closer pairs that are too close already may come in one path [m]: rounding."""
+PLACES = 4  # samples of a path at which bodies must part; chosen
+_CLOSER = 1e-6  # how much closer such bodies may come on a path [m]: rounding
 
 
 class Guard:
@@ -122,18 +115,14 @@ class Guard:
     Pairs of bodies within their margin may only move apart, and overloaded joints may only get less
     load. An arm that is in a surface, of which nobody knows how deep, may not move at all.
 
-    Args:
-        collision: Checks for contact; used by the guard alone from now on.
-        q_jaw: Returns the wanted jaw angle [rad].
-        load: Load of the servos; None not to check it. Used by the guard alone from now on.
-        acceleration: Largest acceleration on paths for ``admits``, shape (5,), [rad/s^2]; None for
-            paths of straight lines.
+    ``collision`` and ``load`` (None not to check it) are used by the guard alone from now on;
+    ``q_jaw`` returns the wanted jaw angle; ``acceleration`` (5,) is the largest on paths for
+    ``admits``, None for straight lines.
 
     Attributes:
         look_every: Largest time between samples of a path for ``admits`` [s]: between them it bends
             no more than ``admits`` allows for.
-        against: Words for the obstacles and loads that kept the last ``within_reach`` from its
-            target.
+        against: Words for what kept the last ``within_reach`` from its target.
         stuck: Words for the bodies that the arm is in, to an unknown depth, at the last look. Then
             no step is admitted, because any may lead deeper.
     """

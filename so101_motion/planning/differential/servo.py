@@ -1,18 +1,20 @@
 """Compute one step of a jog: joint velocities that keep limits and clearance, and can always stop.
 
-Given a target of the tool, each step computes the next joint velocities. How it works:
-
-*The task velocity* (:mod:`task_velocity`). A twist, a pose or a point becomes joint velocities.
+*The task velocity* (``task_velocity.py``). A twist, a pose or a point becomes joint velocities.
 
 *The bounds.* A task velocity that keeps all bounds is taken as it is. Otherwise a quadratic program
-(:mod:`servo_qp`) finds the nearest one. The bounds are those of velocity and acceleration; and for
+(``servo_qp.py``) finds the nearest one. The bounds are those of velocity and acceleration; and for
 each joint limit, each near pair of bodies and each joint near its torque limit, the room that is
-left must suffice to brake, so these are approached more and more slowly.
+left must suffice to brake, so these are approached more and more slowly (B. Faverjon, P.
+Tournassoud, A local based approach for path planning of manipulators with a high number of degrees
+of freedom, ICRA 1987).
 
-*The unfiltered reference.* Such a motion has no bound of jerk. It is only a reference, which the
-arm gets through a filter (``MovingAverage``): late by half the time that acceleration needs to
-change from one extreme to the other, a tenth of a second with the default limits, and as smoothly
-as in any motion.
+*The unfiltered reference.* Such a motion has no bound of jerk. The arm gets it through a moving
+average, which keeps every bound of position, velocity and acceleration that its input keeps. Its
+acceleration changes in each step by what enters the window of ``n`` steps less what leaves it, over
+``n``: a window of ``2 a / j`` seconds bounds the jerk by ``j``. All joints are late by half of it,
+so a straight line stays straight, and an input that stands still is reached exactly (L. Biagiotti,
+C. Melchiorri, FIR filters for online trajectory planning, 2012).
 
 *The proof.* The unfiltered reference can always brake, all joints in proportion to their speed, and
 the path to rest that the filter then makes for the arm is known. The last step left such a path
@@ -20,29 +22,6 @@ that is free, inside the limits and bearable. A new velocity is taken only if it
 which the known distances show or a ``Guard`` proves; otherwise the reference brakes. So whatever
 the target, and however wrong a linearised distance, the arm can always stop and never touches
 anything.
-
-Velocities and accelerations are the first and second differences of the positions, exactly.
-
-``Step.share`` says how much of the task velocity was granted, and :meth:`Servo.held_by` says in
-words what limits it.
-
-Source: B. Faverjon, P. Tournassoud, A local based approach for path planning of manipulators with a
-high number of degrees of freedom, ICRA 1987, for bounding the approach speed by the distance.
-
-``MovingAverage`` bounds the jerk of a motion that arrives step by step, by a moving average (an FIR
-filter).
-
-The output is the average of the latest inputs. It keeps every bound that the input keeps: position
-limits, velocities, accelerations. In each step its acceleration changes by the acceleration that
-enters the window of ``n`` steps less the one that leaves it, over ``n``: by at most ``2 a / n`` for
-an input bounded by ``a``. So a window of ``2 a / j`` seconds bounds the jerk by ``j``. All joints
-have the same window: they are late by the same time, half of it, and a straight line stays
-straight.
-
-When the input stands still, the output reaches it exactly, one window later.
-
-Source: L. Biagiotti, C. Melchiorri, FIR filters for online trajectory planning with time- and
-frequency-domain specifications, 2012.
 """
 
 from __future__ import annotations
@@ -101,10 +80,7 @@ STRAIGHT = 0.05
 motion leads back again, and joints that cannot turn round at once would swing to and fro. Chosen:
 it costs 0.1 mm of reach."""
 
-BENT = 0.5
-"""Share of the smallest margin by which a path to rest may bend between its checked configurations.
-Chosen: the proof for the straight lines between them then holds for the path."""
-
+BENT = 0.5  # share of the margin by which a path to rest may bend; chosen
 CLOSE = 0.02  # a joint is reported at its limit when it would come to rest so near it [rad]. Chosen
 
 
@@ -150,20 +126,9 @@ class Servo:
     may only move apart, and joints that are overloaded there may only get less load. Nothing moves
     while the arm is in a surface, of which nobody knows how deep.
 
-    Args:
-        model: The arm.
-        collision: Checks for contact; used by this servo alone.
-        limits: Velocity, acceleration and jerk caps.
-        dt: Time step [s].
-        q_start: Joint angles at the start, at rest, shape (5,), [rad].
-        frame: The frame of the gripper that moves to the target.
-        load: Load of the servos; None not to check it. Used by this servo alone.
-        neighbours: Other arms to keep off; None if there are none.
-
-    Attributes:
-        neighbours: The same.
-        q: Present setpoint of the joints, shape (5,), [rad].
-        qd: Its velocities, shape (5,), [rad/s].
+    ``frame``, of the gripper, moves to the target, from rest at ``q_start``. ``collision`` and
+    ``load`` (None not to check it) are used by this servo alone; ``q`` and ``qd`` are the present
+    setpoint.
     """
 
     def __init__(

@@ -23,19 +23,14 @@ import numpy as np
 
 from so101_motion.common.geometry import Array
 
-ROWS = 8
-"""Most rows ``g v >= b``. Chosen: seldom are more than five pairs of bodies near each other."""
-
-WORTH = 0.02
-"""Weight of granting the full task velocity against following it exactly (mu). Chosen: motion
-straight into an obstacle stops, motion at a slant slides along it."""
+ROWS = 8  # most rows ``g v >= b``; chosen: seldom are more than five pairs near
+WORTH = 0.02  # of the full velocity against its direction; chosen: it slides at a slant
 
 _WEIGHTS = np.array([25.0, 25.0, 25.0, 0.05, 0.05, 0.05])
 """Weights of deviations of the tool [s^2/m^2], [s^2/rad^2]: about one for a full speed of each."""
 
 _OWN_WEIGHT = 0.05 * np.eye(5)  # weights of deviations of the joints [s^2/rad^2]
 _NO_BOUND = 1e30  # oSQP's infinity
-
 _ACCURACY = 1e-4
 _ITERATIONS = 150
 _CHECK_EVERY = 10

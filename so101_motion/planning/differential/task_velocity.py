@@ -29,28 +29,14 @@ DAMPING = 0.01
 speed, one with three times that at nine tenths. Chosen: a quarter of all configurations have a gain
 below 0.035; a tool that passes full stretch at 0.05 m/s needs at most 2.5 rad/s of the joints."""
 
-CLOSING = 0.1
-"""Damping for a pose that is approached, as a share of its distance: it vanishes on arrival."""
-
+CLOSING = 0.1  # damping near a pose, as a share of its distance
 EASE = 0.2  # damping of rotation by joint motions that leave the position alone [rad/rad]. Chosen
-
-LOST = 0.1
-"""A singular configuration is reported when damping takes this share of the speed. Chosen."""
-
+LOST = 0.1  # share of speed lost to damping that is reported; chosen
 PULL = 5.0  # gain with which the frame is pulled back to its reference [1/s]. Chosen
 SLACK = (0.005, 0.1)  # largest distance of the reference from the frame [m], [rad]. Chosen
-
-BRAKING = 0.8
-"""Share of the acceleration limits used to come to rest at a pose. Chosen: the rest is for the
-curvature of the kinematics."""
-
-FAR = (0.1, 0.5)
-"""Farther poses are approached as if they were this far [m], [rad]. Chosen: so far the kinematics
-are nearly linear."""
-
-SPARED = 0.15
-"""Joints nearer than this to their limits move less on the way to a pose [rad]. Chosen."""
-
+BRAKING = 0.8  # share of the acceleration used to arrive at a pose; chosen
+FAR = (0.1, 0.5)  # farther poses count as this far [m], [rad]; chosen: nearly linear
+SPARED = 0.15  # joints nearer to a limit move less [rad]; chosen
 SAME = 1e-9  # joint angles closer than this count as equal [rad]
 
 

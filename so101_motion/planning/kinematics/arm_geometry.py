@@ -29,10 +29,7 @@ JOINT_SLACK = 1e-6
 near a straight elbow loses that much. At full reach it moves the tool by half a micrometre.
 Chosen."""
 
-REACH_SLACK = 1e-5
-"""For a wrist this far beyond the straight arm [m] the straight arm is a solution. Chosen: a tenth
-of the tolerance of goals, and every solution is judged afterwards."""
-
+REACH_SLACK = 1e-5  # how far beyond it the straight arm is a solution [m]; chosen
 _ON_AXIS = 1e-9  # a frame closer to the roll axis than this is on it [m]. Chosen: rounding is 1e-17
 Joints = tuple[float, float, float, float, float]  # five joint angles [rad]
 Point = tuple[float, float, float]  # a point in the base frame [m]

@@ -18,9 +18,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.kinematics.arm_geometry import TAU, ArmStructure
 
 _ROUNDS = 6  # iterations in which pan and roll are made to agree; each gains a digit or two
-
-_ROUNDING = 1e-9
-"""How far beyond 1 the cosine of the elbow's bend may be at a pitch that straightens the arm."""
+_ROUNDING = 1e-9  # how far a cosine may be beyond 1
 
 
 class Hands(NamedTuple):

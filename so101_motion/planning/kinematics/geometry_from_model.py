@@ -23,21 +23,13 @@ from so101_motion.planning.kinematics.arm_geometry import (
 from so101_motion.planning.kinematics.batch_kinematics import JOINT_LINKS
 from so101_motion.planning.kinematics.model import RobotModel
 
-FIT_POSITION = 2e-5
-"""Largest difference between formulas and model [m]. Chosen: angles rounded to six digits in a
-URDF cost 5 um, and polishing on the model removes those."""
-
+FIT_POSITION = 2e-5  # formulas against model [m]; rounded URDF angles cost 5 um
 FIT_ANGLE = 1e-4  # largest difference in the tool's rotation [rad]. Chosen, as above
-
 _TRIALS = 16
 
 
 def measure_structure(model: RobotModel) -> ArmStructure:
-    """Measure the structure of a model's arm.
-
-    Raises:
-        ConfigError: The arm has another structure.
-    """
+    """Measure the structure of a model's arm."""
     structure = _structure(model)
     if structure is None or not _fits(structure, model):
         reason = (

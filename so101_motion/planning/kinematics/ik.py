@@ -50,17 +50,10 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 __all__ = ["IkSolution", "IkSolver"]
 
-_EXACT = 1e-9
-"""Position errors above this are polished [m]. Chosen: far below what anyone can measure."""
-
-_EXACT_ANGLE = 1e-6
-"""A full pose with a smaller error is exact [rad]; the tolerance is for poses that five joints
-cannot reach exactly. Chosen."""
-
+_EXACT = 1e-9  # larger position errors are polished [m]; chosen
+_EXACT_ANGLE = 1e-6  # a full pose this near is exact [rad]; chosen
 _SAME = 1e-6  # solutions closer than this count as one [rad]. Chosen
-
-_JUST = 1e-3
-"""How far polishing may move a solution and with it the order of candidates [rad]. Chosen."""
+_JUST = 1e-3  # how far polishing may move a solution [rad]; chosen
 
 
 class IkSolver:
@@ -68,8 +61,7 @@ class IkSolver:
 
     Attributes:
         model: The kinematics it solves for.
-        structure: The closed forms, e.g. ``structure.configurations`` for a point, a pitch and a
-            roll.
+        structure: The measures of the closed forms.
 
     Raises:
         ConfigError: The model is not built like the SO-101.

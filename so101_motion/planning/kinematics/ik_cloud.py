@@ -42,24 +42,16 @@ from so101_motion.planning.kinematics.batch_ik import (
 )
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 
-SLACK = 1e-3
-"""How far a pose may be beyond its orientation tolerances, which may be zero [1], [rad]. Source:
-viam-server's planner allows as much."""
-
+SLACK = 1e-3  # beyond orientation tolerances [1], [rad]; viam-server's planner allows it
 POSITION_SLACK = 1e-4  # the same for the position [m]: the tolerance of all goals
-
-STEP_OF_TILT, STEP_OF_TURN = 0.1, 0.26
-"""Distance between pitches and between rolls at the goal's own point [rad]. Chosen: 6 and 15
-degrees."""
-
+STEP_OF_TILT, STEP_OF_TURN = 0.1, 0.26  # between pitches and rolls [rad]; chosen
 FEWEST = 5  # fewest pitches and rolls, if they have a tolerance
 
 GRIDS = ((1, 2.0), (2, 3.0))
 """For the first grid and the second: points to either side along each axis with a tolerance, and
 the factor by which pitches and rolls are further apart."""
 
-APART = 0.15
-"""Solutions closer than this to an earlier one are left out, Euclidean distance [rad]. Chosen."""
+APART = 0.15  # nearer solutions are left out, Euclidean distance [rad]; chosen
 
 
 class Cloud(NamedTuple):

@@ -24,13 +24,8 @@ FULL_STRETCH = "full stretch"  # what limits an arm that would have to be longer
 AT_LIMIT = 1e-6  # a joint this close to a limit is at it [rad]. Chosen
 _BINDING = 0.05  # a limit with less than this share of the strongest limit's effect is not named
 _NO_PULL = 1e-7  # a limit with a smaller effect [m^2] has none; above ``_FLAT``
-
-_ALONG = 0.7
-"""Cosine of the angle between the position error and the line from shoulder to gripper, above which
-the arm is stretched out rather than limited by its pan axis. Chosen: values seen are 1 and 0."""
-
-_ROTATION_SLACK = 1e-6
-"""How far a rotation matrix may be from orthonormal. Chosen above the error of seven digits."""
+_ALONG = 0.7  # cosine of error and arm above which it is stretched; seen are 1 and 0
+_ROTATION_SLACK = 1e-6  # from orthonormal; chosen, seven digits
 
 
 class IkSolution(NamedTuple):
@@ -195,17 +190,12 @@ def binding_limit(model: RobotModel, task: Task, q: Array) -> str | None:
     return FULL_STRETCH if along > _ALONG else "the pan axis"
 
 
-ANGLE_WEIGHT = 0.1
-"""Weight of a radian of orientation error against metres of position error [m/rad]: about the lever
-from wrist to jaw. Chosen."""
-
+ANGLE_WEIGHT = 0.1  # of a radian against metres [m/rad]; chosen, from wrist to jaw
 _STEPS = 100
 _LONGEST_STEP = 0.5
 _LEAST_DAMPING = 1e-6
 _MOST_DAMPING = 1e3
-_FLAT = 1e-8
-"""A gradient below this is zero [m^2]: 0.1 um for a joint with a lever of 0.1 m, a microradian of
-wrong orientation. Chosen."""
+_FLAT = 1e-8  # smaller gradients are zero [m^2]: 0.1 um at 0.1 m; chosen
 
 _UPPER, _ABOVE = np.triu(np.ones((5, 5))), np.triu(np.ones((5, 5)), 1)
 

@@ -30,21 +30,14 @@ from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import range_deg, to_deg
 
-LINKS = tuple(so101_description.PARTS)
-"""The seven links by their names in the URDF, from the base outwards."""
-
-JAW_LINK = LINKS[-1]
-"""The moving jaw; its pose depends on the jaw's joint, so five angles are not enough."""
-
-GRIPPER_LINK = "gripper_link"
-"""The last link of the arm; the tool, the jaw tip and held objects are fixed to it."""
+LINKS = tuple(so101_description.PARTS)  # by their names in the URDF, from the base outwards
+JAW_LINK = LINKS[-1]  # placed by the jaw's joint too
+GRIPPER_LINK = "gripper_link"  # the tool, the jaw tip and held objects are fixed to it
 
 _OUR_FRAMES = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
-ROUNDED = math.radians(0.01)
-"""A goal is not refused, but drawn in, if it is no farther outside its limits [rad]: their last
-digit in messages."""
+ROUNDED = math.radians(0.01)  # a goal so little outside its limits is drawn in [rad]
 
 
 class RobotModel:

@@ -23,8 +23,7 @@ ROOM = 256  # initial room for the waypoints of a path while it is shortened; gr
 SEEDS = 64  # number of seeds that are made at once; then they come again, each 1 higher
 
 
-STEP, TRIES = 0.20, 16
-"""As in the library: longest branch of a tree, as weighted distance [m], and tries at a time."""
+STEP, TRIES = 0.20, 16  # of a tree, as weighted distance [m], and at a time; as in the library
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -34,15 +34,9 @@ STEP, SMALLER, SHIFT = 0.014, 0.75, 0.37
 have, and how far those are shifted, as a share of theirs. Chosen with the next two by
 bench_no_path."""
 
-KEPT = 1.0 / 3.0
-"""Share of the margin that a cell must keep; a wider margin is lessened by no more [m] than the
-default one."""
-
-LAST = 0.15, 0.30
-"""Spacing of the angles of wrist and roll that are tried for cells of the first joints [rad]."""
-
+KEPT = 1.0 / 3.0  # share of the margin (of the default at most) that a cell must keep
+LAST = 0.15, 0.30  # spacing of wrist and roll tried for cells of the first joints [rad]
 CONFIRMED = 1_000_000  # most configurations that are checked for the smaller cells; 0.5 s
-
 _CLOSED = 1
 
 

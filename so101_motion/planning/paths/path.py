@@ -44,9 +44,7 @@ SPACING = 0.025
 """Travel between two samples [m]. Chosen: one in ten paths around a shelf then needs an edge
 replaced, and half the spacing costs a tenth more time."""
 
-ROOM = 0.001
-"""Extra margin of shortened paths at their samples [m]. Chosen: without it every third path around
-a shelf fails its proof."""
+ROOM = 0.001  # extra margin of shortened paths [m]; chosen: without it a third fail
 
 NEARBY, TRIES_NEARBY = 0.3, 30
 """A path around an edge that fails its proof is first searched within the first of it [rad], in at
@@ -74,20 +72,14 @@ _REASONS = {
 """What is wrong, in two parts between which the bodies are named, and what to do about it."""
 
 MOST_NAMED = 4  # most bodies that a message names
-
-PROBES, NAMED = 30, 50
-"""Most rounds of further tries to find what blocked a search, and most contacts counted."""
+PROBES, NAMED = 30, 50  # most further rounds to find what blocked, and most contacts counted
 
 ROUNDS = (500, 1000, 2000, 4000)
 """After so many rounds of a search, enough for nearly all paths, and again after so many more, it
 is examined whether there is a path at all. Chosen by bench_plan and bench_no_path."""
 
-LOOKS = (20_000, 60_000, 250_000, 600_000)
-"""How many configurations are checked for that in all, from each end."""
-
-BRIEF = 0.1
-"""The reason why a shorter search [s] failed is not examined: that takes tens of milliseconds, and
-a caller with so little time has an alternative. Chosen."""
+LOOKS = (20_000, 60_000, 250_000, 600_000)  # configurations checked for that, from each end
+BRIEF = 0.1  # of shorter searches [s] the failure is not examined; chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -39,14 +39,9 @@ BEYOND = (0.6, 1.2, np.inf, 0.3)
 the third alone routes through a slot are a sixth slower at the 95th percentile, with the first and
 the last alone those around a shelf."""
 
-MOST_ROUNDS = 200
-"""Rounds after which a search is given up. Chosen: half as many find fewer routes into a shelf."""
-
-SEARCHING = 0.8
-"""Share of the time after which no other routes are searched. Chosen: the rest is for more cuts."""
-
-DIRECT = 1.01
-"""A motion that takes no longer than so many times the least time of its joints is not improved."""
+MOST_ROUNDS = 200  # of a search; chosen: half as many find fewer routes into a shelf
+SEARCHING = 0.8  # share of the time for searches; chosen: the rest is for cuts
+DIRECT = 1.01  # times the joints' least time: not improved
 
 
 class Routing(NamedTuple):

@@ -30,12 +30,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.collision import BACK_OUT, CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
 
-OUTSIDE = 2.0 * math.pi / 4096.0
-"""A start so little outside its limits counts as inside [rad]: one tick of the servo's encoder."""
-
-FARTHEST = 0.12
-"""Longest such motion by default, as travel of any point of the arm [m]. Chosen: a folded arm needs
-half of it."""
+OUTSIDE = 2.0 * math.pi / 4096.0  # a start so little outside is inside [rad]: a servo's tick
+FARTHEST = 0.12  # travel out of a bad start [m]; chosen, twice a folded arm's
 
 CLOSER = 5e-4
 """How much closer a pair that is too close may come [m], because parts that slide along each other

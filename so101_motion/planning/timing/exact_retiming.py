@@ -1,23 +1,18 @@
 """Time a path so that the motion stays exactly on it, even after smoothing.
 
-``retime.py`` makes the fastest motion along a path and bounds its jerk by averaging the joint
-angles over time. That cuts corners by up to a hundredth of a radian, which does not matter between
-two configurations but is too much for a tool on a line. Here the *place along the path* is averaged
-instead. The joints stay on the path at any speed, but the motion takes longer, because a motion
-along a bent path has jerk that no such average removes.
-
-How it works.
+``retime.py`` bounds jerk by averaging the joint angles over time. That cuts corners by up to a
+hundredth of a radian, which does not matter between two configurations but is too much for a tool
+on a line. Here the *place along the path* is averaged instead. The joints stay on the path at any
+speed, but the motion takes longer, because a bent path has jerk that no such average removes.
 
 1. Each place has a largest speed: by the joint and tool speed limits, and in bends so that part of
    the acceleration and jerk limits is left for speeding up.
-2. One pass forwards and one backwards keep the acceleration that is left at each speed.
-3. The place as a function of time is averaged over a window that turns steps of acceleration into
-   ramps of the jerk limit (a moving average, or FIR filter: see ``native/retime.c``).
-4. The result is measured. Where it exceeds a limit, the speed near there is lowered accordingly,
-   and the motion is made again. Any excess after a few rounds is removed by slowing all of it.
-
-Source: J. E. Bobrow, S. Dubowsky, J. S. Gibson, Time-Optimal Control of Robotic Manipulators Along
-Specified Paths, 1985, for the two passes under a speed limit at each place.
+2. One pass forwards and one backwards keep the acceleration that is left at each speed (J. E.
+   Bobrow, S. Dubowsky, J. S. Gibson, Time-Optimal Control of Robotic Manipulators, 1985).
+3. The place over time is averaged over a window that turns steps of acceleration into ramps of the
+   jerk limit (see ``native/retime.c``).
+4. The result is measured. Where it exceeds a limit, the speed near there is lowered, and the motion
+   made again. Any excess after a few rounds is removed by slowing all of it.
 """
 
 from __future__ import annotations
@@ -152,15 +147,11 @@ class _Motion:
 
     @classmethod
     def along(cls, s: Array, cap: Array, at_rest: Array, at_cap: Array, width: float) -> _Motion:
-        """Nearly the fastest motion under caps on speed and acceleration.
+        """Nearly the fastest motion through places ``s`` under caps on speed and acceleration.
 
-        Args:
-            s: Places, shape (m,).
-            cap: The largest speed at each.
-            at_rest: The largest acceleration there at speed 0.
-            at_cap: The same at the largest speed. With the squared speed it falls from the one to
-                the other along a concave curve, so the straight line between is safe.
-            width: Of the average [s].
+        The largest acceleration falls from ``at_rest`` to ``at_cap``, that at the largest speed,
+        with the squared speed along a concave curve, so the straight line between is safe.
+        ``width`` [s] is the average's.
         """
         steps = np.diff(s)
         fall = ((at_cap - at_rest) / cap**2).tolist()

@@ -2,13 +2,9 @@
 
 ``pursuit.py`` follows goals that move.
 
-Each takes tens of microseconds to a millisecond; collisions and position limits are not checked
-here but by the caller. There are two kinds of stop:
-
-- :func:`stop_on_path` stays on a motion that has been verified and only slows its time down to a
-  stop. Every position of the stop is one of the motion's, so it is free of collision too.
-- :func:`stop` brings each joint to rest as fast as it can. It is the shortest stop, and leaves the
-  path as far as the joints' braking times differ.
+Each takes tens of microseconds to a millisecond. The caller checks collisions and position limits,
+and catches ``PlanningError`` where ruckig finds no motion; ``ValueError`` says that shapes do not
+fit or values are not finite. Positions, velocities and accelerations are of shape (n,).
 
 ruckig (L. Berscheid and T. Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary
 Target States, 2021) is imported here and in ``pursuit.py``. Its community edition ignores position
@@ -31,12 +27,8 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.time_scaling import shortest_slowdown
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
-SAME_POSITION = 1e-9
-"""For goals closer than this [rad] no motion is needed. Chosen: far below a servo tick."""
-
-LESS_JERK = 1.0 - 1e-9
-"""Share of the jerk caps with which a motion is searched again. Chosen: far above rounding, and not
-distinguishable from the caps."""
+SAME_POSITION = 1e-9  # nearer goals need no motion [rad]; chosen
+LESS_JERK = 1.0 - 1e-9  # for a second search; chosen far above rounding
 
 
 def point_to_point(
@@ -44,20 +36,8 @@ def point_to_point(
 ) -> Trajectory:
     """The fastest motion along the straight line in joint space, from rest to rest.
 
-    All joints keep the same ratio throughout, because one number, the place along the line, is
-    timed under the strictest joint's limits. ``limits.tool_speed`` is ignored: ``retime`` times
-    motions under that cap.
-
-    Args:
-        q_start: Start, shape (n,), [rad].
-        q_goal: End, shape (n,), [rad].
-
-    Returns:
-        The motion; a single sample if start and goal are the same.
-
-    Raises:
-        PlanningError: ruckig finds no motion.
-        ValueError: Shapes that do not fit, or values that are not finite.
+    One number, the place along the line, is timed under the strictest joint's limits; without
+    ``limits.tool_speed``, which ``retime`` keeps. A single sample if start and goal are the same.
     """
     q_start, q_goal = map(np.array, numbers(limits, dt, q_start=q_start, q_goal=q_goal))
     path = q_goal - q_start
@@ -92,16 +72,6 @@ def from_state(
 
     A state beyond the limits is first brought back inside as fast as they allow. The motion may
     swing past the goal, or go on in its present direction before it turns.
-
-    Args:
-        q: Position now, shape (n,), [rad].
-        qd: Velocity now, shape (n,), [rad/s].
-        qdd: Acceleration now, shape (n,), [rad/s^2].
-        q_goal: Position to come to rest at, shape (n,), [rad].
-
-    Raises:
-        PlanningError: ruckig finds no motion.
-        ValueError: Shapes that do not fit, or values that are not finite.
     """
     *state, goal = numbers(limits, dt, q=q, qd=qd, qdd=qdd, q_goal=q_goal)
     request = _request(state, limits)
@@ -114,18 +84,9 @@ def from_state(
 def between(
     now: Setpoint, then: Setpoint, limits: MotionLimits, dt: float
 ) -> tuple[int, Callable[[], Trajectory]]:
-    """The fastest motion from one state to another that takes a whole number of periods.
+    """The fastest motion between two states that takes a whole number of periods.
 
-    Args:
-        now: The state at its start, shapes (n,).
-        then: The state at its end; its last sample.
-
-    Returns:
-        That number, and a function that makes the motion.
-
-    Raises:
-        PlanningError: ruckig finds no motion.
-        ValueError: Shapes that do not fit, or values that are not finite.
+    Returns that number, and a function that makes the motion, whose last sample is ``then``.
     """
     request = _request(numbers(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd), limits)
     request.target_position, request.target_velocity, request.target_acceleration = numbers(
@@ -149,18 +110,10 @@ def between(
 def stop(
     q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, limits: MotionLimits, dt: float
 ) -> Trajectory:
-    """The shortest stop: each joint comes to rest as fast as it can.
+    """The shortest stop: each joint comes to rest as fast as acceleration and jerk caps allow.
 
-    Args:
-        q: Position now, shape (n,), [rad].
-        qd: Velocity now, shape (n,), [rad/s].
-        qdd: Acceleration now, shape (n,), [rad/s^2].
-        limits: Acceleration and jerk caps of the n joints; no joint gets faster, unless it is
-            accelerating now and the jerk cap forbids less.
-
-    Raises:
-        PlanningError: ruckig finds no motion.
-        ValueError: Shapes that do not fit, or values that are not finite.
+    It leaves the path as far as the joints' braking times differ. No joint gets faster, unless it
+    is accelerating now and the jerk cap forbids less.
     """
     request = _stopping(numbers(limits, dt, q=q, qd=qd, qdd=qdd), limits)
     positions, velocities, accelerations, duration = _calculated(request, dt)
@@ -168,33 +121,20 @@ def stop(
 
 
 def stop_on_path(trajectory: Trajectory, t: float, limits: MotionLimits, dt: float) -> Trajectory:
-    """The shortest stop that stays on a verified motion.
+    """The shortest stop from time ``t`` [s] on that stays on a verified motion.
 
-    The motion's own time is slowed down until it stands
-    (:mod:`~so101_motion.planning.timing.time_scaling`), so every position of the stop is one of the
-    motion's, and no joint gets faster than in the motion. If no such slowdown keeps the limits,
-    each joint stops by itself (:func:`stop`) and the path is left; with limits above the motion's
-    own by a fifth for acceleration and a half for jerk that was not seen in thousands of stops.
-
-    Args:
-        trajectory: The motion being played.
-        t: Start of the stop on the motion's clock [s]; past its end the arm is at rest already.
-        limits: Acceleration and jerk caps of the stop; they may be larger than the motion's. Along
-            the path jerk stays within 1.02 of its cap (``time_scaling.JERK_TOLERANCE``).
-
-    Returns:
-        The stop; its first sample is the motion at ``t``.
-
-    Raises:
-        PlanningError: ruckig finds no stop where one is needed.
-        ValueError: Limits for another number of joints, or times that are not finite.
+    The motion's own time is slowed down until it stands (``time_scaling.py``), so every position of
+    the stop is one of the motion's, and no joint gets faster than in it; jerk stays within 1.02 of
+    its cap. If no such slowdown keeps the limits, each joint stops by itself (``stop``); with
+    limits above the motion's own by a fifth for acceleration and a half for jerk that was not seen
+    in thousands of stops.
     """
     numbers(limits, dt, q=trajectory.q[0])
     if not math.isfinite(t):
         raise ValueError(f"t must be finite, got {t}")
     stopped = shortest_slowdown(trajectory, max(0.0, t), limits, dt)
     if stopped is not None:
-        return stopped
+        return stopped[0]
     now = trajectory.sample(t)
     return stop(now.q, now.qd, now.qdd, limits, dt)
 
@@ -250,11 +190,7 @@ def found_motion(request: ruckig.InputParameter) -> ruckig.Trajectory:
 def searched(
     request: ruckig.InputParameter, by: ruckig.Ruckig, found: ruckig.Trajectory
 ) -> ruckig.Trajectory:
-    """Let ruckig write the motion to ``found``, which is returned.
-
-    Raises:
-        PlanningError: It finds none.
-    """
+    """Let ruckig write the motion to ``found``, which is returned."""
     try:
         result = by.calculate(request, found)
     except (ruckig.RuckigError, ValueError) as error:  # some of its results it cannot name itself

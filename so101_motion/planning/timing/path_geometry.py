@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.geometry import Array, frozen_array
 
-SAME_POINT = 1e-9
-"""Neighbouring waypoints closer than this [rad] are one point. Chosen: far below a servo tick."""
+SAME_POINT = 1e-9  # nearer waypoints are one [rad]; chosen
 
 
 class PathPoints(NamedTuple):
@@ -88,8 +87,6 @@ def spline_path(waypoints: ArrayLike) -> JointPath:
     Args:
         waypoints: Shape (m, n), [rad]; a point equal to the one before it counts once.
 
-    Raises:
-        ValueError: Fewer than two different points, or not numbers.
 
     Source: C. de Boor, A Practical Guide to Splines, 1978, chapter IV.
     """
@@ -121,9 +118,6 @@ def blended_path(waypoints: ArrayLike, tolerance: ArrayLike) -> JointPath:
         waypoints: Shape (m, n), [rad]; a point equal to the one before it counts once.
         tolerance: How far each joint may leave the straight lines [rad], positive; one figure, or
             one for each corner if no two points are equal.
-
-    Raises:
-        ValueError: Fewer than two different points, not numbers, or no positive tolerance.
     """
     points, chords, lengths = _polyline(waypoints)
     corners = _corners(points, chords, lengths, tolerance)

@@ -21,10 +21,7 @@ from so101_motion.planning.timing.online import found_motion, numbers, searched
 from so101_motion.planning.timing.trajectory import Setpoint
 
 SOFTNESS = 0.035  # time constant with which a joint approaches its target [s]; chosen by trial
-
-FORESIGHT = 0.05
-"""Time over which future accelerations are averaged for the caller [s]: a servo reacts that late to
-its goals."""
+FORESIGHT = 0.05  # future accelerations are averaged over this [s]: a servo's delay
 
 Arrival = Literal["each", "together", "straight"]
 
@@ -36,13 +33,9 @@ _SYNCHRONIZATION: dict[Arrival, ruckig.Synchronization] = {
 
 
 class Pursuit:
-    """Leads joints to moving targets, one period at a time. Belongs to one thread.
+    """Leads ``n`` joints to moving targets, one period ``dt`` [s] at a time. Belongs to one thread.
 
     It keeps its request to ruckig, because making one takes as long as the answer.
-
-    Args:
-        n: How many joints.
-        dt: The period [s].
     """
 
     def __init__(self, n: int, dt: float) -> None:
@@ -60,19 +53,9 @@ class Pursuit:
         limits: MotionLimits,
         arrival: Arrival,
     ) -> tuple[Setpoint, Array | None]:
-        """``alongside`` of a target whose acceleration is known, ``towards`` any other.
+        """``alongside`` of a target whose acceleration is known (not None), ``towards`` any other.
 
-        Args:
-            now: The present state, shapes (n,).
-            target: Its position, velocity and acceleration; None for one that is not known.
-            limits: Caps of the n joints.
-            arrival: As for ``towards``.
-
-        Returns:
-            The setpoint, and the acceleration that ``alongside`` expects from there on.
-
-        Raises:
-            PlanningError: ruckig finds no motion.
+        Returns the setpoint, and the acceleration that ``alongside`` expects from there on.
         """
         q, qd, qdd = target
         if qdd is None:
@@ -88,47 +71,27 @@ class Pursuit:
         *,
         arrival: Arrival = "each",
     ) -> Setpoint:
-        """One period of the fastest motion to a moving target.
+        """One period of the fastest motion to a target that moves, slower than the velocity caps.
 
         Called in every period, it catches up with a target that moves steadily and stays with it
         without lag. The motion is computed relative to the target, as if that stood still. If it
         were computed to a position and a velocity instead, a joint slightly ahead would have to
         turn back to get behind that position, in every period.
 
-        Args:
-            now: The present state, shapes (n,).
-            q_target: Position of the target at the end of the period, shape (n,), [rad].
-            qd_target: Its velocity, shape (n,), slower than the velocity caps, [rad/s].
-            arrival: Whether each joint shall arrive as soon as it can, or all together;
-                ``"straight"`` on a straight line, if they start from rest.
-
-        Raises:
-            PlanningError: ruckig finds no motion, for example because the target is too fast.
-            ValueError: Shapes that do not fit, or values that are not finite.
+        Each joint arrives as soon as it can, all together, or on a straight line if they start from
+        rest.
         """
         return self._overtaking(now, q_target, qd_target, limits, arrival)[0]
 
     def alongside(
         self, now: Setpoint, target: Setpoint, limits: MotionLimits
     ) -> tuple[Setpoint, Array]:
-        """The next setpoint that keeps up with a target whose acceleration is known.
+        """The next setpoint beside a target whose acceleration at the end of the period is known.
 
         A joint near its target approaches it softly: its error decays with the time constant
         ``SOFTNESS``, and otherwise it accelerates like the target. A joint that would exceed a cap
-        goes as fast as it may instead (``towards``).
-
-        Args:
-            now: The present state, shapes (n,).
-            target: The target at the end of the period, shapes (n,), slower than the velocity caps.
-            limits: Caps of the n joints.
-
-        Returns:
-            The setpoint, and the joints' average acceleration during ``FORESIGHT`` from there on,
-            shape (n,), [rad/s^2].
-
-        Raises:
-            PlanningError: ruckig finds no motion.
-            ValueError: Shapes that do not fit, or values that are not finite.
+        goes as fast as it may instead (``towards``). Also returns the joints' average acceleration
+        during ``FORESIGHT`` from there on, shape (n,), [rad/s^2].
         """
         dt = self._dt
         before = target.qd - dt * target.qdd

@@ -25,29 +25,18 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.planning.timing import verify
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+from so101_motion.planning.timing.trajectory import Setpoint, Trajectory, joined
 
 SHAPES = ((0.3, 0.3), (0.15, 0.15), (0.8, 0.15))
 """Parts of a ramp over which its slope grows and shrinks. Chosen: benchmarks/ compares the stops
 they give with the shortest possible; two more shapes gained 2 %."""
-POINTS = 24
-"""Number of points at which a ramp is tried; the one that is taken is then measured in full."""
+POINTS = 24  # at which a ramp is tried; the one taken is measured in full
 COARSE, FINE = 8, 4  # number of durations tried over the whole range, then between the last two
-SHORTEST, LONGEST = 0.5, 6.0
-"""The range of durations, relative to full braking. Chosen: from a motion that brakes already to
-one near all its limits."""
-
-ATTEMPTS = 6
-"""Most stops that are measured in full, so that a control tick can wait for it. Chosen: nearly
-always the first is accepted."""
-SLOWEST = 40.0
-"""Longest speed-up relative to full braking: a motion that is just speeding up itself leaves little
-acceleration for it. Chosen."""
-
+SHORTEST, LONGEST = 0.5, 6.0  # durations, relative to full braking; chosen
+ATTEMPTS = 6  # most stops measured within a control tick; chosen, mostly one
+SLOWEST = 40.0  # longest speed-up, relative to full braking; chosen
 _NONE = 1e-3  # a smaller motion counts as none, in units of radians and seconds
-JERK_TOLERANCE = 0.02
-"""How far a stop may exceed its jerk limit, relative. Chosen: samples of a motion show its jerk no
-more precisely."""
+JERK_TOLERANCE = 0.02  # relative; chosen: samples show jerk no better
 
 
 class Ramp(NamedTuple):
@@ -84,69 +73,28 @@ _TRIED = Ramp(
 )
 
 
-def shortest_slowdown(
-    trajectory: Trajectory, t: float, limits: MotionLimits, dt: float
-) -> Trajectory | None:
-    """The shortest stop along a motion from time ``t`` [s] on, of those tried.
-
-    Playing the motion to its end is one of them, if that is near.
-
-    Args:
-        t: Start of the stop on the motion's clock [s].
-        limits: Acceleration and jerk caps of the stop.
-
-    Returns:
-        The stop, or None if none of those tried keeps the limits.
-    """
-    found = _shortest_slowdown(trajectory, t, limits, dt)
-    return None if found is None else found[0]
-
-
 def shortest_pause(
     trajectory: Trajectory, t: float, limits: MotionLimits, rest: float
 ) -> Trajectory | None:
-    """The shortest stop from time ``t`` [s] on, a rest, and what is left of the motion.
-
-    Args:
-        trajectory: The motion.
-        t: Start of the stop on the motion's clock [s].
-        limits: Acceleration and jerk caps of the stop.
-        rest: How long the joints rest [s].
-
-    Returns:
-        All of it, or None if none of those tried keeps the limits.
-    """
+    """The shortest stop from ``t`` on, ``rest`` [s], and what is left; None as below."""
     dt, now = trajectory.dt, trajectory.sample(t)
-    if now.qd.any() or now.qdd.any():
-        found = _shortest_slowdown(trajectory, t, limits, dt, at_sample=True)
-        if found is None:
-            return None
-        stop, resumed = found[0], shortest_speedup(trajectory, found[1])
-        if resumed is None:
-            return None
-    else:
-        resumed = _played_out(trajectory, t, dt)
-        stop = Trajectory(
-            dt=dt, q=resumed.q[:1], qd=resumed.qd[:1], qdd=resumed.qdd[:1], duration=0.0
-        )
     ticks = round(rest / dt)
-    still = np.zeros((ticks, trajectory.n))
-    return Trajectory(
-        dt=dt,
-        q=np.concatenate((stop.q, np.broadcast_to(stop.q[-1], still.shape), resumed.q[1:])),
-        qd=np.concatenate((stop.qd, still, resumed.qd[1:])),
-        qdd=np.concatenate((stop.qdd, still, resumed.qdd[1:])),
-        duration=(len(stop) - 1 + ticks) * dt + resumed.duration,
-    )
+    if not now.qd.any() and not now.qdd.any():
+        return _played_out(trajectory, t, dt).with_rest(before=ticks)
+    found = shortest_slowdown(trajectory, t, limits, dt, at_sample=True)
+    resumed = None if found is None else shortest_speedup(trajectory, found[1])
+    if found is None or resumed is None:
+        return None
+    return joined([found[0].with_rest(after=ticks), resumed])
 
 
-def _shortest_slowdown(
+def shortest_slowdown(
     trajectory: Trajectory, t: float, limits: MotionLimits, dt: float, *, at_sample: bool = False
 ) -> tuple[Trajectory, float] | None:
-    """What ``shortest_slowdown`` returns, and the time on the motion's clock where it ends [s].
+    """The shortest stop along a motion from time ``t`` [s] on; None if none tried keeps the limits.
 
-    With ``at_sample`` that is a sample of the motion, from where it can go on through its samples,
-    if ``t`` is one.
+    Playing the motion to its end is one of them, if that is near. Also returns the time on the
+    motion's clock where it ends [s]; with ``at_sample`` a sample of the motion, if ``t`` is one.
     """
     longest = LONGEST * (_braking_time(trajectory.sample(t), limits) + 2.0 * trajectory.dt)
     durations = longest * np.geomspace(SHORTEST / LONGEST, 1.0, COARSE)
@@ -169,14 +117,9 @@ def _shortest_slowdown(
 
 
 def shortest_speedup(trajectory: Trajectory, t: float) -> Trajectory | None:
-    """The shortest continuation of a motion from rest at its time ``t`` [s], of those tried.
+    """The shortest continuation of a motion from rest at its time ``t`` [s], to its end.
 
-    Args:
-        trajectory: The motion; its own accelerations and jerks are the limits.
-        t: The time on its clock at which the joints stand [s].
-
-    Returns:
-        The motion from there to its end, or None if none of those tried keeps the limits.
+    Its own accelerations and jerks are the limits; None if none tried keeps them.
     """
     dt = trajectory.dt
     limits = MotionLimits(

@@ -48,26 +48,12 @@ cm), but the bare arm stretched out already needs 0.45 of the weaker servo's; a 
 half the stronger one's, 15 kg cm, settled at 48 degC; at 0.8 the servo switches itself off after
 two seconds."""
 
-MOVING = 0.75
-"""Share of the stall torque that a servo may exert while it moves. Chosen: below the 0.8 at which
-its own overload timer starts."""
-
-GRID_SHARE = 0.98
-"""Share of the torque limit beyond gravity that the speed profile uses. Chosen: the rest is for the
-smoothing of acceleration between its points."""
-
-_EVERY = 4
-"""Gravity is checked on every fourth sample: it depends on the configuration alone, and hardly
-changes near its peak."""
-
-NEARLY = 0.85
-"""Share of its holding limit from which a joint counts as near it. Chosen: an arm that follows a
-target reaches the limit some degrees later."""
-
+MOVING = 0.75  # while moving; chosen below 0.8, where its overload timer starts
+GRID_SHARE = 0.98  # of what gravity leaves, for the profile; chosen, the rest for smoothing
+_EVERY = 4  # samples between checks of gravity
+NEARLY = 0.85  # share of the holding limit that counts as near; chosen
 _STEP = 1e-4  # step of the differences for gradients [rad]
-
-_TOLERANCE = 1e-3
-"""How far a limit may be exceeded, relative. Chosen: far below the error of the masses."""
+_TOLERANCE = 1e-3  # of a limit, relative; chosen far below the masses' error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,11 +120,7 @@ class Strength:
 
     @classmethod
     def of_servos(cls, voltage: float) -> Strength:
-        """The limits of the servos for ``voltage`` [V], 7.4 or 12.
-
-        Raises:
-            ConfigError: The arm is not sold with servos for that voltage.
-        """
+        """The limits of the servos for ``voltage`` [V], 7.4 or 12."""
         stall = STALL.get(voltage)
         if stall is None:
             known = " or ".join(f"{each:g}" for each in STALL)

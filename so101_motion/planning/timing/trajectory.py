@@ -7,6 +7,7 @@ the verified samples are sent.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,6 +92,20 @@ class Trajectory:
         )
         return Trajectory(dt=self.dt, q=q, qd=qd, qdd=qdd, duration=k * self.dt + rest.duration)
 
+    def with_rest(self, *, before: int = 0, after: int = 0) -> Trajectory:
+        """The same motion with so many samples of rest around it."""
+        if not before and not after:
+            return self
+        rests = ((before, after), (0, 0))
+        ended = (len(self) - 1 + after) * self.dt if after else self.duration
+        return Trajectory(
+            dt=self.dt,
+            q=np.pad(self.q, rests, mode="edge"),
+            qd=np.pad(self.qd, rests),
+            qdd=np.pad(self.qdd, rests),
+            duration=ended + before * self.dt,
+        )
+
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations at times ``t`` (m,) [s], each (m, n).
 
@@ -120,3 +135,14 @@ class Trajectory:
             (v0 + u * (2.0 * a0 + u * (3.0 * c3 + u * (4.0 * c4 + u * (5.0 * c5))))) / h,
             (2.0 * a0 + u * (6.0 * c3 + u * (12.0 * c4 + u * (20.0 * c5)))) / (h * h),
         )
+
+
+def joined(pieces: Sequence[Trajectory]) -> Trajectory:
+    """One motion of several that each start at rest where the one before ended at rest."""
+    first, *others = pieces
+    q, qd, qdd = (
+        np.concatenate([getattr(first, name), *(getattr(piece, name)[1:] for piece in others)])
+        for name in ("q", "qd", "qdd")
+    )
+    duration = sum(len(piece) - 1 for piece in pieces[:-1]) * first.dt + pieces[-1].duration
+    return Trajectory(dt=first.dt, q=q, qd=qd, qdd=qdd, duration=duration)

@@ -24,10 +24,7 @@ from so101_motion.planning.native.library import native
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 
-TOLERANCE = 1e-3
-"""How far a limit may be exceeded, relative. Chosen: more than the effect of sampling at another
-phase, and far below what a servo can follow."""
-
+TOLERANCE = 1e-3  # of a limit, relative; chosen above the effect of sampling
 POSITION_TOLERANCE = 1e-6  # the same for positions [rad]. Chosen: a servo tick is 1.5e-3
 
 
@@ -69,9 +66,6 @@ def limit_report(
         trajectory: The trajectory.
         lower: Smallest joint angles, shape (n,), [rad]; None for no bound.
         upper: Largest joint angles, shape (n,), [rad]; None for no bound.
-
-    Raises:
-        ValueError: The numbers of joints differ.
     """
     if len(limits.velocity) != trajectory.n:
         raise ValueError(f"limits for {len(limits.velocity)} joints, a motion of {trajectory.n}")
