@@ -15,6 +15,18 @@ from so101_motion.planning.collision.scene import (
     Sphere,
 )
 
+# On the way between these two stands a post.
+POST = Scene(
+    obstacles=(
+        Obstacle(
+            name="post",
+            shape=Box(size=np.array([0.06, 0.06, 0.4])),
+            T_base_obstacle=SE3.from_translation((0.28, 0.0, 0.2)),
+        ),
+    )
+)
+LEFT, RIGHT = np.array([0.8, 0.0, 0.2, 0.9, 0.0]), np.array([-0.8, 0.0, 0.2, 0.9, 0.0])
+
 
 def random_shape(rng, size):
     kind = rng.integers(5)

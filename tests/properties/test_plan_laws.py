@@ -2,24 +2,24 @@
 
 import numpy as np
 import pytest
+from harness.random_plans import (
+    COLLISION,
+    MODEL,
+    PLANNER,
+    free_configuration,
+    jaws,
+    plan_or_refusal,
+    seeds,
+)
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from so101_motion.common.errors import InCollision, PlanningError
+from so101_motion.common.errors import InCollision
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
-from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.planner import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.verify import limit_report
-
-MODEL = RobotModel.load()
-COLLISION = CollisionModel(MODEL)
-PLANNER = Planner(MODEL)
-
-seeds = st.integers(min_value=0, max_value=2**32 - 1)
-jaws = st.sampled_from([0.0, 0.5, 1.7])
 
 
 @st.composite
@@ -29,20 +29,6 @@ def motion_limits(draw):
     return MotionLimits.uniform(
         velocity=velocity, acceleration=acceleration, jerk=draw(st.floats(50.0, 1000.0))
     )
-
-
-def free_configuration(rng, q_jaw):
-    while True:
-        q = rng.uniform(MODEL.lower, MODEL.upper)
-        if COLLISION.is_free(q, q_jaw):
-            return q
-
-
-def plan_or_refusal(request):
-    try:
-        return PLANNER.plan(request), None
-    except PlanningError as error:
-        return None, error
 
 
 def assert_verified(plan, limits, q_jaw):

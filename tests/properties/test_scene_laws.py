@@ -6,11 +6,20 @@ import coal
 import numpy as np
 import so101_description
 from harness.coal_check import CoalJudge
+from harness.random_plans import (
+    MODEL,
+    PLANNER,
+    free_configuration,
+    jaws,
+    plan_or_refusal,
+    random_configuration,
+    seeds,
+)
 from harness.random_scenes import random_scene
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from so101_motion.common.errors import InCollision, NoPath, PlanningError
+from so101_motion.common.errors import InCollision, NoPath
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import (
@@ -26,32 +35,9 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 
-MODEL = RobotModel.load()
-PLANNER = Planner(MODEL)
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
 
-seeds = st.integers(min_value=0, max_value=2**32 - 1)
-jaws = st.sampled_from([0.0, 0.5, 1.7])
 margins = st.sampled_from([0.001, 0.003, 0.02])
-
-
-def random_configuration(rng):
-    return rng.uniform(MODEL.lower, MODEL.upper)
-
-
-def free_configuration(rng, collision, q_jaw):
-    for _ in range(200):
-        q = random_configuration(rng)
-        if collision.is_free(q, q_jaw):
-            return q
-    return None
-
-
-def plan_or_refusal(planner, request):
-    try:
-        return planner.plan(request), None
-    except PlanningError as error:
-        return None, error
 
 
 @given(seed=seeds, q_jaw=jaws, margin=margins, held=st.booleans(), compiled=st.booleans())
@@ -119,8 +105,8 @@ def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held, compiled):
     collision = (CollisionModel if compiled else CoalJudge)(MODEL, random_scene(rng, held=held))
     for _ in range(6):
         start, end = (
-            free_configuration(rng, collision, q_jaw),
-            free_configuration(rng, collision, q_jaw),
+            free_configuration(rng, q_jaw, collision),
+            free_configuration(rng, q_jaw, collision),
         )
         assume(start is not None and end is not None)
         blocked = collision.first_blocked(np.array([start, end]), q_jaw)
@@ -243,15 +229,15 @@ def test_a_plan_touches_nothing_or_says_what_is_in_the_way(seed, q_jaw, held):
     scene = random_scene(rng, held=held)
     collision, opinion = CollisionModel(MODEL, scene), SecondOpinion(scene)
     start, goal = (
-        free_configuration(rng, collision, q_jaw),
-        free_configuration(rng, collision, q_jaw),
+        free_configuration(rng, q_jaw, collision),
+        free_configuration(rng, q_jaw, collision),
     )
     assume(start is not None and goal is not None)
     request = PlanRequest(
         q_start=start, goal=JointGoal(q=goal), limits=LIMITS, q_jaw=q_jaw, scene=scene,
         time_budget=2.0,
     )  # fmt: skip
-    plan, refusal = plan_or_refusal(PLANNER, request)
+    plan, refusal = plan_or_refusal(request)
     if refusal:
         assert isinstance(refusal, NoPath)
         assert refusal.where in ("start", "goal", "path")
@@ -271,12 +257,12 @@ def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
     collision = CollisionModel(MODEL, scene)
     beyond = float(rng.choice([0.0, 0.1]))
     start = rng.uniform(MODEL.lower - beyond, MODEL.upper + beyond)
-    goal = free_configuration(rng, collision, 0.0)
+    goal = free_configuration(rng, 0.0, collision)
     assume(goal is not None)
     request = PlanRequest(
         q_start=start, goal=JointGoal(q=goal), limits=LIMITS, scene=scene, time_budget=2.0
     )
-    plan, refusal = plan_or_refusal(PLANNER, request)
+    plan, refusal = plan_or_refusal(request)
     if isinstance(refusal, NoPath):
         return
     if refusal:
@@ -302,7 +288,7 @@ def test_the_same_request_gives_the_same_bytes(seed):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=bool(seed % 2), count=3)
     collision = CollisionModel(MODEL, scene)
-    start, goal = free_configuration(rng, collision, 0.0), free_configuration(rng, collision, 0.0)
+    start, goal = free_configuration(rng, 0.0, collision), free_configuration(rng, 0.0, collision)
     assume(start is not None and goal is not None)
     wanted = PoseGoal(T_base_tool=MODEL.frame(goal)) if seed % 3 else JointGoal(q=goal)
     request = PlanRequest(
@@ -310,7 +296,7 @@ def test_the_same_request_gives_the_same_bytes(seed):
     )
     answers = []
     for planner in (Planner(RobotModel.load()), PLANNER, PLANNER):
-        plan, refusal = plan_or_refusal(planner, request)
+        plan, refusal = plan_or_refusal(request, planner)
         assume(not isinstance(refusal, NoPath))  # that is a matter of time
         motion = plan.trajectory if plan else None
         answers.append(

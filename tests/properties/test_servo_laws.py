@@ -1,35 +1,18 @@
 """Laws of every step of Cartesian jogging, whatever the tool is asked to do."""
 
 import numpy as np
+from harness.random_plans import MODEL, free_configuration, seeds
+from harness.random_scenes import random_scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.common.geometry import SE3, rotation_by
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Box, Obstacle, Scene, Sphere
 from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.differential.targets import STILL, Twist
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Load, Payload, Strength
 
-MODEL = RobotModel.load()
 DT = 0.01
-
-seeds = st.integers(min_value=0, max_value=2**32 - 1)
-
-
-def a_scene(rng: np.random.Generator) -> Scene:
-    """Up to four things on the table around the arm."""
-    obstacles = []
-    for k in range(rng.integers(0, 5)):
-        angle, distance = rng.uniform(-2.0, 2.0), rng.uniform(0.12, 0.35)
-        place = [distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.0, 0.25)]
-        size = rng.uniform(0.02, 0.12, 3)
-        shape = Box(size=size) if rng.random() < 0.7 else Sphere(radius=size[0] / 2.0)
-        pose = SE3(rotation_by(rng.normal(size=3)), np.array(place))
-        obstacles.append(Obstacle(name=f"thing {k}", shape=shape, T_base_obstacle=pose))
-    return Scene(obstacles=tuple(obstacles))
 
 
 def a_target(rng: np.random.Generator):
@@ -45,14 +28,6 @@ def a_target(rng: np.random.Generator):
     return STILL
 
 
-def a_free_configuration(rng: np.random.Generator, collision: CollisionModel, q_jaw: float):
-    for _ in range(200):
-        q = rng.uniform(MODEL.lower, MODEL.upper)
-        if collision.is_free(q, q_jaw):
-            return q
-    return None
-
-
 def between(q: np.ndarray, share: float) -> np.ndarray:
     return q[:-1] + share * np.diff(q, axis=0)
 
@@ -63,9 +38,9 @@ def test_whatever_is_asked_for_limits_are_kept_nothing_is_touched_and_it_can_sto
     seed: int, velocity: float, acceleration: float, jerk_time: float
 ) -> None:
     rng = np.random.default_rng(seed)
-    scene, q_jaw = a_scene(rng), float(rng.uniform(0.0, 1.7))
+    scene, q_jaw = random_scene(rng, count=int(rng.integers(0, 5))), float(rng.uniform(0.0, 1.7))
     judge = CollisionModel(MODEL, scene)
-    start = a_free_configuration(rng, judge, q_jaw)
+    start = free_configuration(rng, q_jaw, judge)
     if start is None:
         return
     jerk = acceleration / jerk_time
@@ -101,7 +76,7 @@ def test_whatever_is_asked_for_no_joint_has_to_hold_more_than_it_may(
     seed: int, mass: float, holding: float
 ) -> None:
     rng = np.random.default_rng(seed)
-    start = a_free_configuration(rng, CollisionModel(MODEL), 0.0)
+    start = free_configuration(rng)
     payload = Payload(mass=mass, com=tuple(rng.uniform(-0.1, 0.15, 3)))
     strength = Strength(holding=holding, moving=1.25 * holding)
     limits = MotionLimits.uniform(velocity=2.0, acceleration=5.0, jerk=50.0)
@@ -119,7 +94,7 @@ def test_whatever_is_asked_for_no_joint_has_to_hold_more_than_it_may(
 @given(seeds)
 def test_bodies_that_are_too_close_at_the_start_never_get_closer(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    scene = a_scene(rng)
+    scene = random_scene(rng, count=int(rng.integers(0, 5)))
     judge = CollisionModel(MODEL, scene)
     q = rng.uniform(MODEL.lower, MODEL.upper)
     for _ in range(200):

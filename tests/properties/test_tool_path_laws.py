@@ -2,48 +2,40 @@
 
 import numpy as np
 import pytest
+from harness.random_plans import (
+    COLLISION,
+    MODEL,
+    PLANNER,
+    free_configuration,
+    plan_or_refusal,
+    seeds,
+)
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from so101_motion.common.errors import InCollision, PlanningError, Unreachable
 from so101_motion.common.geometry import SE3, rotation_angle
 from so101_motion.planning.cartesian.tool_path import path_through, straight_path
-from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.goals import ArcTo, GoalMetric, LineGoal, LineTo, ToolPathGoal
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
-from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.planner import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.verify import limit_report
 
-MODEL = RobotModel.load()
-COLLISION = CollisionModel(MODEL)
-PLANNER = Planner(MODEL)
 CHAINS = {frame: ArmChain(MODEL, frame) for frame in ("tool", "jaw_tip")}
 DT = 0.005
 
-seeds = st.integers(min_value=0, max_value=2**32 - 1)
 frames = st.sampled_from(sorted(CHAINS))
 metrics = st.sampled_from(list(GoalMetric))
-
-
-def free_configuration(rng):
-    while True:
-        q = rng.uniform(MODEL.lower, MODEL.upper)
-        if COLLISION.is_free(q):
-            return q
 
 
 def limits_with(tool_speed):
     return MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=tool_speed)
 
 
-def plan_or_refusal(start, goal, tool_speed=None):
+def planned(start, goal, tool_speed=None):
     request = PlanRequest(q_start=start, goal=goal, limits=limits_with(tool_speed), dt=DT)
-    try:
-        return PLANNER.plan(request), None
-    except PlanningError as error:
-        return None, error
+    return plan_or_refusal(request)
 
 
 def step(rng, length):
@@ -103,7 +95,7 @@ def test_a_path_is_followed_within_its_tolerances_or_refused_with_a_reason(
     rng = np.random.default_rng(seed)
     start = free_configuration(rng)
     goal = random_path(rng, start, frame, metric, blend)
-    plan, refusal = plan_or_refusal(start, goal)
+    plan, refusal = planned(start, goal)
     tool_path = path_through(MODEL.frame(start, frame), goal.segments, blend)
     if refusal:
         assert isinstance(refusal, Unreachable | InCollision)
@@ -130,7 +122,7 @@ def test_a_rounded_path_moves_on_under_the_cap_of_the_tool(seed, blend, cap):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng)
     goal = random_path(rng, start, "tool", GoalMetric.POSITION_ONLY, blend)
-    plan, refusal = plan_or_refusal(start, goal, cap)
+    plan, refusal = planned(start, goal, cap)
     assume(refusal is None)
     motion = plan.trajectory
     speed = CHAINS["tool"].speeds(motion.q, motion.qd)
@@ -151,7 +143,7 @@ def test_a_line_turns_the_tool_no_further_off_than_it_says(seed, metric):
     end = SE3(turned(rng, T.R, 0.3), T.p + step(rng, 0.04))
     tolerance = np.radians(rng.uniform(3.0, 25.0))
     goal = LineGoal(T_base_tool=end, metric=metric, orientation_tolerance=tolerance)
-    plan, _ = plan_or_refusal(start, goal)
+    plan, _ = planned(start, goal)
     assume(plan is not None)
     tool_path = straight_path(T, end)
     q = plan.trajectory.q

@@ -1,37 +1,21 @@
 """Laws of every plan of an arm that carries something."""
 
 import numpy as np
+from harness.random_plans import (
+    MODEL,
+    free_configuration,
+    plan_or_refusal,
+    seeds,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.common.errors import Overloaded, PlanningError
-from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.common.errors import Overloaded
 from so101_motion.planning.goals import JointGoal
-from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.planner import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
 from so101_motion.planning.timing.verify import limit_report
-
-MODEL = RobotModel.load()
-COLLISION = CollisionModel(MODEL)
-PLANNER = Planner(MODEL)
-
-seeds = st.integers(min_value=0, max_value=2**32 - 1)
-
-
-def free_configuration(rng: np.random.Generator) -> np.ndarray:
-    while True:
-        q = rng.uniform(MODEL.lower, MODEL.upper)
-        if COLLISION.is_free(q):
-            return q
-
-
-def plan_or_refusal(request: PlanRequest):
-    try:
-        return PLANNER.plan(request), None
-    except PlanningError as error:
-        return None, error
 
 
 @settings(max_examples=30)

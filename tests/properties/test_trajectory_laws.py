@@ -210,7 +210,10 @@ def test_a_stop_on_the_path_visits_only_what_the_motion_would_have(
     t = share * motion.duration
     stopped = online.stop_on_path(motion, t, harder, 0.01)
     assert_at_rest_at(stopped, stopped.q[-1])
-    assert np.allclose(stopped.q[0], motion.sample(t).q, rtol=0.0, atol=1e-9)
+    now = motion.sample(t)
+    assert np.allclose(stopped.q[0], now.q, rtol=0.0, atol=1e-9)
+    assert np.allclose(stopped.qd[0], now.qd, rtol=0.0, atol=1e-9)
+    assert np.allclose(stopped.qdd[0], now.qdd, rtol=0.0, atol=1e-6)
     report = verify.limit_report(stopped, harder)
     assert report.velocity.max() <= 1.001
     assert report.acceleration.max() <= 1.01

@@ -84,12 +84,6 @@ def test_every_link_shows_its_servo_and_the_jaw_has_none():
         assert names & {"print", "accent"}
 
 
-def test_axes_marker_is_17_5_mm_long_and_red_green_blue():
-    for i, surface in enumerate(description.load_visual("axes")):
-        assert surface.mesh.vertices[:, i].max() == pytest.approx(0.0175, abs=1e-6)
-        assert int(np.argmax(surface.color)) == i
-
-
 def test_unknown_parts_are_refused_by_name():
     with pytest.raises(ValueError, match="no part 'elbow'; known: base, shoulder"):
         description.load_visual("elbow")

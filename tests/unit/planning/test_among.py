@@ -18,16 +18,10 @@ from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import Scene, StandingArm
 from so101_motion.planning.goals import JointGoal
-from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 
 CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
-
-
-@pytest.fixture(scope="module")
-def planner():
-    return Planner(Facing(0).model)
 
 
 def request(q_start, q_goal, *others, **more):

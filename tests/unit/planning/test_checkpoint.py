@@ -7,7 +7,6 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.checkpoint import Abandoned
 from so101_motion.planning.collision.scene import Box, Obstacle, PointCloud, Scene
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
@@ -42,11 +41,6 @@ class Patience:
         self.calls += 1
         if self.calls == self.last:
             raise Abandoned
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
 
 
 @pytest.mark.parametrize("kind", ["joints", "pose", "line", "path"])

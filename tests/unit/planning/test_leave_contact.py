@@ -8,7 +8,6 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Obstacle, Scene, Sphere
 from so101_motion.planning.goals import LeaveContactGoal
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 
@@ -16,11 +15,6 @@ BELOW = np.array([0.3, 1.2, 0.0, 1.2, 0.5])
 """The gripper is far below the table."""
 
 LIMITS = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
 
 
 def plan(model, q_start, scene=None):

@@ -7,8 +7,7 @@ from so101_motion.common.errors import Unreachable
 from so101_motion.common.geometry import SE3, rot_z
 from so101_motion.planning.collision.scene import FLOOR_Z
 from so101_motion.planning.goals import ApproachGoal, GoalMetric, LineGoal
-from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.planner import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
@@ -23,16 +22,6 @@ PLACES = [
     for azimuth in np.radians((-80.0, -25.0, 30.0, 85.0))
 ]
 YAWS = np.radians((0.0, 50.0, 100.0, 170.0, 230.0, 310.0))
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
-
-
-@pytest.fixture(scope="module")
-def planner(model):
-    return Planner(model)
 
 
 def over(model, radius, azimuth, yaw, height):

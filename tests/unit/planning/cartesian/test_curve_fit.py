@@ -11,16 +11,10 @@ from so101_motion.planning.cartesian.curve_fit import (
 )
 from so101_motion.planning.cartesian.tool_path import straight_path
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.path_geometry import JointPath
 
 READY = np.radians([0, -45, 45, 60, 20])
 TOLERANCE = 1e-4
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
 
 
 @pytest.fixture(scope="module")

@@ -16,18 +16,12 @@ from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene, Sphere
 from so101_motion.planning.goals import JointGoal
-from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Strength
 
 CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
 ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
-
-
-@pytest.fixture(scope="module")
-def planner():
-    return Planner(Facing(0).model)
 
 
 def stick_in_hand(random, jaw):

@@ -16,18 +16,12 @@ from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.goals import JointGoal, PoseGoal
-from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Strength
 
 CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
 PLACES = (SE3.identity(), T_LEFT_RIGHT)
-
-
-@pytest.fixture(scope="module")
-def planner():
-    return Planner(Facing(0).model)
 
 
 def team_of(starts, goals, places=PLACES):
@@ -134,21 +128,20 @@ def test_all_methods_together_keep_to_one_time_budget(planner, monkeypatch):
     assert hopeless.t + left[0] <= 1.2 * budget
 
 
-def test_a_goal_that_one_arm_cannot_have_is_refused_at_once_with_its_name(planner):
-    low = np.array([0.5, 1.2, 0.3, 0.0, 0.0])
-    aside = np.array([0.6, -0.4, 0.4, 0.3, 0.0])
-    for goals, wrong in (([low, 0.9 * aside], "arm 0"), ([0.9 * aside, low], "arm 1")):
-        team = team_of([aside, aside], [JointGoal(q=q) for q in goals])
-        with pytest.raises(InCollision, match=f"^{wrong}: at the goal .* floor") as refused:
-            plan_together(planner, team)
-        assert refused.value.where == "goal"
+ASIDE, LOW = np.array([0.6, -0.4, 0.4, 0.3, 0.0]), np.array([0.5, 1.2, 0.3, 0.0, 0.0])
 
 
-def test_a_point_out_of_reach_names_the_arm(planner):
-    aside = np.array([0.6, -0.4, 0.4, 0.3, 0.0])
-    goals = [JointGoal(q=0.9 * aside), PoseGoal.at_point([0.9, 0.0, 0.1])]
-    with pytest.raises(Unreachable, match=r"^arm 1: "):
-        plan_together(planner, team_of([aside, aside], goals))
+@pytest.mark.parametrize(
+    ("goals", "error", "says"),
+    [
+        ((JointGoal(q=LOW), JointGoal(q=0.9 * ASIDE)), InCollision, "^arm 0: at the goal .* floor"),
+        ((JointGoal(q=0.9 * ASIDE), JointGoal(q=LOW)), InCollision, "^arm 1: at the goal .* floor"),
+        ((JointGoal(q=0.9 * ASIDE), PoseGoal.at_point([0.9, 0, 0.1])), Unreachable, "^arm 1: "),
+    ],
+)
+def test_a_goal_that_one_arm_cannot_have_is_refused_with_its_name(planner, goals, error, says):
+    with pytest.raises(error, match=says):
+        plan_together(planner, team_of([ASIDE, ASIDE], goals))
 
 
 def test_an_arm_too_weak_to_make_room_for_the_other_is_named(planner):

@@ -26,12 +26,20 @@ def random_courses(facing, t_right=0.0):
     return Course.along(left, 0.3), Course.along(right, 0.0, t=t_right)
 
 
+def pair_within(facing, low, high):
+    """Configurations of both that are so far apart, and how far."""
+    while True:
+        pair = facing.near(), facing.near()
+        far = distance(facing.bodies, *(np.append(q, 0.0) for q in pair))
+        if low < far < high:
+            return *pair, far
+
+
 def test_arms_at_rest_are_apart_where_coal_says_so():
     facing = Facing(1)
     verdicts = set()
     for _ in range(40):
-        q_left, q_right = facing.near(), facing.near()
-        far = distance(facing.bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
+        q_left, q_right, far = pair_within(facing, -1.0, 1.0)
         if abs(far - 0.02) > 2e-4:
             assert facing.are_apart(q_left, q_right, room=0.02) == (far > 0.02)
             verdicts.add(far > 0.02)
@@ -67,10 +75,7 @@ def test_compiled_distances_are_those_of_coal_at_least_and_about():
 def test_an_arm_that_follows_a_target_may_part_from_one_that_is_near():
     facing, verdicts = Facing(6), []
     while len(verdicts) < 12:
-        q_left, q_right = facing.near(), facing.near()
-        far = distance(facing.bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
-        if not 0.003 < far < 0.009:
-            continue
+        q_left, q_right, far = pair_within(facing, 0.003, 0.009)
         stop = q_left + np.outer(np.linspace(0.0, 0.1, 8), facing.random.uniform(-1.0, 1.0, 5))
         following = Course(t=0.0, dt=0.02, q=np.column_stack([stop, np.zeros(8)]))
         still = Course.resting(q_right, 0.0)
@@ -93,10 +98,7 @@ def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who):
     bodies = facing.bodies
     share = np.sin(3.0 * np.pi * np.linspace(0.0, 1.0, 31)) ** 2  # three times there and back
     while True:
-        q_left, q_right = facing.near(), facing.near()
-        far = distance(bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
-        if not 0.006 < far < 0.009:
-            continue
+        q_left, q_right, far = pair_within(facing, 0.006, 0.009)
         away = facing.random.uniform(-0.05, 0.05, 5)
         q = (q_left, q_right)[who == "other"] + np.outer(share, away)
         moving = Course(t=0.0, dt=0.01, q=np.column_stack([q, np.zeros(31)]))
@@ -116,12 +118,8 @@ def test_an_arm_that_follows_a_target_and_is_pushed_towards_another_may_only_par
     facing = Facing(8)
     beside = Beside()
     beside.gained = 0.009
-    while True:
-        q_left, q_right = facing.near(), facing.near()
-        far = distance(facing.bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
-        if 0.003 < far < 0.005:
-            break
-    still = [(facing.bodies, Course.resting(q, 0.0)) for q in (q_left, q_right)]
+    *pair, far = pair_within(facing, 0.003, 0.005)
+    still = [(facing.bodies, Course.resting(q, 0.0)) for q in pair]
     assert following_apart(*still, T_LEFT_RIGHT, since=0.0, beside=beside) is None
     assert beside.gained == pytest.approx(far - apart.PARTING, abs=2e-4)
 
@@ -135,7 +133,7 @@ def stop_from(q, qd):
 
 def test_what_is_known_from_the_cycle_before_changes_no_verdict():
     facing, verdicts = Facing(12), []
-    for _ in range(12):
+    for _ in range(6):
         beside, known = Beside(), [facing.near(), facing.near()]
         qd = facing.random.uniform(-1.0, 1.0, (2, 5))
         for _ in range(60):

@@ -16,14 +16,8 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.checkpoint import Abandoned
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Mesh, Obstacle, PointCloud, Scene
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native import library
 from so101_motion.planning.native.library import native
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
 
 
 @pytest.mark.parametrize("seed", range(4))

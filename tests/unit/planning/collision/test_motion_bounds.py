@@ -6,13 +6,6 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.bodies import bodies_in
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Attached, Box, Scene
-from so101_motion.planning.kinematics.model import RobotModel
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
-
 
 STICK = Attached(
     name="stick",

@@ -19,16 +19,6 @@ from so101_motion.planning.kinematics.geometry_from_model import (
 from so101_motion.planning.kinematics.model import RobotModel
 
 
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
-
-
-@pytest.fixture(scope="module")
-def structure(model):
-    return measure_structure(model)
-
-
 @pytest.fixture
 def changed(tmp_path):
     """Makes models of the URDF with some attributes of some joints changed."""
@@ -77,9 +67,10 @@ def test_formulas_and_model_agree_everywhere(model, structure):
             np.testing.assert_allclose(p_base, model.frame(q, name).p, atol=1e-14)
 
 
-@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
-def test_postures_hold_the_configuration_that_made_the_target(model, structure, frame):
-    seen = set()
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip", "cup"])
+def test_postures_hold_the_configuration_that_made_the_target(model, frame):
+    model = model.with_frame("cup", SE3.from_rpy((0.4, 0.3, 0.2), (0.03, -0.02, 0.12)))
+    structure, seen = measure_structure(model), set()
     for q in configurations(model, 500, seed=2):
         p_base = model.frame(q, frame).p
         found = at_pitch(structure, p_base, q[1:4].sum(), q[4], frame)
@@ -117,29 +108,21 @@ def test_a_roll_outside_its_limits_is_turned_round_or_pulled_in(structure):
     assert structure.clip_roll(upper + 0.1) == upper
 
 
-def test_an_added_frame_has_the_structure_too(model):
-    held = model.with_frame("cup", SE3.from_rpy((0.4, 0.3, 0.2), (0.03, -0.02, 0.12)))
-    structure = measure_structure(held)
-    for q in configurations(held, 50, seed=4):
-        found = at_pitch(structure, held.frame(q, "cup").p, q[1:4].sum(), q[4], "cup")
-        assert np.abs(found - q).max(axis=1).min() < 1e-5
-
-
-def test_measures_follow_the_model_not_a_table(changed):
-    longer = changed({"wrist_flex": [("origin", "xyz", "-0.2 0.0052 0")]})
-    structure = measure_structure(longer)
-    assert structure.bars.forearm == pytest.approx(math.hypot(0.2, 0.0052))
+@pytest.mark.parametrize(
+    ("joints", "forearm", "pan_sign"),
+    [
+        ({"wrist_flex": [("origin", "xyz", "-0.2 0.0052 0")]}, math.hypot(0.2, 0.0052), -1.0),
+        ({"shoulder_pan": [("axis", "xyz", "0 0 -1")]}, 0.135, 1.0),
+    ],
+    ids=["longer", "mirrored"],
+)
+def test_measures_follow_the_model_not_a_table(changed, joints, forearm, pan_sign):
+    other = changed(joints)
+    structure = measure_structure(other)
+    assert structure.bars.forearm == pytest.approx(forearm, abs=1e-6)
+    assert structure.measures.pan_sign == pan_sign
     q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
-    found = at_pitch(structure, longer.frame(q).p, q[1:4].sum(), 0.6, "tool")
-    assert np.abs(found - q).max(axis=1).min() < 1e-9
-
-
-def test_a_pan_that_turns_the_other_way_is_still_our_structure(changed):
-    mirrored = changed({"shoulder_pan": [("axis", "xyz", "0 0 -1")]})
-    structure = measure_structure(mirrored)
-    assert structure.measures.pan_sign == 1.0
-    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
-    found = at_pitch(structure, mirrored.frame(q).p, q[1:4].sum(), 0.6, "tool")
+    found = at_pitch(structure, other.frame(q).p, q[1:4].sum(), 0.6, "tool")
     assert np.abs(found - q).max(axis=1).min() < 1e-9
 
 

@@ -13,18 +13,6 @@ from so101_motion.planning.kinematics.batch_ik import (
     straight_pitches,
     wrap,
 )
-from so101_motion.planning.kinematics.geometry_from_model import measure_structure
-from so101_motion.planning.kinematics.model import RobotModel
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
-
-
-@pytest.fixture(scope="module")
-def structure(model):
-    return measure_structure(model)
 
 
 def grid_at(structure, frame, p_base, pitch, roll):

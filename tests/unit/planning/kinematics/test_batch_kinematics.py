@@ -1,5 +1,3 @@
-import time
-
 import numpy as np
 import pytest
 
@@ -39,20 +37,3 @@ def test_speeds_are_those_of_the_jacobian(model, q):
     _, J = chain.positions_and_jacobians(q)
     expected = np.linalg.norm(np.einsum("nij,nj->ni", J, qd), axis=1)
     assert chain.speeds(q, qd) == pytest.approx(expected, abs=1e-14)
-
-
-def test_a_thousand_speeds_take_a_small_part_of_asking_one_by_one(model):
-    chain, random = ArmChain(model), np.random.default_rng(2)
-    q, qd = random.uniform(model.lower, model.upper, (2, 1000, 5))
-
-    def spent(call):
-        begin = time.thread_time()
-        call()
-        return time.thread_time() - begin
-
-    def one_by_one():
-        for configuration, rate in zip(q, qd, strict=True):
-            np.linalg.norm(model.frame_jacobian(configuration)[:3] @ rate)
-
-    together = min(spent(lambda: chain.speeds(q, qd)) for _ in range(5))
-    assert together < 0.5 * min(spent(one_by_one) for _ in range(5))

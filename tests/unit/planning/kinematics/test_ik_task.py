@@ -2,13 +2,7 @@ import numpy as np
 import pytest
 
 from so101_motion.planning.goals import GoalMetric, PoseGoal
-from so101_motion.planning.kinematics.ik_task import check_goal, half_square, minimise, polish
-from so101_motion.planning.kinematics.model import RobotModel
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
+from so101_motion.planning.kinematics.ik_task import check_goal, half_square, minimise
 
 
 def configurations(model, n, seed=0):
@@ -53,14 +47,3 @@ def test_a_descent_never_goes_uphill_nor_outside(model, metric):
         assert model.outside(end, tolerance=0.0) is None
         begin = np.clip(2.0 * q, model.lower, model.upper)
         assert half_square(model, task, end)[0] <= half_square(model, task, begin)[0]
-
-
-def test_polishing_removes_what_a_rough_posture_leaves(model):
-    rng = np.random.default_rng(2)
-    for q in configurations(model, 50, seed=3):
-        q = np.clip(q, model.lower + 0.01, model.upper - 0.01)
-        p_base = model.frame(q, "jaw_tip").p
-        rough = q + rng.uniform(-2e-5, 2e-5, 5)
-        polished = polish(model, rough, "jaw_tip", p_base)
-        assert np.linalg.norm(model.frame(polished, "jaw_tip").p - p_base) < 1e-9
-        assert np.abs(polished - q).max() < 1e-2

@@ -12,11 +12,6 @@ from so101_motion.common.geometry import SE3, rotation_angle
 from so101_motion.planning.kinematics.model import LINKS, RobotModel
 
 
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
-
-
 def test_limits_come_from_the_urdf_and_stop_the_elbow_where_the_arm_does(model):
     assert math.degrees(model.upper[2]) == pytest.approx(90.8, abs=0.01)
     np.testing.assert_array_equal(model.limits, np.column_stack([model.lower, model.upper]))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from harness.coal_check import CoalJudge
 from harness.facing_arms import T_LEFT_RIGHT, Facing
+from harness.random_scenes import LEFT, POST, RIGHT
 
 from so101_motion.common.errors import NoPath
 from so101_motion.common.geometry import SE3
@@ -13,7 +14,6 @@ from so101_motion.planning.collision.apart import ROOM, placement
 from so101_motion.planning.collision.batch_check import Couple, LineCheck
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
 from so101_motion.planning.paths.compiled_search import (
     CompiledSearch,
@@ -23,22 +23,6 @@ from so101_motion.planning.paths.compiled_search import (
     compiled_shortened,
 )
 from so101_motion.planning.paths.path import SPACING, PathFinder
-
-POST = Scene(
-    obstacles=(
-        Obstacle(
-            name="post",
-            shape=Box(size=np.array([0.06, 0.06, 0.4])),
-            T_base_obstacle=SE3.from_translation((0.28, 0.0, 0.2)),
-        ),
-    )
-)
-LEFT, RIGHT = np.array([0.8, 0.0, 0.2, 0.9, 0.0]), np.array([-0.8, 0.0, 0.2, 0.9, 0.0])
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
 
 
 def length(points):

@@ -5,16 +5,10 @@ from benchmarks.no_path_problems import cut_off, shut_in, slot, tube
 from so101_motion.common.errors import NoPath
 from so101_motion.planning.checkpoint import Abandoned, never_abandoned
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.paths.path import PathFinder
 
 AGES = 1e6
 """A time budget that is never used up [s]."""
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
 
 
 def refused(model, problem, checkpoint=never_abandoned):

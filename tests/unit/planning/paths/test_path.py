@@ -3,23 +3,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.paths.compiled_search import Deadline, Space, Tree
 from so101_motion.planning.paths.path import PathFinder
 
 # Free at both ends, but the straight joint line dips into the table.
 OVER_THE_TABLE = np.radians([[-90, -10, 60, -20, -40], [10, -10, 40, 60, 10]])
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
-
-
-@pytest.fixture(scope="module")
-def collision(model):
-    return CollisionModel(model)
 
 
 def test_a_free_straight_line_is_taken(model, collision):

@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from harness.coal_check import CoalJudge
+from harness.random_scenes import LEFT, POST, RIGHT
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3
 from so101_motion.planning.checkpoint import Abandoned
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import MARGIN_TOLERANCE, Box, Obstacle, Scene
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
@@ -23,26 +23,11 @@ from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Strength
 
-POST = Scene(
-    obstacles=(
-        Obstacle(
-            name="post",
-            shape=Box(size=np.array([0.06, 0.06, 0.4])),
-            T_base_obstacle=SE3.from_translation((0.28, 0.0, 0.2)),
-        ),
-    )
-)
-LEFT, RIGHT = np.array([0.8, 0.0, 0.2, 0.9, 0.0]), np.array([-0.8, 0.0, 0.2, 0.9, 0.0])
 LIMITS = MotionLimits(
     velocity=np.array([3.0, 2.0, 3.0, 2.5, 3.0]),
     acceleration=np.array([10.0, 6.0, 10.0, 10.0, 12.0]),
     jerk=np.full(5, 300.0),
 )
-
-
-@pytest.fixture(scope="module")
-def planner():
-    return Planner(RobotModel.load())
 
 
 def request(effort, **changes):

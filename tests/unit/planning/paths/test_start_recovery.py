@@ -1,23 +1,9 @@
 import numpy as np
-import pytest
 
-from so101_motion.common.errors import InCollision
-from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.paths.start_recovery import find_departure, is_harmless, needs_departure
 
 # How a powered-off arm lies: beyond two limits, gripper on the shoulder.
 RESTING = np.radians([0, -105, 91, 77, 0])
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
-
-
-@pytest.fixture(scope="module")
-def collision(model):
-    return CollisionModel(model)
 
 
 def departure(model, collision, q_start, towards=()):
@@ -60,14 +46,6 @@ def test_the_way_out_leans_towards_the_goal_if_it_can(model, collision):
     q_exit = departure(model, collision, q_start, [goal])
     assert collision.is_free(q_exit)
     assert is_harmless(collision, np.array([q_start, q_exit]), 0.0)
-
-
-def test_a_start_too_deep_in_contact_is_refused_with_the_pair_and_the_depth(model, collision):
-    q_start = np.radians([0, 60, 20, 40, 0])
-    with pytest.raises(InCollision, match=r"the jaw is 13\d\.\d mm into the floor") as caught:
-        departure(model, collision, q_start)
-    assert (caught.value.first, caught.value.second) == ("jaw", "floor")
-    assert caught.value.where == "start"
 
 
 def test_a_motion_into_contact_is_not_harmless(collision):

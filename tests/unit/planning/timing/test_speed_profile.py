@@ -75,28 +75,19 @@ def largest_square(rows: np.ndarray, step: float, cap: float, following: float) 
     return solve(a, b, c, rows.shape[1], *map(ctypes.c_double, (step, cap, following)))
 
 
-def one(rows: list[tuple[float, float, float]], *, step: float, cap: float, following: float):
-    return largest_square(np.array(rows).T.copy(), step, cap, following)
-
-
-def test_nothing_but_the_next_interval_brakes_as_hard_as_it_may() -> None:
-    assert one([(0.5, 0.0, 0.0)], step=0.1, cap=9.0, following=1.0) == pytest.approx(1.4)
-
-
-def test_the_speed_limit_holds_where_braking_allows_more() -> None:
-    assert one([(0.5, 0.0, 0.0)], step=0.1, cap=1.2, following=1.0) == 1.2
-
-
-def test_a_row_without_acceleration_bounds_the_speed() -> None:
-    assert one([(0.0, 0.25, 0.0)], step=1.0, cap=9.0, following=9.0) == pytest.approx(4.0)
-
-
-def test_a_constant_load_leaves_less_for_braking() -> None:
-    assert one([(1.0, 0.0, -0.5)], step=0.5, cap=9.0, following=1.0) == pytest.approx(1.5)
-
-
-def test_rows_that_contradict_each_other_leave_nothing() -> None:
-    assert one([(1.0, 0.0, 1.5), (1.0, 0.0, -1.5)], step=0.5, cap=9.0, following=1.0) == 0.0
+@pytest.mark.parametrize(
+    ("rows", "step", "cap", "following", "expected"),
+    [
+        ([(0.5, 0.0, 0.0)], 0.1, 9.0, 1.0, 1.4),  # braking as hard as it may
+        ([(0.5, 0.0, 0.0)], 0.1, 1.2, 1.0, 1.2),  # the speed limit, where braking allows more
+        ([(0.0, 0.25, 0.0)], 1.0, 9.0, 9.0, 4.0),  # a row without acceleration bounds the speed
+        ([(1.0, 0.0, -0.5)], 0.5, 9.0, 1.0, 1.5),  # a constant load leaves less for braking
+        ([(1.0, 0.0, 1.5), (1.0, 0.0, -1.5)], 0.5, 9.0, 1.0, 0.0),  # contradictory
+    ],
+)
+def test_the_largest_square_is_what_the_tightest_row_leaves(rows, step, cap, following, expected):
+    found = largest_square(np.array(rows).T.copy(), step, cap, following)
+    assert found == pytest.approx(expected)
 
 
 def test_the_result_is_the_largest_that_rows_allow() -> None:

@@ -86,10 +86,8 @@ def test_what_is_no_state_of_these_joints_is_refused(qd):
 
 def test_one_joint_is_enough():
     limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=20.0, n=1)
-    now = Setpoint(q=np.zeros(1), qd=np.ones(1), qdd=np.zeros(1))
-    found = StopPaths(limits, DT, 0.05).to_rest(now)
-    assert found.path[-1, 0] == pytest.approx(online.stop(*_parts(now), limits, DT).q[-1, 0])
-
-
-def _parts(now):
-    return now.q, now.qd, now.qdd
+    found = StopPaths(limits, DT, 0.05).to_rest(
+        Setpoint(q=np.zeros(1), qd=np.ones(1), qdd=np.zeros(1))
+    )
+    expected = online.stop(np.zeros(1), np.ones(1), np.zeros(1), limits, DT)
+    assert found.path[-1, 0] == pytest.approx(expected.q[-1, 0])

@@ -48,14 +48,6 @@ def test_between_samples_a_quintic_motion_is_reproduced(trajectory: Trajectory) 
         assert np.allclose(found, true, rtol=0.0, atol=tolerance)
 
 
-def test_one_time_and_many_times_agree(trajectory: Trajectory) -> None:
-    q, qd, qdd = trajectory.at([0.1234])
-    setpoint = trajectory.sample(0.1234)
-    assert np.array_equal(setpoint.q, q[0])
-    assert np.array_equal(setpoint.qd, qd[0])
-    assert np.array_equal(setpoint.qdd, qdd[0])
-
-
 def test_a_single_sample_stands_still() -> None:
     zero = np.zeros((1, 3))
     trajectory = Trajectory(dt=DT, q=zero + 0.5, qd=zero, qdd=zero, duration=0.0)
