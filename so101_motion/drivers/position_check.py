@@ -22,7 +22,6 @@ All positions are in ticks on the circle of 4096, so the seam needs no special c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
@@ -61,53 +60,28 @@ _SPACING = 0.004  # velocities come from readings at least so far apart [s]; cho
 _HALF = TICKS_PER_TURN // 2
 
 
-class PositionCheck:
-    """Checks the positions of ``n`` servos, in ticks; in plain numbers, for it runs every cycle."""
+class KnownPosition:
+    """Position and velocity of one joint, in plain numbers: six are judged in every cycle.
 
-    def __init__(self, n: int = 6) -> None:
-        self._known: list[_KnownPosition | None] = [None] * n
+    ``is_sure`` is whether a second reading confirms the newest that was believed, at ``t`` [s].
+    """
 
-    def begin(self, i: int, ticks: int, now: float) -> None:
-        """Start from ``ticks``, the position of joint ``i`` that agreeing readings show ``now``."""
-        self._known[i] = _KnownPosition(ticks % TICKS_PER_TURN, now, is_sure=True)
+    __slots__ = ("_count", "_last", "_last_t", "_last_v", "_sure", "_sure_t", "_v", "is_sure", "t")
 
-    def is_sure(self, i: int) -> bool:
-        known = self._known[i]
-        return known is not None and known.is_sure
+    def __init__(self, ticks: int, t: float, *, is_sure: bool) -> None:
+        self.is_sure, self.t = is_sure, t
+        self._sure, self._v = ticks, 0.0
+        self._sure_t = t if is_sure else -math.inf
+        self._last, self._last_t, self._last_v, self._count = ticks, t, 0.0, 0
 
-    def unconfirmed(self, joints: Iterable[int], since: float = -math.inf) -> list[int]:
-        """The joints whose newest position, since ``since`` [s], no second reading confirms."""
-        known = self._known
-        return [i for i in joints if not ((k := known[i]) and k.is_sure and k.t >= since)]
-
-    def judge(self, i: int, ticks: int, asked: float, answered: float) -> bool:
-        """Whether joint ``i`` can be at ``ticks``; if so, that becomes its known position.
+    def judge(self, ticks: int, asked: float, answered: float) -> bool:
+        """Whether the joint can be at ``ticks``; if so, that becomes its known position.
 
         It was asked at ``asked`` and the answer there at ``answered`` [s]; the servo looked
         sometime in between.
         """
         if not 0 <= ticks < TICKS_PER_TURN:
             return False
-        known = self._known[i]
-        if known is None:
-            self._known[i] = _KnownPosition(ticks, asked, is_sure=False)
-            return True
-        return known.judge(ticks, asked, answered)
-
-
-class _KnownPosition:
-    """Known positions and velocity of one joint."""
-
-    __slots__ = ("_count", "_last", "_last_t", "_last_v", "_sure", "_sure_t", "_v", "is_sure", "t")
-
-    def __init__(self, ticks: int, t: float, *, is_sure: bool) -> None:
-        self.is_sure, self.t = is_sure, t  # the newest that was believed
-        self._sure, self._v = ticks, 0.0
-        self._sure_t = t if is_sure else -math.inf
-        self._last, self._last_t, self._last_v, self._count = ticks, t, 0.0, 0
-
-    def judge(self, ticks: int, asked: float, answered: float) -> bool:
-        # Plain comparisons: six of these run in every cycle.
         moved = (ticks - self._sure + _HALF) % TICKS_PER_TURN - _HALF
         dt = answered - self._sure_t
         on = self._v * dt if dt <= _RECENT else 0.0
@@ -139,7 +113,8 @@ class _KnownPosition:
 
     def _count_in(self, ticks: int, asked: float) -> None:
         """Count readings in a row that agree with each other but not with the past."""
-        moved, dt = _difference(self._last, ticks), asked - self._last_t
+        moved = (ticks - self._last + _HALF) % TICKS_PER_TURN - _HALF
+        dt = asked - self._last_t
         on = self._last_v * dt
         if self._count == 1 and abs(moved) <= CLOSE + _HANDS * dt and dt <= _RECENT:
             self._count = 2
@@ -150,7 +125,3 @@ class _KnownPosition:
         if self._count == 1 or dt >= _SPACING:
             self._last_v = moved / dt if self._count > 1 else 0.0
             self._last, self._last_t = ticks, asked
-
-
-def _difference(start: int, end: int) -> int:
-    return (end - start + _HALF) % TICKS_PER_TURN - _HALF

@@ -28,7 +28,7 @@ from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.protocol import Answer
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
-from so101_motion.drivers.position_check import PositionCheck
+from so101_motion.drivers.position_check import KnownPosition
 
 WINDOW = 0.1
 """How far back the line reaches [s]; chosen, see above."""
@@ -87,18 +87,19 @@ class JointEstimate:
         self._maps = maps
         self._servos = {joint.servo_id: i for i, joint in maps.items()}
         self._seen: list[tuple[float, float | None]] = [(0.0, None)] * n  # and where it was wanted
-        self._slope, self._belief = VelocityEstimate(n), PositionCheck(n)
+        self._slope = VelocityEstimate(n)
+        self._known: dict[int, KnownPosition] = {}
 
     def ticks(self, i: int) -> Ticks:
         return self._maps[i].to_ticks(self.q[i])
 
     def surely(self, i: int) -> float:
         """The angle of joint ``i`` [rad], if two answers agree on it; else NaN."""
-        return self.q[i] if self._belief.is_sure(i) else math.nan
+        return self.q[i] if i in self._known and self._known[i].is_sure else math.nan
 
     def found(self, i: int, ticks: Ticks, now: float) -> None:
         """Start from the confirmed position of joint ``i``'s servo ``now`` [s]."""
-        self._belief.begin(i, ticks, now)
+        self._known[i] = KnownPosition(ticks % TICKS_PER_TURN, now, is_sure=True)
         self.q[i] = self._maps[i].to_rad(ticks)
         self._seen[i] = (self.q[i], None)
 
@@ -108,7 +109,8 @@ class JointEstimate:
 
     def unconfirmed(self, since: float = -math.inf) -> list[int]:
         """The joints whose position no two answers have confirmed since then [s]."""
-        return self._belief.unconfirmed(self._maps, since)
+        known = self._known
+        return [i for i in self._maps if not ((k := known.get(i)) and k.is_sure and k.t >= since)]
 
     def ask(
         self, bus: Bus, count: int, given_up: Collection[int], clock: Clock
@@ -134,8 +136,11 @@ class JointEstimate:
     ) -> tuple[int, ...]:
         doubted = []
         for servo_id, answer in answers.items():
-            ticks = _position(answer)
-            if not self._belief.judge(self._servos[servo_id], ticks, asked, answered):
+            i, ticks = self._servos[servo_id], _position(answer)
+            known = self._known.get(i)
+            if known is None and 0 <= ticks < TICKS_PER_TURN:
+                self._known[i] = KnownPosition(ticks, asked, is_sure=False)
+            elif known is None or not known.judge(ticks, asked, answered):
                 doubted.append(servo_id)
         return tuple(doubted)
 

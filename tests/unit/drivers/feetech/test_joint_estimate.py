@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -104,3 +106,8 @@ def test_a_steady_movement_has_its_velocity_however_often_it_is_measured(period)
     for k in range(round(10 + 0.5 / period)):
         slope.add(period * k, np.array([0.5, -2.0]) * period * k)
     np.testing.assert_allclose(slope.value(), [0.5, -2.0])
+
+
+def test_a_first_position_that_no_encoder_has_is_not_believed(at, clock):
+    bus = SimpleNamespace(sync_read=lambda *_, **__: {7: Answer(b"\xff\x7f", 0)})
+    assert at.ask(bus, 2, (), clock) == ({}, {7})
