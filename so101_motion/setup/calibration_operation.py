@@ -249,8 +249,11 @@ class CalibrationOperation(LocalOperation):
         joints, finish = now.joints, "Finish the recording"
         left = [joint for joint in summary.left(joints) if joint not in self._accept]
         why = "move every joint to both its stops first" if left else None
-        is_through = all(
-            _is_through(view) or view.joint in self._accept for view in joints.values()
+        is_through = all(  # more movement would record nothing new
+            view.verdict is Verdict.COMPLETE
+            or (view.joint == ROLL and view.is_done)
+            or view.joint in self._accept
+            for view in joints.values()
         )
         needed = NOTHING_NEW if is_through else None if self._is_attended else GOOD_ENOUGH
         due = None
@@ -407,10 +410,6 @@ def ranges(joints: Mapping[str, JointView]) -> dict[str, Any]:
         for joint, view in joints.items()
         if view.recorded_min is not None
     }
-
-
-def _is_through(view: JointView) -> bool:
-    return view.verdict is Verdict.COMPLETE or (view.joint == ROLL and view.is_done)
 
 
 def _recording(joints: Mapping[str, JointView]) -> str:

@@ -563,7 +563,9 @@ class MoveTest(LocalOperation):
         if self._gripper.is_holding:
             obstacles.append((GRIPPER_JOINT, "it holds something; take it out of the jaws"))
         else:
-            swings.append(_jaw_swing(self._gripper.aperture))
+            here = min(max(self._gripper.aperture, 0.0), 1.0)
+            there = here + JAW_SWING if here + JAW_SWING <= 1.0 else here - JAW_SWING
+            swings.append(Swing(joint=GRIPPER_JOINT, stops=(here, there, here), duration=2.0))
         return Outline(swings=tuple(swings), obstacles=tuple(obstacles))
 
     def cancel(self) -> None:
@@ -750,12 +752,6 @@ def _rows(joints: tuple[JointAccuracy, ...]) -> tuple[Row, ...]:
         text = f"{names}{joint.sentence}" if alike[-1] == joint.joint else ""
         rows.append(Row(label=joint.joint, cells=cells, text=text, mark=mark, tone=tone))
     return tuple(rows)
-
-
-def _jaw_swing(aperture: float) -> Swing:
-    here = min(max(aperture, 0.0), 1.0)
-    there = here + JAW_SWING if here + JAW_SWING <= 1.0 else here - JAW_SWING
-    return Swing(joint=GRIPPER_JOINT, stops=(here, there, here), duration=2.0)
 
 
 def _stops(here: float, middle: float) -> tuple[float, ...]:

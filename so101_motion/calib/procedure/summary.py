@@ -63,7 +63,7 @@ def estimate_pose(
             continue
         if state in _HOMED:
             angles[joint], is_guess = _since_homing(view, view.ticks)
-        elif joint in former and _is_calibrated(view):
+        elif joint in former and (view.homing_offset, view.range_min, view.range_max) != _FACTORY:
             angles[joint], is_guess = former[joint], False
         else:
             angles[joint], is_guess = _from_pose(joint, view.ticks), True
@@ -83,10 +83,6 @@ def _since_homing(view: JointView, ticks: int) -> tuple[float, bool]:
 
 def _from_pose(joint: str, ticks: int) -> float:
     return HOMING_POSE[joint] + (ticks - MIDDLE) * RAD_PER_TICK
-
-
-def _is_calibrated(view: JointView) -> bool:
-    return (view.homing_offset, view.range_min, view.range_max) != _FACTORY
 
 
 NEAR_DEG = 25.0
