@@ -156,11 +156,6 @@ def test_an_arm_with_a_servo_missing_is_not_suggested_as_an_arm(table):
     assert "1, 2, 3, 5, 6. Check the cables" in report.sentence
 
 
-def test_an_arm_without_gripper_gets_none(table):
-    table.arm(ids={place: place for place in range(1, 6)})
-    assert names(table.only()) == ["so101-arm-58CD", "so101-calibration-58CD"]
-
-
 def test_another_kind_of_servo_is_named(table):
     emulator = table.arm()
     for servo in emulator.world.servos:

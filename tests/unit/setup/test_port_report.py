@@ -4,7 +4,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.setup import port_selection
-from so101_motion.setup.discovery import PortReport, file_name, name_in_data
+from so101_motion.setup.discovery import PortReport
 from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
 
 PORT = FoundPort(name="/dev/serial/by-id/usb-58CD", device="/dev/ttyACM0", key="58CD")
@@ -64,30 +64,15 @@ def test_without_a_file_the_arm_asks_its_servos_and_the_sensor_gets_a_file_of_it
 def test_all_three_name_the_same_file_as_it_is_called_in_the_data_directory(data):
     found = by_model(report(calibration=data / "mine.json"))
     assert {one.attributes["calibration_file"] for one in found.values()} == {"mine.json"}
-    found = by_model(report(calibration=data.parent / "elsewhere.json"))
-    files = {one.attributes["calibration_file"] for one in found.values()}
-    assert files == {str(data.parent / "elsewhere.json")}
-
-
-def test_the_gripper_hangs_from_the_arm_and_the_sensor_is_nowhere():
-    found = by_model(report(stands_at=0.5))
-    assert found["gripper"].frame == {"parent": "so101-arm-58CD"}
-    assert found["calibration"].frame is None
-    assert found["arm"].frame == {
-        "parent": "world",
-        "translation": {"x": 0.0, "y": 500.0, "z": 0.0},
-    }
+    for elsewhere in (data.parent / "elsewhere.json", data / "deeper" / "x.json"):
+        found = by_model(report(calibration=elsewhere))
+        assert {one.attributes["calibration_file"] for one in found.values()} == {str(elsewhere)}
 
 
 def test_what_is_configured_already_is_not_suggested_again():
     found = by_model(report(configured=frozenset({"arm", "calibration"}), arm_name="blue"))
     assert set(found) == {"gripper"}
     assert found["gripper"].frame == {"parent": "blue"}
-
-
-def test_another_rate_is_configured():
-    found = by_model(report(baudrate=500_000))
-    assert all(one.attributes["baudrate"] == 500_000 for one in found.values())
 
 
 def test_a_leaders_gripper_is_said_to_be_one():
@@ -106,9 +91,3 @@ def test_what_is_suggested_is_accepted(data):
     found = by_model(report(role="leader", baudrate=500_000, calibration=data / "a.json"))
     HardwareArmConfig.from_attributes(found["arm"].attributes)
     HardwareGripperConfig.from_attributes(found["gripper"].attributes)
-
-
-def test_a_file_is_in_the_data_directory_or_not(data):
-    assert file_name(PORT) == "58CD_calibration.json"
-    assert name_in_data(data / "x.json") == "x.json"
-    assert name_in_data(data / "deeper" / "x.json") is None
