@@ -202,11 +202,8 @@ class Calibrator(Session):
                 return
             self._rig.arm.stop()
             self._rig.gripper.stop()
-            loan = self._rig.lend_bus("letting go")
-            try:
+            with self._borrow("letting go") as loan:
                 loan.call(eeprom.let_go)
-            finally:
-                loan.abandon()
 
     def restore(self, number: int | None = None) -> StepResult:
         """Restore an earlier version in file and servos, the last that differs by default."""
@@ -232,11 +229,8 @@ class Calibrator(Session):
         with self._lock:
             self._end()
             try:
-                loan = self._rig.lend_bus("its end")
-                try:
+                with self._borrow("its end") as loan:
                     return loan.call(eeprom.is_driving)
-                finally:
-                    loan.abandon()
             except So101Error:
                 return None
             finally:
@@ -286,9 +280,9 @@ class Calibrator(Session):
         )
 
     @contextmanager
-    def _borrow(self) -> Iterator[BusAccess]:
+    def _borrow(self, purpose: str = "motor setup") -> Iterator[BusAccess]:
         with self._lock:
-            loan = self._rig.lend_bus("motor setup")
+            loan = self._rig.lend_bus(purpose)
             try:
                 yield loan
             finally:

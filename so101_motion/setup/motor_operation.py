@@ -25,6 +25,7 @@ from so101_motion.calib.motors import chain_check, single_servo
 from so101_motion.calib.motors.arm_identification import read_facts
 from so101_motion.calib.motors.setup_view import (
     AS_NEW,
+    SETTLED,
     SETUP_ORDER,
     MotorCheck,
     MotorView,
@@ -71,7 +72,6 @@ _SILENT = (
     " the adapter? Try its other socket and another cable. A motor that still does not answer is"
     " dead: replace it or skip it."
 )
-_SETTLED = ("configured", "verified", "skipped")
 _MARKS: dict[str, tuple[str, Tone]] = {
     "todo": ("○", "dim"),
     "found": ("●", "good"),
@@ -162,7 +162,7 @@ class MotorOperation(LocalOperation):
         if self._picked is not None:
             return setup.motors[self._picked]
         wanted = (motor for joint, motor in setup.motors.items() if joint in self.joints)
-        return next((motor for motor in wanted if motor.state not in _SETTLED), None)
+        return next((motor for motor in wanted if motor.state not in SETTLED), None)
 
     @staticmethod
     def _done(setup: SetupView) -> str:
@@ -277,7 +277,8 @@ class MotorOperation(LocalOperation):
             wanted = single_servo.settings(motor_name, facts, moved=old_id != new_id)
             # Settings first: with the new id it would look finished if this ended half-way.
             changed = tuner.call(lambda bus: single_servo.program(bus, old_id, wanted))
-            tuner.call(lambda bus: single_servo.change_id(bus, old_id, new_id))
+            if old_id != new_id:
+                tuner.call(lambda bus: bus.change_id(old_id, new_id))
             single_servo.change_rate(tuner, new_id, tuner.home)
             status = (
                 f"{motor_name}: servo {old_id} at {old_baud} baud is now servo {new_id} at"
@@ -484,7 +485,7 @@ class MotorOperation(LocalOperation):
 
 def _once_more(setup: SetupView) -> tuple[Offer, ...]:
     """What may be set up once more: the last motor; with all done, each; or all from the start."""
-    settled = [motor.joint for motor in setup.motors.values() if motor.state in _SETTLED]
+    settled = [motor.joint for motor in setup.motors.values() if motor.state in SETTLED]
     if not settled:
         return ()
     again = (
@@ -576,7 +577,7 @@ def about_servo(motor: MotorView) -> dict[str, Any]:
     }
 
 
-_CHAIN = (
+PUT_TOGETHER = (
     "Put all six motors on the cable, one after the other: the adapter, shoulder_pan,"
     " shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper."
 )
@@ -610,7 +611,7 @@ class ChainOperation(LocalOperation):
         return View(
             state="chain",
             title="All six together",
-            text=_CHAIN if found is None else "" if wrong else found.sentence,
+            text=PUT_TOGETHER if found is None else "" if wrong else found.sentence,
             rows=() if found is None else tuple(map(_checked_row, found.motors.values())),
             trouble=_about(wrong),
             fix=wrong[0].fix if wrong else "",

@@ -20,6 +20,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.setup.calibrator import Calibrator
 from so101_motion.setup.checkup import Check, Findings, check_up, fail, ok, warn
+from so101_motion.setup.motor_operation import PUT_TOGETHER
 
 
 def _untouched() -> CalibrationView:
@@ -246,8 +247,7 @@ MOTORS = SetupStep(
 CHAIN = SetupStep(
     name="chain",
     title="All six together",
-    instruction="Put all six motors on the cable, one after the other: the adapter, shoulder_pan,"
-    " shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper. Then verify them.",
+    instruction=f"{PUT_TOGETHER} Then verify them.",
     minutes=2,
     check=_complete,
 )

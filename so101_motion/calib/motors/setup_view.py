@@ -32,7 +32,7 @@ State = Literal["todo", "found", "configured", "verified", "failed", "skipped"]
 
 READY = "Motor setup ready"
 
-_SETTLED = ("configured", "verified", "skipped")
+SETTLED = ("configured", "verified", "skipped")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +84,7 @@ class SetupView:
     @property
     def step(self) -> int:
         """How many motors are set up or skipped, 0 to 6."""
-        return sum(motor.state in _SETTLED for motor in self.motors.values())
+        return sum(motor.state in SETTLED for motor in self.motors.values())
 
     @property
     def in_progress(self) -> bool:
@@ -93,7 +93,7 @@ class SetupView:
 
     @property
     def next_joint(self) -> str | None:
-        unsettled = (joint for joint, m in self.motors.items() if m.state not in _SETTLED)
+        unsettled = (joint for joint, m in self.motors.items() if m.state not in SETTLED)
         return next(unsettled, None)
 
     @property
@@ -181,16 +181,13 @@ class SetupProgress:
         self._path = path
         self.port, self.workflow, self.step, self.arm = port or "", "", "", ""
         self.done: list[str] = []
-        try:
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
             content = json.loads(path.read_text(encoding="utf-8"))
             done = [joint for joint in SETUP_ORDER if joint in content["done"]]
             if port is None or content["port"] == port:
                 self.port, self.done = str(content["port"]), done
-                self.workflow = str(content.get("workflow", ""))
-                self.step = str(content.get("step", ""))
-                self.arm = str(content.get("arm", ""))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            pass
+                texts = (str(content.get(name, "")) for name in ("workflow", "step", "arm"))
+                self.workflow, self.step, self.arm = texts
 
     def add(self, joint: str) -> None:
         if joint not in self.done:
@@ -222,13 +219,7 @@ class SetupProgress:
             self._path.unlink(missing_ok=True)
 
     def _keep(self) -> None:
-        content = {
-            "port": self.port,
-            "workflow": self.workflow,
-            "step": self.step,
-            "arm": self.arm,
-            "done": self.done,
-        }
+        content = {name: value for name, value in vars(self).items() if name != "_path"}
         with contextlib.suppress(OSError):  # then the next start begins with the first step
             self._path.parent.mkdir(parents=True, exist_ok=True)
             atomic.write(self._path, json.dumps(content).encode() + b"\n")

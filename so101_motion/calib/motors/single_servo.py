@@ -86,10 +86,9 @@ class Tuner:
 
 def listen(tuner: Tuner) -> RateAnswers:
     """Find the servos at the present rate; asks each that answers a second time."""
-    roll = tuner.call(Bus.ping_all)
-    if not roll.ids and not roll.garbled:
-        return RateAnswers(baud=tuner.baud, ids=(), garbled=False)
-    again = tuner.call(Bus.ping_all)
+    roll = again = tuner.call(Bus.ping_all)
+    if roll.ids or roll.garbled:
+        again = tuner.call(Bus.ping_all)
     return RateAnswers(
         baud=tuner.baud,
         ids=tuple(sorted({*roll.ids, *again.ids})),
@@ -105,10 +104,7 @@ def find_first_rate(
     # The likeliest in between: a servo that was plugged in just now takes a moment to start, and a
     # single answer may have been lost.
     order = [rate for baud in rates for rate in (baud, tuner.home)]
-    for heard in sweep(tuner, order, on_rate):
-        if not heard.is_silence:
-            return heard
-    return None
+    return next((heard for heard in sweep(tuner, order, on_rate) if not heard.is_silence), None)
 
 
 def find_all_rates(
@@ -174,12 +170,6 @@ def program(
     return changed
 
 
-def change_id(bus: Bus, servo_id: int, new_id: int) -> None:
-    """Change the id of the only servo on the bus for good; its torque must be off."""
-    if servo_id != new_id:
-        bus.change_id(servo_id, new_id)
-
-
 def change_rate(tuner: Tuner, servo_id: int, baud: int) -> None:
     """Change a servo's baud rate for good, and tune the bus to it.
 
@@ -236,7 +226,7 @@ def require_alone(tuner: Tuner, joint: str) -> None:
     """
     there = tuner.baud
     for others in sweep(tuner, (baud for baud in LIKELIEST_FIRST if baud != there)):
-        if others.ids or others.garbled:
+        if not others.is_silence:
             raise MotorSetupError(
                 joint,
                 "several servos",
@@ -299,24 +289,21 @@ def _read_only_one(tuner: Tuner, joint: str, heard: RateAnswers | None) -> Servo
 
 
 def _several(joint: str, ids: tuple[int, ...]) -> MotorSetupError:
-    if set(SERVO_IDS.values()) <= set(ids):
-        return MotorSetupError(
-            joint,
-            "several servos",
-            "a whole arm is connected, all six ids answer",
-            f"verify it; or, to set this servo up again, {_alone(joint)}",
-        )
-    if SERVO_IDS[joint] in ids:
-        return MotorSetupError(
-            joint,
-            "id taken",
-            f"a servo that already has the id of {joint}, {SERVO_IDS[joint]}, is connected beside"
-            f" others ({_list(ids)} answer)",
-            _alone(joint),
-        )
-    return MotorSetupError(
-        joint, "several servos", f"several servos are connected: {_list(ids)} answer", _alone(joint)
+    kind, fix, reason = (
+        "several servos",
+        _alone(joint),
+        f"several servos are connected: {_list(ids)} answer",
     )
+    if set(SERVO_IDS.values()) <= set(ids):
+        reason = "a whole arm is connected, all six ids answer"
+        fix = f"verify it; or, to set this servo up again, {fix}"
+    elif SERVO_IDS[joint] in ids:
+        kind = "id taken"
+        reason = (
+            f"a servo that already has the id of {joint}, {SERVO_IDS[joint]}, is connected beside"
+            f" others ({_list(ids)} answer)"
+        )
+    return MotorSetupError(joint, kind, reason, fix)
 
 
 def _same_id(joint: str, ids: tuple[int, ...]) -> MotorSetupError:

@@ -71,6 +71,7 @@ def test_a_wrist_that_turns_all_the_way_round_may_say_so():
         ({"range_min": -1}, "range"),
         ({"range_max": 4096}, "range"),
         ({"range_max": 800}, "3.7 deg"),
+        ({"range_min": 3145, "range_max": 948}, "range_min 3145 is above range_max 948"),
         ({"range_min": 10, "range_max": 4090}, "more than the joint can turn"),
         ({"norm_mode": 4}, "norm_mode"),
         ({"range_min": 700.5}, "whole number"),
@@ -162,38 +163,22 @@ def test_defaults_are_the_published_ones():
     assert (jaw.id, jaw.range_min, jaw.range_max, jaw.norm_mode) == (6, 2048, 3248, 1)
 
 
-def test_registers_are_believed_when_they_make_sense():
-    found, odd = record.from_registers(
-        "elbow_flex", 3, homing_offset=-5, range_min=900, range_max=3100
-    )
+@pytest.mark.parametrize(
+    ("joint", "held", "believed", "says"),
+    [
+        ("elbow_flex", (-5, 900, 3100), (-5, 900, 3100), None),
+        ("gripper", (7, 0, 4095), (7, 2048, 3248), "calibrate"),  # not driven past its stops
+        ("gripper", (0, 2030, 3481), (0, 2030, 3481), None),
+        ("shoulder_pan", (0, 0, 4095), (0, 0, 4095), "looks new"),
+        ("shoulder_pan", (0, 9, 9), (0, 500, 3500), "no sense"),
+    ],
+)
+def test_registers_are_believed_when_they_make_sense(joint, held, believed, says):
+    registers = dict(zip(("homing_offset", "range_min", "range_max"), held, strict=True))
+    found, odd = record.from_registers(joint, JOINTS.index(joint) + 1, **registers)
 
-    assert (found.homing_offset, found.range_min, found.range_max) == (-5, 900, 3100)
-    assert odd is None
-
-
-def test_a_jaw_as_new_is_not_driven_past_its_stops():
-    found, odd = record.from_registers("gripper", 6, homing_offset=7, range_min=0, range_max=4095)
-
-    assert (found.range_min, found.range_max, found.homing_offset) == (2048, 3248, 7)
-    assert "calibrate" in odd
-    real, odd = record.from_registers("gripper", 6, homing_offset=0, range_min=2030, range_max=3481)
-    assert (real.range_min, real.range_max, odd) == (2030, 3481, None)
-
-
-def test_a_servo_as_new_is_believed_but_mentioned():
-    found, odd = record.from_registers(
-        "shoulder_pan", 1, homing_offset=0, range_min=0, range_max=4095
-    )
-
-    assert (found.range_min, found.range_max) == (0, 4095)
-    assert "looks new" in odd
-
-
-def test_registers_without_sense_give_way_to_defaults():
-    found, odd = record.from_registers("shoulder_pan", 1, homing_offset=0, range_min=9, range_max=9)
-
-    assert found == record.default("shoulder_pan")
-    assert "no sense" in odd
+    assert (found.homing_offset, found.range_min, found.range_max) == believed
+    assert odd is None if says is None else says in odd
 
 
 @given(
@@ -223,11 +208,6 @@ def test_a_servo_with_the_limits_it_came_with_looks_as_new():
     for joint, expected in (("elbow_flex", True), ("wrist_roll", False)):
         found, _ = record.from_registers(joint, 3, homing_offset=0, range_min=0, range_max=4095)
         assert record.looks_as_new(joint, found) is expected
-
-
-def test_a_range_upside_down_is_named_as_such():
-    with pytest.raises(CalibrationError, match="range_min 3145 is above range_max 948"):
-        record.parse(seed_with(range_min=3145, range_max=948))
 
 
 def test_an_arm_on_another_robot_is_read_under_its_prefix_and_two_arms_are_asked_about():

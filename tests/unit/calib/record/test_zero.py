@@ -270,7 +270,7 @@ def test_a_new_zero_for_the_same_numbers_counts(file):
     assert zero.read_zeros(file, BOTH)[0]["elbow_flex"].by == "pose"
 
 
-ENTRY = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 3146}
+FILED = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 3146}
 
 
 @pytest.mark.parametrize(
@@ -282,24 +282,24 @@ ENTRY = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 314
         ({"joints": {"elbow_flex": 5}}, "elbow_flex: its zeros must be a list"),
         ({"joints": {"elbow_flex": [5]}}, "elbow_flex: its zeros must be a list"),
         (
-            {"joints": {"elbow_flex": [ENTRY]}},
+            {"joints": {"elbow_flex": [FILED]}},
             'elbow_flex: "by" is stops or pose or middle or homing, not None',
         ),
-        ({"joints": {"elbow_flex": [{**ENTRY, "by": "luck"}]}}, "not 'luck'"),
+        ({"joints": {"elbow_flex": [{**FILED, "by": "luck"}]}}, "not 'luck'"),
         (
-            {"joints": {"elbow_flex": [{**ENTRY, "by": "stops"}]}},
+            {"joints": {"elbow_flex": [{**FILED, "by": "stops"}]}},
             '"middle_deg": must be a number from -180 to 180',
         ),
         (
-            {"joints": {"elbow_flex": [{**ENTRY, "by": "stops", "middle_deg": float("nan")}]}},
+            {"joints": {"elbow_flex": [{**FILED, "by": "stops", "middle_deg": float("nan")}]}},
             '"middle_deg" = nan: must be a finite',
         ),
         (
-            {"joints": {"elbow_flex": [{**ENTRY, "by": "stops", "middle_deg": 181}]}},
+            {"joints": {"elbow_flex": [{**FILED, "by": "stops", "middle_deg": 181}]}},
             '"middle_deg" = 181: out of range; must be a number from -180 to 180',
         ),
         (
-            {"joints": {"elbow_flex": [{**ENTRY, "by": "stops", "middle_deg": 10**400}]}},
+            {"joints": {"elbow_flex": [{**FILED, "by": "stops", "middle_deg": 10**400}]}},
             '"middle_deg" = 1000.*must be a finite number from -180 to 180',
         ),
     ],
