@@ -28,9 +28,8 @@ from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key
 from .setup.part import SetupPart
-from .setup.setup_context import SetupContext
-from .setup.setup_target import ArmSource, SetupTarget, known_arm
-from .setup.setup_target import ports as ports_of
+from .setup.setup_context import ArmSource, SetupContext, SetupTarget, known_arm
+from .setup.setup_context import ports as ports_of
 
 _SIGHT = Sight(middle=np.array([0.1, 0.0, 0.17]))
 """Higher than for other pages, so that an arm stretched upwards is in the picture."""

@@ -73,8 +73,8 @@ def show(
         return
     click.echo(str(stored.path))
     _table(stored.calibration)
-    for meaning in explained:
-        echo(meaning.sentence, indent="  ")
+    for each in explained:
+        echo(each.sentence, indent="  ")
     for version in kept:
         click.echo(f"  version {version.number}, kept {version.kept_at:%Y-%m-%d %H:%M} UTC")
     _notes(stored)
