@@ -22,12 +22,12 @@ from so101_motion.tasks.program import ARM, Solo
 from so101_motion.viam.client import MachineRig
 
 from .page import markup, texts
-from .page.events import ArmEvents
 from .page.operation_panel import OperationPanel
-from .page.page_context import ArmContext, PageContext
+from .page.page_context import PageContext, Part
 from .page.screen_state import Sentence, Tone
 from .panels.camera_panel import CameraPart
-from .panels.health_panel import EventsPart, HealthPart
+from .panels.events_panel import ArmEvents, EventsPart
+from .panels.health_panel import HealthPart
 from .panels.hold_buttons import HoldButtons, waiting
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
@@ -133,19 +133,16 @@ class Preview(ServedPage):
         host.windows.leave_open_as_stop(move.stop_button)
         host.say = move.model.report
         panel = host.gui.add_panel()
-        about = [
-            HealthPart(host.arm_context(rig), panel, mark=partial(move.mark, name), name=name)
+        about: list[Part] = [
+            HealthPart(context, rig, panel, mark=partial(move.mark, name), name=name)
             for name, rig in rigs.items()
         ]
-        events = EventsPart(context, panel)
+        about.append(EventsPart(context, panel))
         panel.dock_below(move.panel)
-        servos = [
-            _servos(context, rig, panel)
-            for rig in rigs.values()
-            if cell is None and isinstance(rig, HardwareRig)
-        ]
+        if isinstance(opened, HardwareRig):
+            about.append(_servos(context, opened, panel))
         jogs = [
-            JogPart(each, move.pages[name], title=name or "Jog")
+            JogPart(each, rigs[name], move.pages[name], title=name or "Jog")
             for name, each in self._tab_for_each("Jog", rigs)
         ]
         program = self._program(opened, move)
@@ -160,21 +157,21 @@ class Preview(ServedPage):
         )
         share = SharePart(context, move.pages, bases, title=source.title)
         self._teaches = [
-            TeachPart(each, source.open_leader, title=name or "Teach", node=move.nodes[name])
+            TeachPart(
+                each, rigs[name], source.open_leader, title=name or "Teach", node=move.nodes[name]
+            )
             for name, each in self._tab_for_each("Teach", rigs)
         ]
         hold = HoldButtons(
             context, title=source.title, rigs=rigs, guide=program.model.guide, fade=move.fade
         )
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
-        host.add_parts(move, program, world, share, *about, events, *servos, hold, *logs)
-        host.add_parts(*self._teaches)
+        host.add_parts(move, program, world, share, *about, hold, *logs, *self._teaches)
         if cell is None:
-            host.add_parts(*setup_parts(host.arm_context(rigs[""]), on_stage=move.set_visible))
+            host.add_parts(*setup_parts(context, rigs[""], on_stage=move.set_visible))
         host.add_parts(*jogs)
         if source.atlas is not None:
-            aim = move.pages[""].set_target_joints
-            host.add_parts(AtlasPart(host.arm_context(rigs[""]), source.atlas, aim))
+            host.add_parts(AtlasPart(context, source.atlas, move.pages[""].set_target_joints))
         if source.camera is not None:
             machine = opened if isinstance(opened, MachineRig) else None
             host.add_parts(CameraPart(context, source.camera, machine))
@@ -183,26 +180,23 @@ class Preview(ServedPage):
         context = self.host.page_context()
         if isinstance(opened, CellRigs):
             return ProgramPart(context, opened.cell, move.pages, move.nodes, opened.zeros)
-        rig = opened
+        rig, page = opened, {ARM: move.pages[""]}
         return ProgramPart(
-            context,
-            Solo.of(rig),
-            {ARM: move.pages[""]},
-            {ARM: ""},
-            lambda: {ARM: rig.connection.encoder_zeros},
+            context, Solo.of(rig), page, {ARM: ""}, lambda: {ARM: rig.connection.encoder_zeros}
         )
 
     def _tab_for_each(
         self, title: str, rigs: Mapping[str, RigLike]
-    ) -> Iterator[tuple[str, ArmContext]]:
+    ) -> Iterator[tuple[str, PageContext]]:
         """A tab with one tab in it for each arm, if there are several: their names and contexts."""
+        context = self.host.page_context()
         if "" in rigs:
-            yield "", self.host.arm_context(rigs[""])
+            yield "", context
             return
-        with self.host.page_context().tabs.add_tab(title):
+        with context.tabs.add_tab(title):
             arms = self.host.gui.add_tab_group()
-        for name, rig in rigs.items():
-            yield name, replace(self.host.arm_context(rig), tabs=arms)
+        for name in rigs:
+            yield name, replace(context, tabs=arms)
 
     def _log(self, name: str, text: str, tone: Tone) -> None:
         said = texts.named(name, Sentence(text, tone=tone))

@@ -107,7 +107,7 @@ class _Field:
 
     def __init__(self, widget: Any, context: PageContext) -> None:
         self.widget, self.value, self._proposed = widget, "", ""
-        self._shared = SharedField(widget, self._take, context, shown=str)
+        self._shared = SharedField(widget, self._take, context)
 
     def _take(self, value: str) -> None:
         self.value = value

@@ -14,12 +14,9 @@ from enum import Enum, auto
 from functools import partial
 from typing import Any, Self, TypeVar
 
-import numpy as np
 import viser
 
 from so101_motion.common.errors import So101Error
-from so101_motion.common.geometry import Array
-from so101_motion.rig.protocols import RigLike
 
 from .bar import Bar
 from .events import EventLog
@@ -51,9 +48,6 @@ class FrontTab:
     rehearses: bool = False
     _rehearsed: tuple[object, ...] = field(default=(), repr=False)
     _targets: tuple[object, ...] = field(default=(), repr=False)
-
-    def turn_to(self, name: str) -> None:
-        self.name = name
 
     def note(
         self, rehearsal: object | None, t: float, targets: tuple[object, ...], *, runs: bool
@@ -95,7 +89,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageContext:
-    """Page context for parts that work without an arm.
+    """What parts of the page have in common.
 
     Attributes:
         post: Queues a command for the page's thread.
@@ -119,7 +113,7 @@ class PageContext:
     def in_background(self, call: Callable[[], T]) -> Future[T]:
         return self.workers.submit(call)
 
-    def _on(self, command_for: Callable[[Any], Command | None]) -> Callable[[Any], Any]:
+    def handler(self, command_for: Callable[[Any], Command | None]) -> Callable[[Any], Any]:
         """A handler for viser's threads: it posts the event's command, if there is one."""
 
         async def handler(event: Any) -> None:
@@ -145,7 +139,7 @@ class PageContext:
 
     def on_press(self, button: Any, command: Command) -> None:
         """Run ``command`` when a button is pressed, or a node of the scene clicked."""
-        button.on_click(self._on(lambda _event: command))
+        button.on_click(self.handler(lambda _event: command))
 
     def button(self, label: str, command: Command, **look: Any) -> viser.GuiButtonHandle:
         button = self.gui.add_button(label, **look)
@@ -160,7 +154,8 @@ class PageContext:
         return group
 
     def on_choice(self, group: Any, command: Callable[[str], None]) -> None:
-        group.on_click(self._on(lambda event: partial(command, event.target.value)))
+        """Run ``command`` with the name on the button of ``group`` that is pressed."""
+        group.on_click(self.handler(lambda event: partial(command, event.target.value)))
 
     def on_entry(self, widget: Any, command: Callable[[Any], None]) -> None:
         """Run ``command`` with the value that a person, not the page, gave ``widget``."""
@@ -168,45 +163,17 @@ class PageContext:
         def entered(event: Any) -> Command | None:
             return None if event.client_id is None else partial(command, event.target.value)
 
-        widget.on_update(self._on(entered))
+        widget.on_update(self.handler(entered))
 
     def on_drag(
         self,
         handle: viser.TransformControlsHandle,
         command: Callable[[viser.TransformControlsHandle], None],
+        released: Command,
     ) -> None:
-        handle.on_update(self._on(lambda _event: partial(command, handle)))
-
-    def on_release(
-        self,
-        handle: viser.TransformControlsHandle,
-        command: Callable[[viser.TransformControlsHandle], None],
-    ) -> None:
-        handle.on_update(
-            self._on(lambda event: partial(command, handle) if event.phase == "end" else None)
-        )
-
-    def on_pick_one(self, node: viser.BatchedMeshHandle, command: Callable[[int], None]) -> None:
-        """Run ``command`` with the number of the one of ``node``'s meshes that is clicked."""
-
-        def command_for(event: Any) -> Command | None:
-            number = event.instance_index
-            return None if number is None else partial(command, int(number))
-
-        node.on_click(self._on(command_for))
-
-    def on_scene_click(self, command: Callable[[Array, Array], None]) -> Callable[[Any], Any]:
-        """A handler for clicks anywhere in the scene: ``command`` is run with the click's ray."""
-
-        def command_for(event: Any) -> Command:
-            return partial(command, np.array(event.ray_origin), np.array(event.ray_direction))
-
-        return self._on(command_for)
-
-    def on_file(
-        self, button: viser.GuiUploadButtonHandle, command: Callable[[viser.UploadedFile], None]
-    ) -> None:
-        button.on_upload(self._on(lambda event: partial(command, event.target.value)))
+        """Run ``command`` with ``handle`` while it is dragged, and ``released`` when that ends."""
+        handle.on_update(self.handler(lambda _event: partial(command, handle)))
+        handle.on_update(self.handler(lambda event: released if event.phase == "end" else None))
 
     def on_asked(self, button: Any, answer: Callable[[viser.ClientHandle], None]) -> None:
         """Run ``answer`` with the browser that pressed ``button``, such as for a download."""
@@ -214,11 +181,4 @@ class PageContext:
         def asked(event: Any) -> Command | None:
             return None if event.client is None else partial(answer, event.client)
 
-        button.on_click(self._on(asked))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArmContext(PageContext):
-    """Page context for parts that work on an arm; its owner closes the rig."""
-
-    rig: RigLike
+        button.on_click(self.handler(asked))

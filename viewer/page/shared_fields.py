@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
+import numpy as np
 import viser
+
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
 from .bar import board, uuid_of
 from .history import History, SavedFiles
@@ -16,8 +19,33 @@ ASKED_FOR = 5.0
 """How long the question stands [s]; chosen."""
 
 
+class Unit(NamedTuple):
+    """How a widget shows a value, and which value a person means by what is entered."""
+
+    shown: Callable[[Any], Any] = lambda value: value
+    meant: Callable[[Any], Any] = lambda entered: entered
+
+
+def _tenths(value: Any) -> float | tuple[float, ...]:
+    rounded = np.round(value, 1) + 0.0  # never -0
+    return tuple(map(float, rounded)) if np.ndim(rounded) else float(rounded)
+
+
+PLAIN = Unit()
+TENTHS, HUNDREDTHS = Unit(_tenths), Unit(lambda value: round(value, 2))
+DEGREES = Unit(lambda angle: _tenths(to_deg(angle)), lambda deg: to_rad(_array(deg)))
+WHOLE_DEGREES = Unit(lambda angle: round(to_deg(angle)), to_rad)
+MM = Unit(lambda length: _tenths(to_mm(length)), lambda mm: to_m(_array(mm)))
+GRAMS = Unit(lambda mass: _tenths(1000.0 * mass), lambda grams: grams / 1000.0)
+PERCENT = Unit(lambda share: round(100.0 * share), lambda percent: percent / 100.0)
+
+
+def _array(entered: Any) -> Any:
+    return np.array(entered) if isinstance(entered, tuple) else entered
+
+
 class SharedField:
-    """A widget whose value both people and the page set; ``shown`` is a value as it shows it.
+    """A widget whose value both people and the page set, which it shows in a unit.
 
     The page writes only what is news: a value it has not shown yet and that nobody entered. Else
     a picture drawn while somebody types or drags would put the previous value back under their
@@ -29,15 +57,15 @@ class SharedField:
         widget: Any,
         command: Callable[[Any], None],
         context: PageContext,
-        *,
-        shown: Callable[[Any], Any],
+        unit: Unit = PLAIN,
     ) -> None:
-        self._widget, self._command, self._shown = widget, command, shown
+        self._widget, self._command, self._unit = widget, command, unit
         self._known: Any = None
         context.on_entry(widget, self._take)
 
-    def _take(self, value: Any) -> None:
-        self._known = self._shown(value)
+    def _take(self, entered: Any) -> None:
+        value = self._unit.meant(entered)
+        self._known = self._unit.shown(value)
         self._command(value)
 
     def show(self, value: Any) -> None:
@@ -45,7 +73,7 @@ class SharedField:
         self._widget.visible = value is not None
         if value is None:
             return
-        shown = self._shown(value)
+        shown = self._unit.shown(value)
         if shown != self._known:
             self._known = shown
             put(self._widget, shown)
@@ -136,12 +164,3 @@ def grey(group: Any, greyed: bool) -> None:
 def put(widget: Any, value: object) -> None:
     """Set a widget's value; viser's types declare it read-only, which it is not."""
     widget.value = value
-
-
-def tenth(value: float) -> float:
-    """``value`` to one decimal, never -0."""
-    return round(float(value), 1) + 0.0
-
-
-def tenths(values: Iterable[float]) -> tuple[float, ...]:
-    return tuple(tenth(value) for value in values)

@@ -25,17 +25,12 @@ from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 
 from ..page import markup, texts
-from ..page.events import EventLog
-from ..page.page_context import ArmContext, PageContext, Part
+from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 
 _EVERY = 0.5
 """How often the figures are read anew [s]; nobody reads faster."""
-
-_LINES = 60
-"""How many events the page shows; the saved file has all."""
-
 
 _HARD_WORK = 0.8
 """Share of its drive from which a servo is near its end; chosen."""
@@ -343,21 +338,20 @@ class HealthPart(Part):
 
     def __init__(
         self,
-        context: ArmContext,
+        context: PageContext,
+        rig: RigLike,
         panel: viser.PanelHandle,
         *,
         mark: Callable[[Mapping[str, Tone]], None],
         name: str = "",
     ) -> None:
-        self._rig: RigLike = context.rig
-        self._name = name
-        self._bar, self._mark = context.bar, mark
+        self._rig, self._name, self._mark = rig, name, mark
+        self._bar, self._log = context.bar, context.events
         self._late = LateCycles(
-            "this computer" if isinstance(context.rig, Rig) else "the machine's computer"
+            "this computer" if isinstance(rig, Rig) else "the machine's computer"
         )
         self._alarms: tuple[Alarm, ...] = ()
         self._told: tuple[Alarm, ...] = ()
-        self._log: EventLog = context.events
         self._due = 0.0
         self._health: Health | None = None
         self._tab = panel.add_tab(f"Health {name}".strip(), viser.Icon.HEARTBEAT)
@@ -406,27 +400,3 @@ class HealthPart(Part):
     def show(self) -> None:
         if self._health is not None:
             self._figures.content = figures(self._health)
-
-
-class EventsPart(Part):
-    """Shows the log of events."""
-
-    def __init__(self, context: PageContext, panel: viser.PanelHandle) -> None:
-        self._log, self._count = context.events, -1
-        with panel.add_tab("Events", viser.Icon.LIST):
-            self._events = context.gui.add_html("")
-            save = context.gui.add_button("Save events", icon=viser.Icon.DOWNLOAD, color="gray")
-        context.leave_open(save)
-        context.on_asked(save, self._hand_over)
-
-    def refresh(self) -> bool:
-        return self._count != self._log.count
-
-    def show(self) -> None:
-        if self._count != self._log.count:
-            self._count = self._log.count
-            self._events.content = markup.events(self._log.newest(_LINES))
-
-    def _hand_over(self, client: viser.ClientHandle) -> None:
-        name = f"so101-events-{time.strftime('%Y%m%d-%H%M%S')}.txt"
-        client.send_file_download(name, self._log.text().encode(), save_immediately=True)

@@ -15,12 +15,13 @@ from so101_motion.common.errors import Interrupted
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS
+from so101_motion.rig.protocols import RigLike
 from so101_motion.viam.client import MachineRig
 
 from ..page import markup, texts
 from ..page.bar import uuid_of
 from ..page.jogging import ARROWS, JOINTS, MODES, SPEEDS, Jogging, read_held
-from ..page.page_context import ArmContext, Part
+from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
 
@@ -43,10 +44,12 @@ _STOPPED = Sentence("Stopped. Start jogging to go on.")
 class JogPart(Part):
     """The widgets of the Jog tab; ``page`` has the target whose arrows can be dragged."""
 
-    def __init__(self, context: ArmContext, page: ViewModel, *, title: str = "Jog") -> None:
-        self._context, self._page, self._arm = context, page, context.rig.arm
-        self.jogging = Jogging(context.rig, self._wanted)
-        self._is_far = isinstance(context.rig, MachineRig)
+    def __init__(
+        self, context: PageContext, rig: RigLike, page: ViewModel, *, title: str = "Jog"
+    ) -> None:
+        self._context, self._page, self._arm = context, page, rig.arm
+        self.jogging = Jogging(rig, self._wanted)
+        self._is_far = isinstance(rig, MachineRig)
         self._mode = MODES[0]
         self._shown: object = None
         gui = context.gui

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
-import numpy as np
 import viser
 
 from so101_motion.arm.gripper import GENTLEST
@@ -16,14 +14,25 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.common.units import to_deg
 
 from ..cell_model import CellModel, CommonPlan
 from ..page import markup, texts
 from ..page.bar import board, uuid_of
 from ..page.page_context import PageContext
 from ..page.plan_view import RATES
-from ..page.shared_fields import SharedField, UndoButtons, grey, put, tenth, tenths
+from ..page.shared_fields import (
+    DEGREES,
+    HUNDREDTHS,
+    MM,
+    PERCENT,
+    WHOLE_DEGREES,
+    SharedField,
+    UndoButtons,
+    Unit,
+    grey,
+    put,
+)
 from ..page.target_editor import DIRECTIONS
 from ..page.target_ik import FRAMES
 from ..view_model import ViewModel
@@ -36,7 +45,7 @@ _LINES = 7
 SELECTS = "selects"
 """What a click in the picture does unless it sets the target."""
 
-_FRAME_NAMES = {frame: frame.replace("_", " ") for frame in FRAMES}
+_FRAME = Unit(lambda frame: frame.replace("_", " "), lambda name: name.replace(" ", "_"))
 _ROUNDING = 1e-6  # 110 degrees, converted to radians and back, is not exactly 110
 _OFF = (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
 
@@ -99,7 +108,7 @@ class PlanPanel:
             hint="When an object on the World tab moves, the arm goes around it without a stop if"
             " it can, and stops if it cannot.",
         )
-        self._replans = SharedField(replan, page.set_replan, context, shown=bool)
+        self._replans = SharedField(replan, page.set_replan, context)
         gui.add_divider()
         target.add_jaw()
         gui.add_divider()
@@ -125,9 +134,7 @@ class PlanPanel:
     def _add_plan(self) -> None:
         context, gui, model = self._context, self._context.gui, self._model
         self._preview = gui.add_slider("Preview (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
-        self._preview_time = SharedField(
-            self._preview, model.preview, context, shown=lambda t: round(t, 2)
-        )
+        self._preview_time = SharedField(self._preview, model.preview, context, HUNDREDTHS)
         self._play = context.buttons(
             "Play",
             {f"{rate:g}×": partial(model.play, rate) for rate in RATES},
@@ -135,23 +142,16 @@ class PlanPanel:
         )
         self._facts = gui.add_html("")
         self._now = gui.add_html("", visible=False)
-        self._caps_deg = (
-            self._add_cap("Speed (°/s)", SPEED_RANGE_DEG, model.set_speed),
-            self._add_cap("Accel. (°/s²)", ACCELERATION_RANGE_DEG, model.set_acceleration),
-        )
+        self._caps = []
+        for label, range_deg, command in (
+            ("Speed (°/s)", SPEED_RANGE_DEG, model.set_speed),
+            ("Accel. (°/s²)", ACCELERATION_RANGE_DEG, model.set_acceleration),
+        ):
+            least, most = map(round, range_deg)
+            slider = gui.add_slider(label, least, most, 1, least)
+            self._caps.append(SharedField(slider, command, context, WHOLE_DEGREES))
         sweep = gui.add_checkbox("Swept motion", True)
-        self._sweeps = SharedField(sweep, model.show_sweep, context, shown=bool)
-
-    def _add_cap(
-        self, label: str, range_deg: tuple[float, float], command: Callable[[float], None]
-    ) -> SharedField:
-        slowest, fastest = (round(end) for end in range_deg)
-        return SharedField(
-            self._context.gui.add_slider(label, slowest, fastest, 1, slowest),
-            lambda value: command(to_rad(value)),
-            self._context,
-            shown=round,
-        )
+        self._sweeps = SharedField(sweep, model.show_sweep, context)
 
     def show(self) -> None:
         model = self._model
@@ -189,8 +189,8 @@ class PlanPanel:
             plots=self._plots.uuids,
             seek=uuid_of(self._preview) if has_plan else None,
         )
-        for field, cap in zip(self._caps_deg, model.caps, strict=True):
-            field.show(to_deg(cap))
+        for field, cap in zip(self._caps, model.caps, strict=True):
+            field.show(cap)
         self._sweeps.show(model.sweeps)
 
 
@@ -216,12 +216,7 @@ class TargetControls:
         gui = self._context.gui
         target = gui.add_vector3("Target (mm)", (0.0, 0.0, 0.0), step=1.0)
         target.precision = 1
-        self._target_mm = SharedField(
-            target,
-            lambda value: self._page.set_target_point(to_m(np.array(value))),
-            self._context,
-            shown=tenths,
-        )
+        self._target = SharedField(target, self._page.set_target_point, self._context, MM)
         self._nearest = self._context.buttons(
             "If unreachable",
             {"take the nearest": self._page.take_nearest},
@@ -231,42 +226,29 @@ class TargetControls:
         self._context.buttons("Pose", {**poses, "here": self._page.set_target_here})
 
     def add_choices(self) -> None:
-        gui = self._context.gui
-        self._history = UndoButtons(self._context, "Target", self._page.history)
-        self._frame = SharedField(
-            gui.add_dropdown("Target for", tuple(_FRAME_NAMES.values())),
-            lambda name: self._page.set_target_frame(name.replace(" ", "_")),
-            self._context,
-            shown=str,
-        )
+        context, gui, page = self._context, self._context.gui, self._page
+        self._history = UndoButtons(context, "Target", page.history)
+        frame = gui.add_dropdown("Target for", tuple(map(_FRAME.shown, FRAMES)))
+        self._frame = SharedField(frame, page.set_target_frame, context, _FRAME)
         with gui.add_folder("Direction", expand_by_default=False):
             kind = gui.add_dropdown(
                 "Keeps", DIRECTIONS, hint="How much of the gripper's direction the target fixes"
             )
             tilt = gui.add_slider("Tilt (°)", -90, 90, 1, 0, hint="-90 is straight down")
             roll = gui.add_slider("Roll (°)", -180, 180, 1, 0)
-        self._kind = SharedField(kind, self._page.set_direction, self._context, shown=str)
-        self._tilt = self._angle(tilt, self._page.set_tilt)
-        self._roll = self._angle(roll, self._page.set_roll)
+        self._kind = SharedField(kind, page.set_direction, context)
+        self._tilt = SharedField(tilt, page.set_tilt, context, WHOLE_DEGREES)
+        self._roll = SharedField(roll, page.set_roll, context, WHOLE_DEGREES)
         with gui.add_folder("Joints (°)", expand_by_default=False):
             self._sliders = [gui.add_slider(name, -1.0, 1.0, 0.1, 0.0) for name in ARM_JOINTS]
-        self._joints_deg = [
-            SharedField(slider, partial(self._turn, i), self._context, shown=tenth)
+        self._joints = [
+            SharedField(slider, partial(page.set_target_joint, i), context, DEGREES)
             for i, slider in enumerate(self._sliders)
         ]
 
-    def _angle(self, slider: Any, command: Callable[[float], None]) -> SharedField:
-        return SharedField(
-            slider, lambda degrees: command(to_rad(degrees)), self._context, shown=round
-        )
-
-    def _turn(self, i: int, angle_deg: float) -> None:
-        self._page.set_target_joint(i, to_rad(angle_deg))
-
     def add_jaw(self) -> None:
         """The jaw, which moves at once."""
-        gui = self._context.gui
-        move = self._page.move_jaw
+        gui, move = self._context.gui, self._page.move_jaw
         self._jaw = self._context.buttons(
             "Gripper",
             {"open": partial(move, 1.0), "close": partial(move, 0.0)},
@@ -275,12 +257,7 @@ class TargetControls:
         self._opening = gui.add_slider(
             "Opening (%)", 0, 100, 1, 0, hint="The jaw follows at once, without a plan"
         )
-        self._opened = SharedField(
-            self._opening,
-            lambda percent: self._page.move_jaw(percent / 100.0),
-            self._context,
-            shown=round,
-        )
+        self._opened = SharedField(self._opening, move, self._context, PERCENT)
         force = gui.add_slider(
             "Grip force (%)",
             round(100.0 * GENTLEST),
@@ -290,9 +267,7 @@ class TargetControls:
             hint="Share of the force that the servo can hold without getting hot",
             visible=False,
         )
-        self._force = SharedField(
-            force, lambda percent: self._page.set_force(percent / 100.0), self._context, shown=round
-        )
+        self._force = SharedField(force, self._page.set_force, self._context, PERCENT)
         self._grip = gui.add_html("")
 
     def show(self) -> None:
@@ -301,20 +276,20 @@ class TargetControls:
         self._opening.disabled = is_off
         grey(self._jaw, is_off)
         if not state.jaw_moving:
-            self._opened.show(100.0 * texts.aperture(state.q_jaw_ref))
+            self._opened.show(texts.aperture(state.q_jaw_ref))
         self._grip.content = markup.small(texts.grip(state, holds=page.gripper.is_holding))
-        self._force.show(None if page.force is None else 100.0 * page.force)
+        self._force.show(page.force)
         grey(self._nearest, page.target.problem is None)
         self._history.show()
-        self._target_mm.show(to_mm(page.target.p_base))
+        self._target.show(page.target.p_base)
         self._kind.show(page.kind)
-        self._tilt.show(to_deg(page.direction.tilt))
-        self._roll.show(to_deg(page.direction.roll or 0.0))
-        self._frame.show(_FRAME_NAMES[page.target.frame])
+        self._tilt.show(page.direction.tilt)
+        self._roll.show(page.direction.roll or 0.0)
+        self._frame.show(page.target.frame)
         if page.arm.range is not self._range:
             self._range = page.arm.range
             for slider, lower, upper in zip(self._sliders, *self._range, strict=True):
                 slider.min = math.ceil(10.0 * to_deg(lower) - _ROUNDING) / 10.0
                 slider.max = math.floor(10.0 * to_deg(upper) + _ROUNDING) / 10.0
-        for field, angle in zip(self._joints_deg, page.target.q, strict=True):
-            field.show(to_deg(float(angle)))
+        for field, angle in zip(self._joints, page.target.q, strict=True):
+            field.show(float(angle))

@@ -101,8 +101,8 @@ class PoseFolder:
                 "Where the arm is, or where the ghost is",
             )
             self._undo = UndoButtons(context, "Saved poses", poses.saved_files)
-        self._chosen = SharedField(self._list, poses.choose, context, shown=str)
-        self._name = SharedField(self._text, poses.call, context, shown=str)
+        self._chosen = SharedField(self._list, poses.choose, context)
+        self._name = SharedField(self._text, poses.call, context)
 
     def show(self) -> None:
         names = tuple(pose.name for pose in self._poses.poses)

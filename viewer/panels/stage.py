@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 import viser
@@ -55,7 +56,12 @@ class Stage:
     ) -> None:
         self._scene, self._model = context.server.scene, model
         self._front = context.front
-        self._clicked, self._views = context.on_scene_click(on_click), views
+        self._views = views
+        self._clicked = context.handler(
+            lambda event: partial(
+                on_click, np.array(event.ray_origin), np.array(event.ray_direction)
+            )
+        )
         self._live = RobotView(self._scene, f"{root}/live")
         self._ghost = RobotView(self._scene, f"{root}/ghost", color=_GHOST, opacity=0.35)
         self._target = self._scene.add_transform_controls(
@@ -71,8 +77,7 @@ class Stage:
                 font_screen_scale=0.8,
             )
         self._page, self._reach = page, reach
-        context.on_drag(self._target, self._dragged)
-        context.on_release(self._target, lambda _: self._released())
+        context.on_drag(self._target, self._dragged, self._released)
         self._sweep = SweepView(self._scene, f"{root}/sweep", color=_GHOST)
         self._p_target, self._R_target, self._turns = np.full(3, np.nan), np.eye(3), False
         self._path: PathLine | None = None

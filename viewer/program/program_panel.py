@@ -19,7 +19,16 @@ from so101_motion.tasks.program.rehearsal import PASSING
 from ..page import markup
 from ..page.bar import board, uuid_of
 from ..page.page_context import PROGRAM, PageContext, Part
-from ..page.shared_fields import SharedField, UndoButtons, grey, put
+from ..page.shared_fields import (
+    HUNDREDTHS,
+    PERCENT,
+    TENTHS,
+    SharedField,
+    UndoButtons,
+    Unit,
+    grey,
+    put,
+)
 from ..view_model import ViewModel
 from . import program_texts as words
 from .program_model import REST, STEP, ArmInStep, ProgramModel
@@ -235,8 +244,7 @@ class WaypointFields:
 
     def __init__(self, context: PageContext, editor: ArmInStep) -> None:
         gui = context.gui
-        name = gui.add_text("Name", "")
-        self._name = SharedField(name, editor.rename, context, shown=str)
+        self._name = SharedField(gui.add_text("Name", ""), editor.rename, context)
         speed = gui.add_slider(
             "Speed (%)",
             round(100.0 * SLOWEST),
@@ -245,27 +253,19 @@ class WaypointFields:
             100,
             hint="On the way to it, as a share of the speed on the Move tab",
         )
-        self._speed = SharedField(
-            speed, lambda percent: editor.set_speed(percent / 100.0), context, shown=round
-        )
+        self._speed = SharedField(speed, editor.set_speed, context, PERCENT)
         passes = gui.add_checkbox(
             "Pass through",
             False,
             hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
         )
-        self._pass = SharedField(passes, editor.set_passes, context, shown=bool)
+        self._pass = SharedField(passes, editor.set_passes, context)
         pause = gui.add_number("Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1)
-        self._pause = SharedField(
-            pause, editor.set_pause, context, shown=lambda seconds: round(seconds, 1)
-        )
+        self._pause = SharedField(pause, editor.set_pause, context, TENTHS)
         jaw = gui.add_dropdown("Gripper", tuple(_JAW))
-        self._jaw = SharedField(
-            jaw, lambda name: editor.set_aperture(_JAW[name]), context, shown=str
-        )
+        self._jaw = SharedField(jaw, lambda name: editor.set_aperture(_JAW[name]), context)
         opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
-        self._opening = SharedField(
-            opening, lambda percent: editor.set_aperture(percent / 100.0), context, shown=round
-        )
+        self._opening = SharedField(opening, editor.set_aperture, context, PERCENT)
 
     def show(self, waypoint: Waypoint | None, *, is_alone: bool) -> None:
         """Show a waypoint, or all fields grey; only an arm that moves alone may pass."""
@@ -276,11 +276,11 @@ class WaypointFields:
             return
         aperture = waypoint.aperture
         self._name.offer(waypoint.name)
-        self._speed.offer(100.0 * waypoint.speed)
+        self._speed.offer(waypoint.speed)
         self._pass.offer(waypoint.passes if is_alone else None)
         self._pause.offer(None if waypoint.passes else waypoint.pause)
         self._jaw.offer(next((name for name, each in _JAW.items() if each == aperture), _PART_WAY))
-        self._opening.offer(100.0 * aperture if aperture is not None else None)
+        self._opening.offer(aperture)
 
 
 class LoopFields:
@@ -326,7 +326,7 @@ class RehearsalFields:
         self._line = gui.add_html(markup.timeline(None, None))
         self._now = gui.add_html("", visible=False)
         self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
-        self._t = SharedField(self._slider, model.preview, context, shown=lambda t: round(t, 2))
+        self._t = SharedField(self._slider, model.preview, context, HUNDREDTHS)
         rates = {f"{rate:g}×": partial(model.play, rate) for rate in (0.5, 1.0, 2.0)}
         self._play = context.buttons("Play", rates, _PLAYS)
         self._drawn: RehearsalTime | None = None
@@ -350,12 +350,11 @@ class RoundsFields:
 
     def __init__(self, context: PageContext, command: Callable[[int | None], None]) -> None:
         number = context.gui.add_number("Rounds", 1, min=1, max=MOST_TIMES, step=1)
-        self._rounds = SharedField(number, lambda n: command(int(n)), context, shown=int)
+        self._rounds = SharedField(number, command, context, Unit(int, int))
         self._endless = SharedField(
             context.gui.add_checkbox("Until stopped", False),
             lambda on: command(None if on else int(number.value)),
             context,
-            shown=bool,
         )
 
     def show(self, rounds: int | None) -> None:
@@ -370,7 +369,7 @@ class FileFields:
         gui = context.gui
         with gui.add_folder("Save and load", expand_by_default=False):
             name = gui.add_text("Program name", "")
-            self._called = SharedField(name, model.call, context, shown=str)
+            self._called = SharedField(name, model.call, context)
             context.buttons("Program", {"save": model.save, "new": model.clear})
             self._saved = saved = gui.add_dropdown("Saved", (_NONE,))
             uses = {

@@ -13,17 +13,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields
 from typing import Self
 
-import viser
-
 from so101_motion.common.errors import So101Error
-from so101_motion.rig.protocols import RigLike
 
 from ..page.bar import Bar, board, uuid_of
 from ..page.events import EventLog
-from ..page.page_context import ArmContext, Command, FrontTab, PageContext, Part
+from ..page.page_context import Command, FrontTab, PageContext, Part
 from ..page.screen_state import Tone
 from .guarded_server import GuardedServer
 from .windows import Windows
@@ -121,37 +117,31 @@ class Host:
         self._front_name = self.gui.add_text("Front", "", visible=False)
         self._bar_text = ""
         self._beats, self._beat_due = 0, 0.0
-        self._tabs: viser.GuiTabGroupHandle | None = None
+        self._context: PageContext | None = None
         self._thread = threading.Thread(target=self._run, name="so101-viewer", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
 
     def page_context(self) -> PageContext:
-        if self._tabs is None:  # not made earlier: an empty group of tabs is ugly
-            self._tabs = self.gui.add_tab_group()
-            self.page_context().on_entry(self._front_name, self._turn_to)
+        if self._context is None:  # not made earlier: an empty group of tabs is ugly
+            self._context = PageContext(
+                server=self._server.viser,
+                tabs=self.gui.add_tab_group(),
+                post=self._commands.post,
+                workers=self._workers,
+                leave_open=self.windows.leave_open,
+                events=self.events,
+                bar=self.bar,
+                front=self.front,
+            )
+            self._context.on_entry(self._front_name, self._turn_to)
             self._turn_to("")
-        return PageContext(
-            server=self._server.viser,
-            tabs=self._tabs,
-            post=self._commands.post,
-            workers=self._workers,
-            leave_open=self.windows.leave_open,
-            events=self.events,
-            bar=self.bar,
-            front=self.front,
-        )
-
-    def arm_context(self, rig: RigLike) -> ArmContext:
-        shared = self.page_context()
-        return ArmContext(
-            rig=rig, **{each.name: getattr(shared, each.name) for each in fields(shared)}
-        )
+        return self._context
 
     def _turn_to(self, name: str) -> None:
         """Note which tab is in front, and confirm it to the browsers."""
-        self.front.turn_to(name)
+        self.front.name = name
         self._front_html.content = board("front", tab=name, press=uuid_of(self._front_name))
 
     def add_parts(self, *parts: Part) -> None:

@@ -13,6 +13,7 @@ import viser
 
 from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SETUP_ORDER, SetupProgress
 from so101_motion.common.errors import So101Error
+from so101_motion.rig.protocols import RigLike
 from so101_motion.setup.port_selection import own_folder
 from so101_motion.setup.setup_steps import (
     ASSEMBLY,
@@ -30,7 +31,7 @@ from so101_motion.setup.setup_steps import (
 )
 
 from ..page import cards, markup
-from ..page.page_context import ArmContext, PageContext, Part
+from ..page.page_context import PageContext, Part
 from ..page.shared_fields import AskingButton
 from ..page.texts import capital
 from . import setup_cards
@@ -152,7 +153,7 @@ class SetupPart(Part):
         preview: ServesPreview | None = None,
         resumes: bool = False,
     ) -> None:
-        self._is_alone = not isinstance(context, ArmContext)  # else the preview shows the arm
+        self._is_alone = preview is not None  # else the page shows the arm
         picture = Picture(context.server.scene, on_stage)
         self.setup = SetupContext(
             context=context, picture=picture, progress=progress, preview=preview
@@ -343,8 +344,10 @@ class SetupPart(Part):
         self.setup.close()
 
 
-def setup_parts(context: ArmContext, *, on_stage: Callable[[bool], None]) -> tuple[SetupPart, ...]:
-    source = known_arm(context.rig)
+def setup_parts(
+    context: PageContext, rig: RigLike, *, on_stage: Callable[[bool], None]
+) -> tuple[SetupPart, ...]:
+    source = known_arm(rig)
     if source is None:
         return ()
     kept = SetupProgress(own_folder() / PROGRESS_FILE, source.where)

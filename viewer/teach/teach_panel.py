@@ -23,7 +23,7 @@ from so101_motion.viam.client import MachineRig
 
 from ..page import markup
 from ..page.operation_panel import OperationPanel
-from ..page.page_context import ArmContext, Part
+from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..scene.robot_view import Line, segments
 
@@ -39,16 +39,17 @@ class TeachPart(Part):
 
     def __init__(
         self,
-        context: ArmContext,
+        context: PageContext,
+        rig: RigLike,
         open_leader: Callable[[], Rig] | None = None,
         *,
         title: str = "Teach",
         node: str = "",
     ) -> None:
-        self._context = context
+        self._context, self._rig = context, rig
         self._line = Line(context.server.scene, f"{node}/teach/path")
-        self._opening: Future[Operation] | None = self._open(context.rig)
-        self._leading = leading_of(context.rig, open_leader)
+        self._opening: Future[Operation] | None = self._open(rig)
+        self._leading = leading_of(rig, open_leader)
         self._drawn: tuple[tuple[float, ...], ...] = ()
         self._was_impossible = False
         self._panel = OperationPanel(context, self._teaching, draw=self._draw)
@@ -84,7 +85,7 @@ class TeachPart(Part):
             return None
         error = opening.exception()
         if isinstance(error, MachineUnavailable):
-            self._opening = self._open(self._context.rig)
+            self._opening = self._open(self._rig)
         return None if error is not None else opening.result()
 
     @property

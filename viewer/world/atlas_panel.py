@@ -6,6 +6,7 @@ Only the outer cubes are sent. A click moves nothing but the goal's ghost.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from so101_motion.tasks.sweeps.atlas_view import (
 )
 
 from ..page import markup
-from ..page.page_context import ArmContext, Part
+from ..page.page_context import PageContext, Part
 
 _ALL = "All"
 _SHARE = 0.8  # of the spacing: gaps show what is inside
@@ -41,7 +42,7 @@ class AtlasPart(Part):
     """The tab of an atlas; ``set_goal`` takes joint angles, shape (5,), [rad]."""
 
     def __init__(
-        self, context: ArmContext, atlas: Atlas, set_goal: Callable[[Array], None]
+        self, context: PageContext, atlas: Atlas, set_goal: Callable[[Array], None]
     ) -> None:
         self._atlas, self._set_goal = atlas, set_goal
         self._scene, self._context = context.server.scene, context
@@ -105,14 +106,16 @@ class AtlasPart(Part):
             seen.p, batched_colors=seen.colours, flat_shading=True, lod="off", cast_shadow=False,
             receive_shadow=False, visible=was_visible,
         )  # fmt: skip
-        self._context.on_pick_one(self._cubes, self._take)
+        self._cubes.on_click(
+            self._context.handler(lambda event: partial(self._take, event.instance_index))
+        )
         self._words.content = markup.small(
             f"{seen.total} points of {len(self._atlas.points)}. Click a cube: its pose becomes the"
             " goal."
         )
 
-    def _take(self, number: int) -> None:
-        if self._seen is None or not 0 <= number < len(self._seen.rows):
+    def _take(self, number: int | None) -> None:
+        if self._seen is None or number is None or not 0 <= number < len(self._seen.rows):
             return  # the cubes are others by now
         x, y, z = self._seen.p[number].tolist()
         reach = self._atlas.at(x, y, z)

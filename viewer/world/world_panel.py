@@ -17,7 +17,6 @@ import viser
 
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from so101_motion.planning.collision.scene import (
     FLOOR_Z,
     Attached,
@@ -33,7 +32,17 @@ from so101_motion.planning.kinematics.model import RobotModel
 from ..page import markup, texts
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
-from ..page.shared_fields import SharedField, UndoButtons, grey, put, tenth, tenths
+from ..page.shared_fields import (
+    DEGREES,
+    GRAMS,
+    MM,
+    PLAIN,
+    SharedField,
+    UndoButtons,
+    Unit,
+    grey,
+    put,
+)
 from ..scene.scene_edits import NEW_SHAPES, Thing, holder_of, pose_of
 from ..scene.scene_view import SceneView
 from .loaded_files import ENDINGS
@@ -91,8 +100,7 @@ class WorldPart(Part):
         self._gizmo_at = SE3.identity()
         self._on_handles = on_handles
         self._handled: str | None = None
-        self._context.on_drag(self._gizmo, self._dragged)
-        self._context.on_release(self._gizmo, lambda _handle: self.world.drop())
+        self._context.on_drag(self._gizmo, self._dragged, self.world.drop)
         with context.tabs.add_tab("World"):
             self._add_widgets(context.gui)
 
@@ -103,7 +111,7 @@ class WorldPart(Part):
         self._sentence = gui.add_html("")
         context.buttons("Add", {kind: partial(self._add, kind) for kind in NEW_SHAPES})
         self._list = gui.add_dropdown("Selected", (_nothing(()),))
-        self._selected = self._field(self._list, self._choose, shown=str)
+        self._selected = self._field(self._list, self._choose)
         self._acts = gui.add_button_group(
             "Change", _LOOSE, hint="attach: the gripper holds it from now on"
         )
@@ -119,13 +127,9 @@ class WorldPart(Part):
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),
             lambda on: world.set_floor(self._floor_z if on else None),
-            shown=bool,
         )
-        self._floor_z_mm = self._field(
-            gui.add_number("Floor height (mm)", 0.0, step=0.1),
-            lambda z_mm: world.set_floor(to_m(z_mm)),
-            shown=tenth,
-        )
+        height = gui.add_number("Floor height (mm)", 0.0, step=0.1)
+        self._height = self._field(height, world.set_floor, MM)
         self._floor_z = FLOOR_Z
         gui.add_divider()
         self._add_files(gui)
@@ -134,25 +138,22 @@ class WorldPart(Part):
 
     def _add_thing(self, gui: viser.GuiApi) -> None:
         world = self.world
-        self._name = self._field(gui.add_text("Name", ""), world.rename, shown=str)
+        self._name = self._field(gui.add_text("Name", ""), world.rename)
         size = gui.add_vector3("Size (mm)", (1.0, 1.0, 1.0), step=1.0)
-        self._size = self._field(size, lambda v: world.resize(size=to_m(np.array(v))), shown=tenths)
+        self._size = self._field(size, lambda size: world.resize(size=size), MM)
         radius = gui.add_number("Radius (mm)", 1.0, step=1.0)
-        self._radius = self._field(radius, lambda v: world.resize(radius=to_m(v)), shown=tenth)
+        self._radius = self._field(radius, lambda radius: world.resize(radius=radius), MM)
         length = gui.add_number("Length (mm)", 1.0, step=1.0)
-        self._length = self._field(length, lambda v: world.resize(length=to_m(v)), shown=tenth)
+        self._length = self._field(length, lambda length: world.resize(length=length), MM)
         self._at = gui.add_vector3("Position (mm)", (0.0, 0.0, 0.0), step=1.0)
-        self._position = self._field(
-            self._at, lambda v: world.move_to(to_m(np.array(v))), shown=tenths
-        )
+        self._position = self._field(self._at, world.move_to, MM)
         turn = gui.add_vector3("Turn (°)", (0.0, 0.0, 0.0), step=1.0)
-        self._turn = self._field(turn, lambda v: world.turn_to(to_rad(np.array(v))), shown=tenths)
+        self._turn = self._field(turn, world.turn_to, DEGREES)
         for box in (size, self._at, turn):
             box.precision = 1
-        mass = gui.add_number("Mass (g)", 0.0, step=1.0)
-        self._mass = self._field(mass, lambda grams: world.set_mass(grams / 1000.0), shown=tenth)
+        self._mass = self._field(gui.add_number("Mass (g)", 0.0, step=1.0), world.set_mass, GRAMS)
         zone = gui.add_checkbox("Keep-out zone", initial_value=False)
-        self._zone = self._field(zone, world.set_keep_out, shown=bool)
+        self._zone = self._field(zone, world.set_keep_out)
 
     def _add_files(self, gui: viser.GuiApi) -> None:
         is_for_viam = self._user.viam_name is not None
@@ -190,21 +191,25 @@ class WorldPart(Part):
             max=1e6,
             hint="Factor for the lengths in the next file: 1000 for an STL file in metres",
         )
-        self._scale = self._field(scale, self._set_scale, shown=float)
-        self._voxel = self._field(voxel, lambda mm: self.world.set_voxel(to_m(mm)), shown=tenth)
+        self._scale = self._field(scale, partial(setattr, self.world, "scale"))
+        self._voxel = self._field(voxel, self.world.set_voxel, MM)
         gui.add_html(markup.small("Loaded points become cubes with edges of this length."))
-        self._context.on_file(bring, lambda file: self.world.load(file.name, file.content))
+        bring.on_upload(
+            self._context.handler(lambda event: partial(self._load, event.target.value))
+        )
 
-    def _field(self, widget: Any, command: Callable[[Any], None], *, shown: Any) -> SharedField:
-        return SharedField(widget, command, self._context, shown=shown)
+    def _field(
+        self, widget: Any, command: Callable[[Any], None], unit: Unit = PLAIN
+    ) -> SharedField:
+        return SharedField(widget, command, self._context, unit)
 
     # Commands
 
     def _add(self, kind: str) -> None:
         self.world.add(kind, self._held_at())
 
-    def _set_scale(self, scale: float) -> None:
-        self.world.scale = scale
+    def _load(self, file: viser.UploadedFile) -> None:
+        self.world.load(file.name, file.content)
 
     def _report(self, error: So101Error) -> None:
         self.world.sentence = texts.ended(error)
@@ -314,7 +319,7 @@ class WorldPart(Part):
         floor_z = world.scene.floor_z
         self._floor.show(floor_z is not None)
         self._floor_z = self._floor_z if floor_z is None else floor_z
-        self._floor_z_mm.offer(None if floor_z is None else to_mm(floor_z))
+        self._height.offer(floor_z)
         self._for_viam.visible = self._viam_scene is world.scene
         self._tell_of_handles()
         self._show_thing(world.thing)
@@ -336,16 +341,15 @@ class WorldPart(Part):
         pose = None if thing is None else pose_of(thing)
         turns = pose is not None and not isinstance(shape, Sphere)
         self._name.show(None if thing is None else thing.name)
-        self._size.show(to_mm(shape.size) if isinstance(shape, Box) else None)
-        self._radius.show(to_mm(shape.radius) if isinstance(shape, Sphere | Capsule) else None)
-        self._length.show(to_mm(shape.length) if isinstance(shape, Capsule) else None)
+        self._size.show(shape.size if isinstance(shape, Box) else None)
+        self._radius.show(shape.radius if isinstance(shape, Sphere | Capsule) else None)
+        self._length.show(shape.length if isinstance(shape, Capsule) else None)
         self._at.label = "Position in gripper (mm)" if is_held else "Position (mm)"
-        self._position.show(None if pose is None else to_mm(pose.p))
-        self._turn.show(to_deg(pose.rpy) if pose is not None and turns else None)
-        cloud = shape if isinstance(shape, PointCloud) else None
+        self._position.show(None if pose is None else pose.p)
+        self._turn.show(pose.rpy if pose is not None and turns else None)
         self._scale.show(self.world.scale)
-        self._voxel.show(to_mm(self.world.voxel if cloud is None else cloud.resolution))
-        self._mass.show(1000.0 * thing.mass if isinstance(thing, Attached) else None)
+        self._voxel.show(shape.resolution if isinstance(shape, PointCloud) else self.world.voxel)
+        self._mass.show(thing.mass if isinstance(thing, Attached) else None)
         self._zone.show(thing.keep_out if isinstance(thing, Obstacle) else None)
         acts = _HELD if is_held else _LOOSE
         self._gripper.disabled = thing is None or is_held

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from harness.fake_page import STILL
-from so101_viewer.page.events import KEPT, ArmEvents, EventLog
+from so101_viewer.page.events import KEPT, EventLog
 from so101_viewer.page.screen_state import Tone
+from so101_viewer.panels.events_panel import ArmEvents
 
 from so101_motion.common.modes import Mode
 from so101_motion.rig.protocols import ArmConnection

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from so101_viewer.page.page_context import ArmContext
-from so101_viewer.page.shared_fields import SharedField
+from so101_viewer.page.page_context import PageContext
+from so101_viewer.page.shared_fields import SharedField, Unit
 
 
 class FakeWidget:
@@ -38,10 +38,8 @@ class FakeWidget:
 def make() -> tuple[FakeWidget, SharedField, deque[Callable[[], None]], list[Any]]:
     widget, commands, done = FakeWidget(), deque[Callable[[], None]](), list[Any]()
     unused: Any = None
-    context = ArmContext(
-        server=unused, rig=unused, tabs=unused, workers=unused, post=commands.append
-    )
-    return widget, SharedField(widget, done.append, context, shown=round), commands, done
+    context = PageContext(server=unused, tabs=unused, workers=unused, post=commands.append)
+    return widget, SharedField(widget, done.append, context, Unit(round)), commands, done
 
 
 def test_a_field_shows_what_the_page_says_once() -> None:

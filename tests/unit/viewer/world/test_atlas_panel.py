@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from so101_viewer.page.page_context import ArmContext
+from so101_viewer.page.page_context import PageContext
 from so101_viewer.server.guarded_server import start_guarded
 from so101_viewer.world.atlas_panel import AtlasPart
 
@@ -15,13 +15,17 @@ from so101_motion.tasks.sweeps.atlas_view import Shown, voxels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NotedContext(ArmContext):
+class NotedContext(PageContext):
     """A context whose cubes are clicked by the test."""
 
-    picks: list = field(default_factory=list)
+    handlers: list = field(default_factory=list)
 
-    def on_pick_one(self, node, command):
-        self.picks.append((node, command))
+    def handler(self, command_for):
+        self.handlers.append(command_for)
+        return PageContext.handler(self, command_for)
+
+    def click(self, number):
+        self.handlers[-1](SimpleNamespace(instance_index=number))()
 
 
 @pytest.fixture
@@ -33,7 +37,6 @@ def context():
         tabs=viser.gui.add_tab_group(),
         post=lambda command: command(),
         workers=None,
-        rig=SimpleNamespace(),
     )
     server.close()
 
@@ -45,10 +48,10 @@ def test_a_click_on_a_cube_makes_its_pose_the_goal(context, tmp_path):
     assert part.refresh()
     part.show()
     assert not part.refresh()
-    ((cubes, pick),) = context.picks
     expected = voxels(atlas, Shown(axis="y"))  # a slice, so that the arm is seen
-    assert cubes.batched_positions == pytest.approx(expected.p, abs=1e-6)
-    pick(3)
-    pick(10**6)  # was sent for cubes that are gone
+    assert part._cubes.batched_positions == pytest.approx(expected.p, abs=1e-6)
+    context.click(3)
+    context.click(10**6)  # was sent for cubes that are gone
+    context.click(None)
     (q,) = goals
     assert RobotModel.load().frame(np.array(q)).p == pytest.approx(expected.p[3], abs=1e-5)
