@@ -3,26 +3,21 @@
 One browser, one arm and one page serve a module; before each test the arm is brought home.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import threading
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import pytest
 from harness.browser_user import FEW_PICTURES, HOME, READY, Guest
-from playwright.sync_api import Browser, BrowserContext, sync_playwright
-from so101_viewer import Preview, serve
+from playwright.sync_api import sync_playwright
+from so101_viewer import serve
 
 from so101_motion.common.errors import MotionError
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -35,7 +30,7 @@ LONGEST = 400.0
 """How long a test may take where it does not say so itself [s]: a busy machine draws slowly."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     for item in items:
         if item.path.is_relative_to(Path(__file__).parent) and not item.get_closest_marker(
             "timeout"
@@ -43,7 +38,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.timeout(LONGEST))
 
 
-def move_to(rig: Rig, q: np.ndarray) -> None:
+def move_to(rig, q):
     """Move the arm there; again where a busy machine had no time for its setpoints."""
     for _ in range(3):
         with suppress(MotionError):
@@ -52,7 +47,7 @@ def move_to(rig: Rig, q: np.ndarray) -> None:
     rig.arm.move(JointGoal(q=q), wait=False).result(60.0)
 
 
-def crawl_aside(rig: Rig) -> None:
+def crawl_aside(rig):
     """Set out from home on a move that takes half a minute."""
     rig.arm.set_speed(to_rad(180.0))
     move_to(rig, HOME)
@@ -60,19 +55,13 @@ def crawl_aside(rig: Rig) -> None:
     rig.arm.move(JointGoal(q=ASIDE), wait=False)
 
 
-class Visit(Protocol):
-    """Opens a window on nothing yet."""
-
-    def __call__(self, size: tuple[int, int] = ..., *, dark: bool = ...) -> Guest: ...
-
-
 @pytest.fixture(autouse=True)
-def no_thread_outlives_its_test() -> None:
+def no_thread_outlives_its_test():
     """Here the arm and its page outlive a test; the module answers for their threads."""
 
 
 @pytest.fixture(scope="module", autouse=True)
-def no_thread_outlives_its_module() -> Iterator[None]:
+def no_thread_outlives_its_module():
     before = set(threading.enumerate())
     yield
     left = [
@@ -86,7 +75,7 @@ def no_thread_outlives_its_module() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def browser(tmp_path_factory):
     with sync_playwright() as playwright:
         own = playwright.chromium.executable_path
         found = next(filter(None, map(shutil.which, NAMES)), own)
@@ -108,7 +97,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def own_files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def own_files(tmp_path_factory):
     """Where the page keeps the user's files: never in the home of the person who runs the tests."""
     folder = tmp_path_factory.mktemp("data")
     with pytest.MonkeyPatch.context() as patch:
@@ -117,23 +106,23 @@ def own_files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="module")
-def rig() -> Iterator[Rig]:
+def rig():
     with open_simulated(speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
         yield rig
 
 
 @pytest.fixture(scope="module")
-def preview(rig: Rig) -> Iterator[Preview]:
+def preview(rig):
     with serve(rig, port=0) as preview:
         yield preview
 
 
 @pytest.fixture(scope="module")
-def visit(browser: Browser) -> Iterator[Visit]:
+def visit(browser):
     """Opens windows of a browser that knows no key yet."""
-    contexts: list[BrowserContext] = []
+    contexts = []
 
-    def new(size: tuple[int, int] = LAPTOP, *, dark: bool = False) -> Guest:
+    def new(size=LAPTOP, *, dark=False):
         width, height = size
         context = browser.new_context(
             viewport={"width": width, "height": height},
@@ -154,14 +143,14 @@ def visit(browser: Browser) -> Iterator[Visit]:
 
 
 @pytest.fixture(scope="module")
-def opened(visit: Visit, preview: Preview) -> Guest:
+def opened(visit, preview):
     guest = visit()
     guest.open(preview.url)
     return guest
 
 
 @pytest.fixture
-def guest(opened: Guest, rig: Rig) -> Guest:
+def guest(opened, rig):
     """A window on an arm that is at home, with nothing planned and a target aside."""
     rig.arm.stop()
     rig.arm.set_speed(to_rad(180.0))

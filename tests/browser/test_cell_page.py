@@ -1,24 +1,16 @@
 """Several simulated arms in one page: common motions, jogging one arm, programs, their world."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Visit
-from harness.browser_user import Guest
-from playwright.sync_api import Download, Locator
-from so101_viewer import Preview, Source, serve_source
+from so101_viewer import Source, serve_source
 
 from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle, read_cell
-from so101_motion.rig.cell_rigs import CellRigs, open_cell
-from so101_motion.rig.rig import Rig
+from so101_motion.rig.cell_rigs import open_cell
 
 pytestmark = pytest.mark.browser
 
@@ -31,7 +23,7 @@ FILE = arms_in_a_circle(2)
 
 
 @pytest.fixture(scope="module")
-def arms() -> Iterator[CellRigs]:
+def arms():
     with open_cell(FILE) as opened:
         for rig in opened.rigs.values():
             rig.arm.set_speed(to_rad(3.0))  # for many seconds
@@ -39,14 +31,14 @@ def arms() -> Iterator[CellRigs]:
 
 
 @pytest.fixture(scope="module")
-def page(arms: CellRigs) -> Iterator[Preview]:
+def page(arms):
     source = Source(title="Two arms", open=lambda: arms, lasts=True)
     with serve_source(source, port=0) as served:
         yield served
 
 
 @pytest.fixture(scope="module")
-def guest(visit: Visit, page: Preview) -> Guest:
+def guest(visit, page):
     guest = visit()
     guest.page.goto(page.url)
     guest.until(lambda: guest.button("Plan").count() == 1)
@@ -57,13 +49,13 @@ def guest(visit: Visit, page: Preview) -> Guest:
     return guest
 
 
-def record(guest: Guest, row: str, arms: str) -> None:
+def record(guest, row, arms):
     """Press the button for ``arms`` in a row of the Program tab."""
     row_at = f"xpath=//*[text()='{row}']/ancestor::*[.//button][1]//button"
     guest.page.locator(row_at).filter(has_text=re.compile(f"^{arms}$")).click()
 
 
-def press_unfolded(guest: Guest, folder: str, button: str) -> None:
+def press_unfolded(guest, folder, button):
     """Press a button in a folder, and fold that again."""
     for act in (folder, button, folder):
         if act == folder:
@@ -72,19 +64,19 @@ def press_unfolded(guest: Guest, folder: str, button: str) -> None:
             guest.button(button).filter(visible=True).click()
 
 
-def arm_tab(guest: Guest, name: str) -> Locator:
+def arm_tab(guest, name):
     """The tab of an arm within the tab in front."""
     tabs = guest.page.get_by_role("tablist").filter(has_text=re.compile("^arm 1arm 2$"))
     return tabs.get_by_role("tab", name=name, exact=True).filter(visible=True)
 
 
-def push(rig: Rig, q: np.ndarray) -> None:
+def push(rig, q):
     """What a hand does with a soft arm."""
-    rig.executor.call(lambda driver: driver.push(q))  # type: ignore[attr-defined]
+    rig.executor.call(lambda driver: driver.push(q))
 
 
 @pytest.mark.timeout(400)
-def test_a_common_motion_is_planned_executed_and_stopped(guest: Guest, arms: CellRigs) -> None:
+def test_a_common_motion_is_planned_executed_and_stopped(guest, arms):
     rigs = list(arms.rigs.values())
     for _ in range(ATTEMPTS):
         guest.until(lambda: guest.button("Plan").is_enabled())
@@ -106,12 +98,10 @@ def test_a_common_motion_is_planned_executed_and_stopped(guest: Guest, arms: Cel
     assert guest.problems == []
 
 
-def test_the_plan_is_downloaded_as_a_film_of_all_arms_and_as_a_table_of_one(
-    guest: Guest, tmp_path: Path
-) -> None:
+def test_the_plan_is_downloaded_as_a_film_of_all_arms_and_as_a_table_of_one(guest, tmp_path):
     page = guest.page
 
-    def take(kind: str) -> Download:
+    def take(kind):
         page.get_by_role("tab", name="Share", exact=True).click()
         for label, wanted in (("File", kind), *([] if kind == "Film" else [("Of", "arm 2")])):
             field = page.get_by_role("combobox", name=label, exact=True).filter(visible=True)
@@ -135,10 +125,10 @@ def test_the_plan_is_downloaded_as_a_film_of_all_arms_and_as_a_table_of_one(
     assert guest.problems == []
 
 
-def test_each_arm_is_jogged_by_itself(guest: Guest, arms: CellRigs) -> None:
+def test_each_arm_is_jogged_by_itself(guest, arms):
     page, (first, second) = guest.page, arms.rigs.values()
 
-    def moves(rig: Rig) -> bool:
+    def moves(rig):
         return bool(np.any(np.abs(rig.arm.state.qd_ref) > to_rad(1.0)))
 
     page.get_by_role("tab", name="Jog", exact=True).click()
@@ -164,9 +154,7 @@ def test_each_arm_is_jogged_by_itself(guest: Guest, arms: CellRigs) -> None:
     assert guest.problems == []
 
 
-def test_a_program_for_both_arms_is_recorded_edited_and_planned(
-    guest: Guest, arms: CellRigs
-) -> None:
+def test_a_program_for_both_arms_is_recorded_edited_and_planned(guest, arms):
     page, rigs = guest.page, list(arms.rigs.values())
     guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in rigs))
     page.get_by_role("tab", name="Program", exact=True).click()
@@ -192,7 +180,7 @@ def test_a_program_for_both_arms_is_recorded_edited_and_planned(
     at = line.bounding_box()
     assert at is not None
 
-    def ghost_at(share: float) -> list[float]:
+    def ghost_at(share):
         """Where the second arm's ghost is, once it has come there."""
         before = guest.pose_of(ghost)
         line.click(position={"x": share * at["width"], "y": 0.5 * at["height"]})
@@ -212,7 +200,7 @@ def test_a_program_for_both_arms_is_recorded_edited_and_planned(
     assert guest.problems == []
 
 
-def test_steps_are_recorded_by_hand_and_repeated_in_a_loop(guest: Guest, arms: CellRigs) -> None:
+def test_steps_are_recorded_by_hand_and_repeated_in_a_loop(guest, arms):
     page, (first, second) = guest.page, arms.rigs.values()
     page.get_by_role("tab", name="Program", exact=True).click()
     press_unfolded(guest, "Save and load", "new")
@@ -247,7 +235,7 @@ def test_steps_are_recorded_by_hand_and_repeated_in_a_loop(guest: Guest, arms: C
     assert guest.problems == []
 
 
-def test_a_path_is_taught_to_one_arm_while_the_other_holds(guest: Guest, arms: CellRigs) -> None:
+def test_a_path_is_taught_to_one_arm_while_the_other_holds(guest, arms):
     page, (first, second) = guest.page, arms.rigs.values()
     guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in (first, second)))
     page.get_by_role("tab", name="Teach", exact=True).click()
@@ -272,11 +260,11 @@ def test_a_path_is_taught_to_one_arm_while_the_other_holds(guest: Guest, arms: C
 
 
 def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_them(
-    guest: Guest, arms: CellRigs, own_files: Path
-) -> None:
+    guest, arms, own_files
+):
     page, rigs = guest.page, arms.rigs
 
-    def seen() -> list[list[str]]:
+    def seen():
         return [[each.name for each in rig.arm.scene.obstacles] for rig in rigs.values()]
 
     page.get_by_role("tab", name="World", exact=True).click()
@@ -294,7 +282,7 @@ def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_th
     stood = [rig.arm.state.q for rig in rigs.values()]
     second = list(rigs)[1]
 
-    def held() -> list[list[str]]:
+    def held():
         return [[each.name for each in rig.arm.scene.attached] for rig in rigs.values()]
 
     gripper = page.get_by_role("combobox", name="Gripper of").filter(visible=True)

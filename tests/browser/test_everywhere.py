@@ -1,15 +1,8 @@
 """What holds on all tabs and in windows of any size: Stop on top, targets for fingers, the Tab key,
 words for what is drawn, and nothing shown as new that is old."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import pytest
-from conftest import LAPTOP, PHONE, crawl_aside, move_to
-from harness.browser_user import READY, Guest
-
-from so101_motion.rig.rig import Rig
+from conftest import LAPTOP, PHONE, crawl_aside
 
 pytestmark = pytest.mark.browser
 
@@ -81,19 +74,17 @@ UNREACHABLE = """() => [...document.querySelectorAll(
 
 
 @pytest.fixture
-def crawl(guest: Guest, rig: Rig) -> Callable[[], None]:
+def crawl(guest, rig):
     """Makes the arm move slowly for half a minute."""
 
-    def begin() -> None:
+    def begin():
         crawl_aside(rig)
         guest.until(lambda: rig.arm.is_moving)
 
     return begin
 
 
-def test_nothing_covers_stop_and_a_click_on_it_stops_whatever_is_open(
-    guest: Guest, rig: Rig, crawl: Callable[[], None]
-) -> None:
+def test_nothing_covers_stop_and_a_click_on_it_stops_whatever_is_open(guest, rig, crawl):
     page = guest.page
     for size in ((1440, 900), (1024, 700), PHONE):
         page.set_viewport_size({"width": size[0], "height": size[1]})
@@ -111,44 +102,7 @@ def test_nothing_covers_stop_and_a_click_on_it_stops_whatever_is_open(
         assert page.locator(ICONS_FOR_DEVELOPERS).filter(visible=True).count() == 0
 
 
-def test_plots_tracking_and_share_name_their_plan_and_are_grey_when_it_is_old(
-    guest: Guest, rig: Rig
-) -> None:
-    page = guest.page
-
-    def caption() -> str:
-        return page.locator("div:visible", has_text=" s; peak ").last.inner_text()
-
-    def opacity() -> float:
-        plot = page.locator(".uplot").filter(visible=True).first
-        return float(plot.evaluate("plot => getComputedStyle(plot).opacity"))
-
-    guest.plan()
-    page.get_by_role("tab", name="Velocity").click()
-    guest.until(lambda: caption().startswith("Plan "))
-    name = caption().split(",")[0]
-    guest.comes_to(1.0, opacity)
-    drawn = page.get_by_role("img", name="Plot of velocity (°/s), over time")
-    # What is drawn, for who cannot see it.
-    guest.until(lambda: drawn.filter(visible=True).count() == 1)
-    page.get_by_role("tab", name="Share").click()
-    guest.until(lambda: guest.says(f"{name}. Choose a file type."))
-    page.get_by_role("tab", name="Move").click()
-
-    guest.press("Execute")
-    guest.until(lambda: guest.says("Arrived"))
-    guest.until(lambda: caption().startswith(f"{name}, no longer current") and opacity() == 0.5)
-    page.get_by_role("tab", name="Tracking").click()
-    guest.until(lambda: guest.says(f"{name}: RMS"))
-    page.get_by_role("tab", name="Share").click()
-    guest.until(lambda: guest.says(f"{name}, no longer current. Choose a file type."))
-    move_to(rig, 0.5 * READY)  # somebody else moves it
-    guest.until(lambda: guest.says("Another motion: RMS"))
-    page.get_by_role("tab", name="Velocity").click()
-    page.get_by_role("tab", name="Move").click()
-
-
-def test_every_target_is_large_enough_for_a_finger(guest: Guest) -> None:
+def test_every_target_is_large_enough_for_a_finger(guest):
     for width, height in (PHONE, (820, 1180), (1024, 700)):
         guest.page.set_viewport_size({"width": width, "height": height})
         guest.until(lambda: guest.page.locator("[data-dock-tab]").count() == 0)
@@ -160,9 +114,7 @@ def test_every_target_is_large_enough_for_a_finger(guest: Guest) -> None:
             guest.comes_to([], lambda: guest.page.evaluate(SMALL_TARGETS))
 
 
-def test_a_fields_letter_keeps_clear_of_its_number_also_when_the_window_is_wide_again(
-    guest: Guest,
-) -> None:
+def test_a_fields_letter_keeps_clear_of_its_number_also_when_the_window_is_wide_again(guest):
     page = guest.page
     docked = page.locator("[data-dock-tab]")
     guest.type_target(-234.5, -160.5, 126.5)
@@ -173,26 +125,26 @@ def test_a_fields_letter_keeps_clear_of_its_number_also_when_the_window_is_wide_
         guest.until(lambda: page.locator('input[aria-label="Target (mm) Z"]').count() == 1)
         page.wait_for_timeout(300)
 
-        def keep_clear() -> list[bool]:
+        def keep_clear():
             return [room >= 2.0 for room in page.evaluate(ROOM_BETWEEN)]
 
         guest.comes_to([True] * 3, keep_clear)
 
 
-def test_the_tab_key_reaches_every_control(guest: Guest) -> None:
+def test_the_tab_key_reaches_every_control(guest):
     page = guest.page
 
-    def all_there() -> set[str]:
+    def all_there():
         """The controls, once the page has built them all."""
-        found: list[set[str]] = [set(), set()]
+        found = [set(), set()]
         while len(found[-1]) <= 8 or found[-1] != found[-2]:
             page.wait_for_timeout(300)
             found.append(set(page.evaluate(CONTROLS, True)))
         return found[-1]
 
-    def missed() -> set[str]:
+    def missed():
         wanted = all_there()
-        reached: set[str] = set()
+        reached = set()
         for _ in range(2 * len(wanted) + 40):
             page.keyboard.press("Tab")
             reached.update(page.evaluate(CONTROLS, False))

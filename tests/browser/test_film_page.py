@@ -1,16 +1,12 @@
 """A recording opened from a file, without a network or anything else."""
 
-from __future__ import annotations
-
 import io
-from collections.abc import Iterator
 from datetime import datetime
 
 import numpy as np
 import pytest
 from harness.browser_user import FEW_PICTURES, HOME, READY, Guest
 from PIL import Image
-from playwright.sync_api import Browser
 from so101_viewer import film_of_plan, write_recording
 
 from so101_motion.common.geometry import SE3
@@ -27,7 +23,7 @@ HOSTILE = "<img src=x onerror=window.PWNED=1>"
 
 
 @pytest.fixture(scope="module")
-def film(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guest]:
+def film(browser, tmp_path_factory):
     shape, place = Box(size=np.full(3, 0.06)), SE3.from_translation((0.1, 0.25, 0.03))
     scene = Scene(obstacles=(Obstacle(name=HOSTILE, shape=shape, T_base_obstacle=place),))
     limits = MotionLimits.uniform(velocity=2.0, acceleration=8.0, jerk=80.0)
@@ -53,13 +49,11 @@ def film(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     context.close()
 
 
-def test_it_shows_arm_ghost_path_and_obstacle_in_motion(film: Guest) -> None:
+def test_a_film_shows_the_arm_in_motion_and_its_figures_asks_for_nothing_and_runs_no_name(film):
     film.until(lambda: {"/arms/0/ghost/gripper_link", "/arms/0/path", "/world/0"} <= film.nodes())
     before = film.pose_of("/arms/0/arm/gripper_link")["position"]
     film.until(lambda: film.pose_of("/arms/0/arm/gripper_link")["position"] != before)
 
-
-def test_its_picture_is_that_of_the_arm_and_changes(film: Guest) -> None:
     with film.looking():
         film.until(lambda: orange(film.page.screenshot()) > 200, seconds=60.0)
         first = grey(film.page.screenshot())
@@ -68,8 +62,6 @@ def test_its_picture_is_that_of_the_arm_and_changes(film: Guest) -> None:
             seconds=60.0,
         )
 
-
-def test_it_shows_its_figures_asks_for_nothing_and_runs_no_name(film: Guest) -> None:
     for words in ("Duration", "Peak speed", "Clearance", "Limits", "Gripper", HOSTILE):
         film.comes_to(1, film.page.get_by_text(words, exact=True).count)
     for words in ("path of the tool", "the goal", "% open", f"{datetime.now():%Y-%m-%d}"):
@@ -81,11 +73,11 @@ def test_it_shows_its_figures_asks_for_nothing_and_runs_no_name(film: Guest) -> 
     assert film.problems == []
 
 
-def grey(png: bytes) -> np.ndarray:
+def grey(png):
     return np.asarray(Image.open(io.BytesIO(png)).convert("L"), dtype=int)
 
 
-def orange(png: bytes) -> int:
+def orange(png):
     """How many pixels have the colour of the arm."""
     bands = Image.open(io.BytesIO(png)).convert("HSV").split()
     hue, saturation, value = (np.asarray(band, dtype=int) for band in bands)

@@ -1,22 +1,17 @@
 """What floats over the scene: a camera's picture, the plots, and alerts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
-from conftest import LAPTOP, PHONE, Visit
-from harness.browser_user import Guest
+from conftest import LAPTOP, PHONE
 from harness.web_camera import web_camera
-from so101_viewer import Preview, serve_source
+from so101_viewer import serve_source
 from so101_viewer.page.screen_state import Sentence, Tone
 from so101_viewer.source import Source
 
-from so101_motion.rig.rig import Rig
-
 pytestmark = pytest.mark.browser
 
-TABLET = (820, 1180)
+TABLET, LOW = (820, 1180), (1024, 700)
 
 CUT = "area => area.scrollHeight - area.clientHeight"
 """How much of a panel has to be scrolled to [px]."""
@@ -24,8 +19,8 @@ CUT = "area => area.scrollHeight - area.clientHeight"
 
 @pytest.mark.parametrize(("picture", "is_cut"), [("picture", False), ("upright", True)])
 def test_a_cameras_picture_is_free_of_the_arm_and_is_scrolled_by_keys_where_it_is_cut(
-    visit: Visit, rig: Rig, picture: str, is_cut: bool
-) -> None:
+    visit, rig, picture, is_cut
+):
     with web_camera() as camera:
         source = replace(Source.given(rig, "Arm"), camera=f"{camera}/{picture}")
         with serve_source(source, port=0) as preview:
@@ -53,14 +48,14 @@ def test_a_cameras_picture_is_free_of_the_arm_and_is_scrolled_by_keys_where_it_i
 
 
 def test_many_alerts_stand_above_the_picture_of_the_arm_on_tablets_and_in_small_windows(
-    guest: Guest, visit: Visit, preview: Preview
-) -> None:
+    guest, visit, preview
+):
     window = visit(TABLET)
     window.open(preview.url)  # without control, which is one alert more
     page = window.page
     alerts, picture = page.locator("#so101-alerts"), page.locator("#root")
 
-    def overlap() -> float:
+    def overlap():
         """By how much the alerts lie over the picture [px]."""
         above, below = alerts.bounding_box(), picture.bounding_box()
         assert above is not None
@@ -68,7 +63,7 @@ def test_many_alerts_stand_above_the_picture_of_the_arm_on_tablets_and_in_small_
         return max(above["y"] + above["height"] - below["y"], 0.0)
 
     said = [Sentence(text=f"Servo {k} is too hot; let it cool.", tone=Tone.BAD) for k in range(3)]
-    for size in (TABLET, (1024, 700)):
+    for size in (TABLET, LOW):
         page.set_viewport_size({"width": size[0], "height": size[1]})
         for count in (1, 2, 3):
             preview.host.bar.alert("test", said[:count])
@@ -79,16 +74,14 @@ def test_many_alerts_stand_above_the_picture_of_the_arm_on_tablets_and_in_small_
     window.leave()
 
 
-def test_of_many_alerts_the_first_is_whole_and_a_click_unfolds_another(
-    visit: Visit, preview: Preview
-) -> None:
+def test_of_many_alerts_the_first_is_whole_and_a_click_unfolds_another(visit, preview):
     window = visit()
     window.open(preview.url)
     lines = window.page.locator("#so101-alerts p")
     long = "Servo {} is too hot, so it will switch off soon; let it cool, and hold less weight. "
     said = [Sentence(text=2 * long.format(k), tone=Tone.BAD) for k in range(4)]
 
-    def high() -> list[bool]:
+    def high():
         """Which have more than one line."""
         boxes = [line.bounding_box() for line in lines.all()]
         return [box is not None and box["height"] > 40.0 for box in boxes]
@@ -105,7 +98,7 @@ def test_of_many_alerts_the_first_is_whole_and_a_click_unfolds_another(
     window.leave()
 
 
-def strip(guest: Guest) -> tuple[bool, float]:
+def strip(guest):
     """Whether the plots are folded, and how far the panel's end is from that of the scene [px]."""
     page = guest.page
     panel = page.locator("[data-floating-window]").filter(has_text="Velocity")
@@ -118,18 +111,18 @@ def strip(guest: Guest) -> tuple[bool, float]:
 
 @pytest.mark.parametrize("between", [PHONE, TABLET])
 def test_plots_are_folded_or_not_as_they_were_before_the_window_was_narrow(
-    guest: Guest, visit: Visit, preview: Preview, between: tuple[int, int]
-) -> None:
+    guest, visit, preview, between
+):
     window = visit()
     window.open(preview.url)
     page = window.page
 
-    def resize(size: tuple[int, int]) -> None:
+    def resize(size):
         page.set_viewport_size({"width": size[0], "height": size[1]})
         docked = 7 if size == LAPTOP else 0
         window.until(lambda: min(page.locator("[data-dock-tab]").count(), 7) == docked)
 
-    def rests_at(*wanted: bool | float) -> None:
+    def rests_at(*wanted):
         page.wait_for_timeout(500)  # for what comes late
         window.comes_to(wanted, lambda: strip(window))
 

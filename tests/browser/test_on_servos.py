@@ -1,31 +1,24 @@
 """Gripper and programs on emulated servos: what they really do, and what the page says of it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import Visit
-from harness.browser_user import Guest
-from harness.web_camera import web_camera
-from so101_viewer import Preview, Source, serve, serve_source
+from so101_viewer import Source, serve, serve_source
 
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.errors import NoReply
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.pty_port import Pacing
-from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
+from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.tasks.program import Loop, Program, Waypoint
 from so101_motion.tasks.program.files import file_of, write
@@ -57,7 +50,7 @@ STEPS = ["open", "40 % speed, close, 0.6 s", "0.6 s, 2 to 3 run 2×"]
 class Servos:
     """``so101 emulate`` in a process of its own: its servos lag, brake, and press on things."""
 
-    def __init__(self, port: str) -> None:
+    def __init__(self, port):
         command = (sys.executable, "-m", "so101_motion.cli", "emulate", "--realtime", "--link")
         self._process = subprocess.Popen(
             [*command, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -65,12 +58,12 @@ class Servos:
         assert self._process.stdout is not None
         self._process.stdout.readline()
 
-    def type(self, line: str) -> None:
+    def type(self, line):
         assert self._process.stdin is not None
         self._process.stdin.write(f"{line}\n")
         self._process.stdin.flush()
 
-    def close(self) -> None:
+    def close(self):
         self._process.terminate()
         self._process.wait(10.0)
         for pipe in (self._process.stdin, self._process.stdout):
@@ -79,12 +72,12 @@ class Servos:
 
 
 @pytest.fixture(scope="module")
-def port(tmp_path_factory: pytest.TempPathFactory) -> str:
+def port(tmp_path_factory):
     return str(tmp_path_factory.mktemp("port") / "arm")
 
 
 @pytest.fixture(scope="module")
-def servos(port: str) -> Iterator[Servos]:
+def servos(port):
     servos = Servos(port)
     servos.type("pose")  # somebody holds it up until it holds itself
     yield servos
@@ -92,7 +85,7 @@ def servos(port: str) -> Iterator[Servos]:
 
 
 @pytest.fixture(scope="module")
-def arm_on_port(servos: Servos, port: str) -> Iterator[HardwareRig]:
+def arm_on_port(servos, port):
     patience = 0.3  # this computer has a browser to run as well
     with open_hardware(ServoSettings(port=port).with_arm(SERVO_IDS), reply_timeout=patience) as rig:
         for _ in range(10):  # a busy machine may lose an answer
@@ -108,12 +101,12 @@ def arm_on_port(servos: Servos, port: str) -> Iterator[HardwareRig]:
 class Leader:
     """A second arm on a port of its own, which a hand keeps up; opened to be followed."""
 
-    def __init__(self, port: str) -> None:
+    def __init__(self, port):
         self._port, self.servos = port, Servos(port)
         self.servos.type("pose")
-        self.rig: HardwareRig | None = None
+        self.rig = None
 
-    def open(self) -> HardwareRig:
+    def open(self):
         """Open it as ``--leader`` does."""
         settings = ServoSettings(port=self._port).with_arm(SERVO_IDS)
         self.rig = open_hardware(settings, reply_timeout=0.3)
@@ -121,43 +114,29 @@ class Leader:
 
 
 @pytest.fixture(scope="module")
-def leader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Leader]:
+def leader(tmp_path_factory):
     leader = Leader(str(tmp_path_factory.mktemp("leader") / "arm"))
     yield leader
     leader.servos.close()
 
 
 @pytest.fixture(scope="module")
-def page_of_it(arm_on_port: HardwareRig, leader: Leader) -> Iterator[Preview]:
+def page_of_it(arm_on_port, leader):
     write(PROGRAM, file_of("pick"))
-    with camera() as device:
-        source = Source(
-            title="Arm",
-            open=lambda: arm_on_port,
-            lasts=True,
-            camera=device,
-            open_leader=leader.open,
-        )
-        with serve_source(source, port=0) as preview:
-            yield preview
-
-
-@contextmanager
-def camera() -> Iterator[str]:
-    """A camera that answers each request with another picture."""
-    with web_camera() as address:
-        yield f"{address}/picture"
+    source = replace(Source.given(arm_on_port, "Arm"), open_leader=leader.open)
+    with serve_source(source, port=0) as preview:
+        yield preview
 
 
 @pytest.fixture(scope="module")
-def window(visit: Visit, page_of_it: Preview) -> Guest:
+def window(visit, page_of_it):
     guest = visit()
     guest.open(page_of_it.url)
     return guest
 
 
 @pytest.fixture
-def guest(window: Guest, arm_on_port: HardwareRig, servos: Servos) -> Iterator[Guest]:
+def guest(window, arm_on_port, servos):
     """A window on an arm whose jaw is empty."""
     window.page.get_by_role("tab", name="Move", exact=True).click()
     yield window
@@ -165,12 +144,12 @@ def guest(window: Guest, arm_on_port: HardwareRig, servos: Servos) -> Iterator[G
 
 
 @contextmanager
-def watched(rig: HardwareRig) -> Iterator[list[JointState]]:
+def watched(rig):
     """What the servos say meanwhile, every 20 ms."""
     seen = [rig.arm.state]
     over = threading.Event()
 
-    def look() -> None:
+    def look():
         while not over.wait(0.02):
             if rig.arm.state.t > seen[-1].t:
                 seen.append(rig.arm.state)
@@ -184,9 +163,9 @@ def watched(rig: HardwareRig) -> Iterator[list[JointState]]:
         thread.join()
 
 
-def steps_of(seen: list[JointState]) -> list[tuple[str, float]]:
+def steps_of(seen):
     """Where the arm stood, in order, and the highest speed asked of a joint meanwhile [rad/s]."""
-    steps: list[tuple[str, float]] = []
+    steps = []
     fastest = 0.0
     for before, state in zip(seen, seen[5:], strict=False):
         fastest = max(fastest, float(np.abs(state.qd_ref).max()))
@@ -200,8 +179,8 @@ def steps_of(seen: list[JointState]) -> list[tuple[str, float]]:
 
 
 def test_what_the_jaw_holds_is_said_with_its_width_and_its_slider_sets_the_force(
-    guest: Guest, arm_on_port: HardwareRig, servos: Servos
-) -> None:
+    guest, arm_on_port, servos
+):
     opening = guest.page.get_by_role("slider", name="Opening (%)")
     force = guest.page.get_by_role("slider", name="Grip force (%)")
     loads, pressed = [], []
@@ -227,17 +206,7 @@ def test_what_the_jaw_holds_is_said_with_its_width_and_its_slider_sets_the_force
     guest.until(lambda: guest.says("Holding nothing, "))
 
 
-def test_the_pictures_of_a_camera_device_change_over_the_scene(guest: Guest) -> None:
-    picture = guest.page.get_by_alt_text("The camera's picture")
-    guest.until(lambda: picture.count() == 1 and picture.is_visible())
-    seen = {picture.get_attribute("src")}
-    guest.until(lambda: seen.add(picture.get_attribute("src")) or len(seen) > 3)
-    assert picture.evaluate("image => image.naturalWidth") == 32
-
-
-def test_a_program_is_carried_out_step_by_step_as_its_list_says(
-    guest: Guest, arm_on_port: HardwareRig, servos: Servos
-) -> None:
+def test_a_program_is_carried_out_step_by_step_as_its_list_says(guest, arm_on_port, servos):
     rig, page = arm_on_port, guest.page
     rig.gripper.move(0.4, wait=False).result(30.0)
     page.get_by_role("tab", name="Program").click()
@@ -246,17 +215,17 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
     guest.until(lambda: guest.button("load").is_enabled())
     guest.press("load")
 
-    def lines() -> list[str]:
+    def lines():
         return page.locator(".so101-steps small").all_inner_texts()
 
-    def choose(k: int) -> None:
+    def choose(k):
         row = page.locator(".so101-steps button").nth(k)
         row.click()
         guest.until(lambda: "chosen" in (row.get_attribute("class") or ""))
 
     guest.until(lambda: lines() == STEPS)
 
-    def run(part: str) -> list[tuple[str, float]]:
+    def run(part):
         """The steps; again where a busy machine kept setpoints or servos from what they do."""
         for _ in range(3):
             with suppress(pytest.fail.Exception):
@@ -265,7 +234,7 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
             assert late or guest.has_stalled(), guest.page.inner_text("body")
         return attempt(part)
 
-    def attempt(part: str) -> list[tuple[str, float]]:
+    def attempt(part):
         guest.press(part)
         page.wait_for_timeout(300)
         guest.until(lambda: guest.button("Run program").is_enabled())
@@ -282,7 +251,7 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
         jaws.extend(state.q_jaw for state in seen if np.abs(state.q - PLACES["C"]).max() < NEAR)
         return steps_of(seen)
 
-    jaws: list[float] = []
+    jaws = []
     steps = run("Plan program")
     assert "".join(name for name, _ in steps).removeprefix("C") == "ABCBC"  # a repeat begins at C
     fast, slow = (max(speed for name, speed in steps if name == to) for to in "AB")
@@ -297,9 +266,7 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
     assert guest.problems == []
 
 
-def test_the_arm_follows_a_leader_on_a_second_port_until_stop(
-    guest: Guest, arm_on_port: HardwareRig, leader: Leader
-) -> None:
+def test_the_arm_follows_a_leader_on_a_second_port_until_stop(guest, arm_on_port, leader):
     arm = arm_on_port.arm
     guest.page.get_by_role("tab", name="Teach").click()
     guest.until(lambda: guest.says("Keep a hand on the leader"))
@@ -313,7 +280,7 @@ def test_the_arm_follows_a_leader_on_a_second_port_until_stop(
 
     leader.servos.type("sweep=40")  # a hand turns its shoulder first
 
-    def is_beside() -> bool:
+    def is_beside():
         behind = float(np.abs(arm.state.q - leading.state.q).max())
         return float(arm.state.q[0]) < to_rad(-30.0) and behind < to_rad(10.0)
 
@@ -329,8 +296,8 @@ def test_the_arm_follows_a_leader_on_a_second_port_until_stop(
 
 
 def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_the_page(
-    visit: Visit, tmp_path: Path
-) -> None:
+    visit, tmp_path
+):
     entries = {
         joint: JointCalibration(id=i, homing_offset=40 * (joint == "elbow_flex"))
         for i, joint in enumerate(JOINTS, start=1)
@@ -340,7 +307,7 @@ def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_th
     options = EmulatorOptions(link=tmp_path / "arm", pacing=Pacing(realtime=True))
     emulator = Emulator(options)
 
-    def stored() -> list[bytes]:
+    def stored():
         with emulator.world.lock:
             return [bytes(servo.memory.flash) for servo in emulator.world.servos]
 

@@ -1,19 +1,12 @@
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from conftest import move_to
-from harness.browser_user import HOME, READY, Guest
-from so101_viewer import Preview
+from harness.browser_user import HOME, READY
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
 
@@ -23,7 +16,7 @@ LINE = "50 % speed, open, 1.5 s"
 
 
 @pytest.fixture
-def program(guest: Guest, preview: Preview) -> Iterator[Guest]:
+def program(guest, preview):
     """A window on the Program tab with two waypoints: where the target is, and the arm."""
     guest.page.get_by_role("tab", name="Program").click()
     guest.press("target")
@@ -39,19 +32,19 @@ def program(guest: Guest, preview: Preview) -> Iterator[Guest]:
     guest.page.get_by_role("tab", name="Move").click()
 
 
-def is_cleared(guest: Guest) -> bool:
+def is_cleared(guest):
     guest.press("new")
     return "/program/dots" not in guest.nodes()
 
 
-def at(q: np.ndarray, rig: Rig) -> bool:
+def at(q, rig):
     return float(np.max(np.abs(rig.arm.state.q - q))) < to_rad(0.5)
 
 
-def planned(guest: Guest) -> None:
+def planned(guest):
     """Have the program planned, again if the page hears of a new speed meanwhile."""
 
-    def is_planned() -> bool:
+    def is_planned():
         if guest.says("Press Plan program"):
             guest.press("Plan program")
             guest.page.wait_for_timeout(1000)
@@ -62,7 +55,7 @@ def planned(guest: Guest) -> None:
     guest.until(is_planned)
 
 
-def runs(guest: Guest, rig: Rig) -> None:
+def runs(guest, rig):
     """Run the planned program to its end, by way of READY; anew where a busy machine gave up."""
     for _ in range(ATTEMPTS):
         with told(rig) as goals:
@@ -77,17 +70,17 @@ def runs(guest: Guest, rig: Rig) -> None:
 
 
 @contextmanager
-def told(rig: Rig) -> Iterator[list[np.ndarray]]:
+def told(rig):
     """What the joints are told meanwhile, every setpoint of it."""
-    goals: list[np.ndarray] = []
+    goals = []
 
-    def listen(driver: Any) -> None:
+    def listen(driver):
         driver.on_command = lambda command: goals.append(np.array(command.q_cmd))
 
-    def forget(driver: Any) -> None:
+    def forget(driver):
         driver.on_command = None
 
-    call = rig.executor.call  # type: ignore[attr-defined]
+    call = rig.executor.call
     call(listen).result(60.0)
     try:
         yield goals
@@ -95,7 +88,7 @@ def told(rig: Rig) -> Iterator[list[np.ndarray]]:
         call(forget).result(60.0)
 
 
-def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None:
+def test_a_program_is_recorded_planned_and_run(program, rig):
     assert {"/program/dots", "/program/number0", "/program/number1"} <= program.nodes()
     planned(program)
     program.until(lambda: "/program/path" in program.nodes())
@@ -104,7 +97,7 @@ def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None
     whole = float(timeline.get_attribute("data-duration") or "nan")
     shown = program.page.get_by_role("slider", name="Rehearsal (s)")
 
-    def goes_to_the_middle() -> bool:
+    def goes_to_the_middle():
         """Whether a finger does; the page may just be moving the line."""
         line = timeline.bounding_box()
         assert line is not None
@@ -124,11 +117,11 @@ def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None
     assert program.problems == []
 
 
-def test_the_scene_shows_what_belongs_to_the_tab_in_front(program: Guest, rig: Rig) -> None:
-    def in_front(name: str) -> None:
+def test_the_scene_shows_what_belongs_to_the_tab_in_front(program, rig):
+    def in_front(name):
         program.page.get_by_role("tab", name=name).click()
 
-    def shown(*nodes: str) -> bool:
+    def shown(*nodes):
         return {each for each in every if program.sees(each)} == set(nodes)
 
     ghost, own_path, sweep = "/ghost/gripper_link", "/path", "/sweep/gripper_link"
@@ -153,37 +146,14 @@ def test_the_scene_shows_what_belongs_to_the_tab_in_front(program: Guest, rig: R
     program.until(lambda: other_path not in program.nodes() and dots not in program.nodes())
 
 
-def test_a_waypoint_may_be_passed_and_asks_for_no_pause_then(program: Guest) -> None:
-    program.press("arm")
-    program.until(lambda: program.says("Recorded waypoint 3."))
-    program.press("up")  # what is chosen is the second now
-    program.until(lambda: program.fields("Pause (s)").first.is_enabled())
-    program.fields("Pass through").first.check()
-    program.until(lambda: program.says("Passed without stopping"))
-    program.until(lambda: program.fields("Pause (s)").first.is_disabled())
-    program.page.get_by_text("Loops").click()
-    program.fields("To").first.fill("3")
-    program.page.wait_for_timeout(300)  # the page sends one message per panel every 50 ms
-    program.fields("Times").first.fill("4")
-    program.page.wait_for_timeout(300)
-    program.press("repeat")
-    program.until(lambda: program.says("2 to 3 run 4×"))
-    planned(program)
-    program.until(lambda: program.says("3, 1 of them passed"))
-    program.until(lambda: program.page.locator(".so101-timeline i", has_text="4×").count() == 1)
-    program.press("remove")
-    program.until(lambda: not program.says("2 to 3 run 4×"))
-    program.page.get_by_text("Loops").click()
-
-
-def test_a_waypoint_is_dragged_to_another_place(program: Guest) -> None:
-    def names() -> list[str]:
+def test_a_waypoint_is_dragged_to_another_place(program):
+    def names():
         return program.page.locator(".so101-steps span").all_inner_texts()
 
     program.until(lambda: names() == ["A", "B"])
     rows = [{"x": 0.0, "y": 0.0}]
 
-    def are_at_rest() -> bool:
+    def are_at_rest():
         before = list(rows)
         rows[:] = program.page.locator(".so101-steps button").evaluate_all(
             "rows => rows.map((row) => row.getBoundingClientRect().toJSON())"
@@ -202,36 +172,36 @@ def test_a_waypoint_is_dragged_to_another_place(program: Guest) -> None:
     program.until(lambda: names() == ["B", "A"])
     program.press("undo")
     program.until(lambda: names() == ["A", "B"])
-    x = program.page.locator(".so101-steps i").first.bounding_box()["x"] + 4.0  # type: ignore[index]
+    x = program.page.locator(".so101-steps i").first.bounding_box()["x"] + 4.0
     program.finger((x, y0), (x, y0 + 12.0), (x, y1))  # by its number
     program.until(lambda: names() == ["B", "A"])
     program.press("undo")
     program.until(lambda: names() == ["A", "B"])
 
 
-def test_every_edit_is_shown_and_is_undone_and_redone(program: Guest, rig: Rig) -> None:
+def test_every_edit_is_shown_and_is_undone_and_redone(program, rig):
     page = program.page
 
-    def click_sphere(k: int) -> bool:
+    def click_sphere(k):
         page.mouse.click(*program.place_of(f"/program/dots/{k}"))
         page.wait_for_timeout(300)
         return "chosen" in (rows.nth(k).get_attribute("class") or "")
 
-    def seen() -> tuple[object, ...]:
+    def seen():
         names = page.locator(".so101-steps span").all_inner_texts()
         lines = page.locator(".so101-steps small").all_inner_texts()
         return (names, lines, program.fields("Rounds").first.input_value())
 
-    def pick_jaw() -> None:
+    def pick_jaw():
         program.fields("Gripper").filter(visible=True).first.click()
         page.get_by_role("option", name="open", exact=True).click()
 
-    def fill(label: str, value: str) -> None:
+    def fill(label, value):
         program.fields(label).filter(visible=True).first.fill(value)
 
     rows = page.locator(".so101-steps button")
     program.until(lambda: click_sphere(0))
-    edits: tuple[tuple[Callable[[], None], tuple[object, ...]], ...] = (
+    edits = (
         (lambda: program.press("copy"), (["A", "C", "B"], ["", "", ""], "1")),
         (lambda: fill("Name", "lift"), (["A", "lift", "B"], ["", "", ""], "1")),
         (lambda: fill("Speed (%)", "50"), (["A", "lift", "B"], ["", "50 % speed", ""], "1")),
@@ -253,7 +223,14 @@ def test_every_edit_is_shown_and_is_undone_and_redone(program: Guest, rig: Rig) 
         program.press("redo")
         program.until(lambda state=state: seen() == state)
 
-    def place() -> list[float]:
+    program.until(lambda: click_sphere(0))
+    passes, pause = program.fields("Pass through").first, program.fields("Pause (s)").first
+    passes.check()  # which asks for no pause
+    program.until(lambda: program.says("Passed without stopping") and pause.is_disabled())
+    program.press("undo")
+    program.until(pause.is_enabled)
+
+    def place():
         return program.pose_of("/program/dots/0")["position"]
 
     program.until(lambda: click_sphere(0))
@@ -266,7 +243,7 @@ def test_every_edit_is_shown_and_is_undone_and_redone(program: Guest, rig: Rig) 
     assert at(HOME, rig)
 
 
-def test_stop_ends_a_program_that_would_go_on_for_ever(program: Guest, rig: Rig) -> None:
+def test_stop_ends_a_program_that_would_go_on_for_ever(program, rig):
     program.fields("Until stopped").first.check()
     rig.arm.set_speed(to_rad(4.0))  # a quarter of a minute for each way
     planned(program)
@@ -279,9 +256,7 @@ def test_stop_ends_a_program_that_would_go_on_for_ever(program: Guest, rig: Rig)
     assert not at(READY, rig)
 
 
-def test_names_are_shown_as_they_are_typed_and_a_program_is_kept(
-    program: Guest, own_files: Path
-) -> None:
+def test_names_are_shown_as_they_are_typed_and_a_program_is_kept(program, own_files):
     name = "<img src=x onerror='window.PWNED=1'>"
     field = program.fields("Name").filter(visible=True).first
     field.fill(name)

@@ -5,28 +5,28 @@ page. The servos run in this process, so that a test can plug them in and lead t
 page finds them on a port.
 """
 
-from __future__ import annotations
-
 import json
 import threading
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Visit
 from harness.browser_user import Guest
+<<<<<<< HEAD
 from harness.emulated_kit import Kit, new_kit  # it lives with the tests of the module
 from playwright.sync_api import Locator, TimeoutError, ViewportSize
+=======
+from harness.emulated_kit import NEW, Kit  # it lives with the tests of the module
+from playwright.sync_api import TimeoutError
+>>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
 from so101_viewer.page import shared_fields
-from so101_viewer.setup_app import SetupApp, serve_setup
+from so101_viewer.setup_app import serve_setup
 
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.procedure.summary import HOMING_POSE
 from so101_motion.calib.record import store
-from so101_motion.common.geometry import Array
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.emulator import registers as reg
 
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.browser
 
 PATIENCE = 0.1  # [s]; a servo is silent after eight of these: the browser needs a processor, too
 SMALL = (760, 480)  # drawn without a GPU, every pixel takes its time
-PHONE: ViewportSize = {"width": 390, "height": 844}
+PHONE = {"width": 390, "height": 844}
 WAYS = ("Next", "Back", "Abort the setup")
 CLICK = "button => button.click()"  # not waiting for the scene to be drawn
 ORANGE, GREEN = 0xF58200, 0x3CA050
@@ -44,7 +44,7 @@ OTHERS = tuple(joint for joint in HOMING_POSE if joint != "elbow_flex")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("a-servo-adapter-whose-name-is-as-long-as-those-in-by-id-are")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_DATA_HOME", str(folder / "home"))
@@ -52,19 +52,40 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="module")
+<<<<<<< HEAD
 def kit(folder: Path) -> Iterator[Kit]:
     with new_kit(folder) as kit:
         yield kit
+=======
+def kit(folder):
+    kit = Kit(folder, ids=NEW)
+    for place, joint in enumerate(SETUP_ORDER, start=1):  # no two look alike, as in a box
+        kit.put(place / 7, (joint,))
+    plug_in(kit)
+    yield kit
+    kit.close()
+
+
+def plug_in(kit, *joints):
+    """Have these motors on the cable, started up, and no others."""
+    for joint in SETUP_ORDER:
+        (kit.world.connect if joint in joints else kit.world.disconnect)(joint)
+    for _ in range(1200):
+        if kit.are_up(joints):
+            return
+        threading.Event().wait(0.05)
+    raise AssertionError(f"{joints} did not start up")
+>>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
 
 
 @pytest.fixture(scope="module")
-def app(folder: Path, kit: Kit) -> Iterator[SetupApp]:
+def app(folder, kit):
     kept = folder / "setup.json"
     with serve_setup(port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=kept) as app:
         yield app
 
 
-def angles(kit: Kit) -> Array:
+def angles(kit):
     """Where the joints are [rad]."""
     return np.array([servo.drive.q for servo in kit.world.servos])
 
@@ -72,19 +93,19 @@ def angles(kit: Kit) -> Array:
 class Newcomer:
     """Somebody at the page, who trusts it to lose nothing."""
 
-    def __init__(self, guest: Guest) -> None:
+    def __init__(self, guest):
         self.guest = guest
 
-    def reloads(self, still: str) -> None:
+    def reloads(self, still):
         """Load the page anew; what it said is there again."""
         self.guest.page.reload()
         self.guest.until(lambda: self.guest.says(still), seconds=120.0)
 
-    def presses(self, name: str) -> None:
+    def presses(self, name):
         self.guest.until(lambda: self.can(name))
         self.guest.button(name).evaluate(CLICK)
 
-    def double_clicks(self, name: str) -> None:
+    def double_clicks(self, name):
         """Press a button twice in a row with the mouse, as people do who need not."""
         button = self.guest.button(name)
         button.evaluate("button => button.scrollIntoView({block: 'center'})")
@@ -92,13 +113,13 @@ class Newcomer:
         assert box is not None
         self.guest.double_click(box["x"] + 0.5 * box["width"], box["y"] + 8.0)
 
-    def sees(self, words: str) -> None:
+    def sees(self, words):
         self.guest.until(lambda: self.guest.says(words))
 
-    def insists(self, *names: str, until: Callable[[], bool]) -> None:
+    def insists(self, *names, until):
         """Press the buttons that can be pressed, again where a busy machine lost an answer."""
 
-        def is_so() -> bool:
+        def is_so():
             for name in names:
                 if self.can(name) and not until():
                     with suppress(TimeoutError):  # it may go just now
@@ -111,26 +132,26 @@ class Newcomer:
 
         self.guest.until(is_so, seconds=120.0)
 
-    def can(self, name: str) -> bool:
+    def can(self, name):
         button = self.guest.button(name)
         try:
             return button.count() == 1 and button.is_enabled(timeout=1000)
         except TimeoutError:  # it went between the two questions
             return False
 
-    def color(self, name: str) -> str:
+    def color(self, name):
         look = "button => getComputedStyle(button).backgroundColor"
         return str(self.guest.button(name).evaluate(look))
 
-    def sees_lit(self, link: str, colour: int) -> None:
+    def sees_lit(self, link, colour):
         self.guest.until(lambda: self.guest.color_of(f"/setup/arm/{link}/") == colour)
 
-    def bar(self, joint: str) -> float:  # in per cent
+    def bar(self, joint):  # in per cent
         meter = self.guest.page.get_by_role("meter", name=joint, exact=True)
         self.guest.until(lambda: meter.count() == 1)
         return float(meter.get_attribute("aria-valuenow") or "nan")
 
-    def sweeps(self, kit: Kit, way: tuple[float, ...], joints: tuple[str, ...], until: str) -> None:
+    def sweeps(self, kit, way, joints, until):
         """Lead joints along their travel; again, while the page has not seen all of it."""
         for _ in range(10):
             for begin, end in pairwise(way):
@@ -144,16 +165,16 @@ class Newcomer:
         self.sees(until)
 
     @staticmethod
-    def is_in_view(part: Locator) -> bool:
+    def is_in_view(part):
         """Whether the middle of a part of the page is there without scrolling, free of others."""
-        seen: bool = part.evaluate(
+        seen = part.evaluate(
             "part => { const { left, width, top, height } = part.getBoundingClientRect();"
             " return part.contains("
             "document.elementFromPoint(left + width / 2, top + height / 2)); }"
         )
         return seen
 
-    def hits_on_a_phone(self, *names: str, text: str = "") -> None:
+    def hits_on_a_phone(self, *names, text=""):
         """Look at the page on a phone for a moment: buttons, and a text, are in view there."""
         parts = [self.guest.button(name) for name in names]
         if text:
@@ -162,27 +183,27 @@ class Newcomer:
         self.guest.until(lambda: all(map(self.is_in_view, parts)))
         self.guest.page.set_viewport_size({"width": SMALL[0], "height": SMALL[1]})
 
-    def agrees(self) -> None:
+    def agrees(self):
         """Say that nothing is in the arm's way."""
         self.presses("Move and measure")
         self.presses("Is everything out of the way? Press again")
 
 
-def _shares(begin: float, end: float) -> list[float]:
+def _shares(begin, end):
     """A way along a joint's travel in small steps, with a rest at the end."""
     count = round(abs(end - begin) / 0.04)
     return [begin + (end - begin) * k / count for k in range(count + 1)] + [end] * 5
 
 
 @pytest.fixture(scope="module")
-def person(visit: Visit, app: SetupApp) -> Newcomer:
+def person(visit, app):
     guest = visit(SMALL)
     guest.page.goto(app.url)
     guest.until(lambda: guest.button("Full Setup").count() == 1)
     return Newcomer(guest)
 
 
-def test_from_the_choice_to_the_first_motor(person: Newcomer, kit: Kit) -> None:
+def test_from_the_choice_to_the_first_motor(person, kit):
     person.presses("Full Setup")
     person.sees("no servo answers")  # and that is no obstacle yet
     person.reloads("Step 1 of 9")
@@ -198,8 +219,13 @@ def test_from_the_choice_to_the_first_motor(person: Newcomer, kit: Kit) -> None:
     assert not person.can("Write id 6 to this motor")
 
 
+<<<<<<< HEAD
 def test_each_motor_gets_its_id_when_its_button_is_pressed(person: Newcomer, kit: Kit) -> None:
     kit.plug_in("gripper")
+=======
+def test_each_motor_gets_its_id_when_its_button_is_pressed(person, kit):
+    plug_in(kit, "gripper")
+>>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     write = "Write id 6 to this motor"
     person.guest.until(lambda: person.can(write))
     person.sees_lit("moving_jaw_so101_v1_link", GREEN)
@@ -216,7 +242,7 @@ def test_each_motor_gets_its_id_when_its_button_is_pressed(person: Newcomer, kit
     person.presses("Next")
 
 
-def test_a_motor_that_is_silent_in_the_chain_is_named(person: Newcomer, kit: Kit) -> None:
+def test_a_motor_that_is_silent_in_the_chain_is_named(person, kit):
     person.sees("All six together")
     kit.plug_in(*SETUP_ORDER[1:])
     cable = "Check the cable between servos 5 and 6"
@@ -231,7 +257,7 @@ def test_a_motor_that_is_silent_in_the_chain_is_named(person: Newcomer, kit: Kit
     person.double_clicks("Next")
 
 
-def test_the_assembly_is_not_skipped_and_checked_joint_by_joint(person: Newcomer) -> None:
+def test_the_assembly_is_not_skipped_and_checked_joint_by_joint(person):
     person.guest.page.wait_for_timeout(500)
     person.sees("Motor 1 turns the arm on its base")
     person.sees_lit("shoulder_link", ORANGE)
@@ -245,7 +271,7 @@ def test_the_assembly_is_not_skipped_and_checked_joint_by_joint(person: Newcomer
     person.presses("Next")
 
 
-def test_the_joints_go_limp_when_that_is_asked_for(person: Newcomer, kit: Kit) -> None:
+def test_the_joints_go_limp_when_that_is_asked_for(person, kit):
     person.sees("it sinks at once")
     assert not person.can("Next")
     kit.hold(elbow_flex=0.4)
@@ -260,11 +286,11 @@ def test_the_joints_go_limp_when_that_is_asked_for(person: Newcomer, kit: Kit) -
     person.guest.until(lambda: "/setup/ghost/gripper_link" in person.guest.nodes())
 
 
-def test_the_pose_is_taken_once_the_arm_is_held_still(person: Newcomer, kit: Kit) -> None:
+def test_the_pose_is_taken_once_the_arm_is_held_still(person, kit):
     assert not person.can("Next")
     turning = threading.Event()
 
-    def tremble() -> None:
+    def tremble():
         share = 0.4
         while not turning.wait(0.1):
             share = 0.9 - share
@@ -285,7 +311,7 @@ def test_the_pose_is_taken_once_the_arm_is_held_still(person: Newcomer, kit: Kit
     person.presses("Next")
 
 
-def test_bars_follow_the_hand_and_name_the_joints_left(person: Newcomer, kit: Kit) -> None:
+def test_bars_follow_the_hand_and_name_the_joints_left(person, kit):
     person.sees("Still to do: shoulder_pan, shoulder_lift")
     person.guest.until(lambda: person.guest.barriers() == [])
     person.hits_on_a_phone("Finish the recording", *WAYS)
@@ -302,7 +328,7 @@ def test_bars_follow_the_hand_and_name_the_joints_left(person: Newcomer, kit: Ki
     person.guest.until(lambda: 25.0 < person.bar("elbow_flex") < 40.0)  # nothing is lost
 
 
-def test_a_cable_pulled_in_mid_recording_costs_nothing(person: Newcomer, kit: Kit) -> None:
+def test_a_cable_pulled_in_mid_recording_costs_nothing(person, kit):
     share = person.bar("elbow_flex")
     kit.unplug()
     person.sees("nothing could be read for")
@@ -312,7 +338,7 @@ def test_a_cable_pulled_in_mid_recording_costs_nothing(person: Newcomer, kit: Ki
     assert person.bar("elbow_flex") == share
 
 
-def test_half_a_sweep_is_refused_or_accepted_on_purpose(person: Newcomer, kit: Kit) -> None:
+def test_half_a_sweep_is_refused_or_accepted_on_purpose(person, kit):
     kit.let_go()
     person.sweeps(kit, (0.5, 0.0, 1.0, 0.5), OTHERS, until="Still to do: elbow_flex.")
     assert not person.can("Finish the recording")
@@ -329,7 +355,7 @@ def test_half_a_sweep_is_refused_or_accepted_on_purpose(person: Newcomer, kit: K
     person.presses("Next")
 
 
-def test_saving_that_failed_is_tried_again(person: Newcomer, kit: Kit, folder: Path) -> None:
+def test_saving_that_failed_is_tried_again(person, kit, folder):
     person.sees("Look at what was recorded")
     person.reloads("Look at what was recorded")
     person.hits_on_a_phone("Save", *WAYS)
@@ -349,9 +375,7 @@ def test_saving_that_failed_is_tried_again(person: Newcomer, kit: Kit, folder: P
     kit.let_go()
 
 
-def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
-    person: Newcomer, kit: Kit, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(person, kit, monkeypatch):
     monkeypatch.setattr(shared_fields, "ASKED_FOR", 60.0)  # a busy page answers late
     person.presses("Next")
     plans = "This will move:"  # planned anew where a busy machine had no time for it
@@ -380,10 +404,10 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person.guest.until(lambda: not person.guest.says("it was stopped, and the arm holds"))
 
 
-def test_the_test_done_to_its_end_asks_how_the_arm_has_moved(person: Newcomer, kit: Kit) -> None:
+def test_the_test_done_to_its_end_asks_how_the_arm_has_moved(person, kit):
     page = person.guest.page
 
-    def is_done() -> bool:
+    def is_done():
         return person.guest.button("Yes").count() == 1
 
     plans = "This will move:"
@@ -405,7 +429,7 @@ def test_the_test_done_to_its_end_asks_how_the_arm_has_moved(person: Newcomer, k
     assert json.loads(Path(download.value.path()).read_text())["as_shown"] is True
 
 
-def test_the_configuration_is_ready_to_copy(person: Newcomer, kit: Kit) -> None:
+def test_the_configuration_is_ready_to_copy(person, kit):
     person.presses("Next")
     person.sees("devrel:so101:arm")
     person.guest.until(lambda: person.guest.barriers() == [])
@@ -421,7 +445,7 @@ def test_the_configuration_is_ready_to_copy(person: Newcomer, kit: Kit) -> None:
     person.sees("The preview of the arm")
 
 
-def test_the_arm_makes_its_first_move_in_the_preview(person: Newcomer, kit: Kit) -> None:
+def test_the_arm_makes_its_first_move_in_the_preview(person, kit):
     link = person.guest.page.get_by_role("link", name="The preview of the arm")
     before = angles(kit)
     with person.guest.page.context.expect_page() as opened:

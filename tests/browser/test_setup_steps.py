@@ -4,21 +4,21 @@ The pages, their threads, the bus and the module are real, but there is no brows
 ``test_setup_full.py``.
 """
 
-from __future__ import annotations
-
 import time
-from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
 from harness.emulated_kit import Kit, new_kit  # the module's own helpers
 from harness.fake_parent import CALIBRATION, SENSOR
 from harness.page_client import Hand
+<<<<<<< HEAD
+=======
+from harness.setup_kit import PATIENCE, fresh_kit
+>>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
 from harness.viam_machine import running_machine
-from so101_viewer import SetupApp, serve_setup
 from so101_viewer import serve as serve_preview
+from so101_viewer import serve_setup
 
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.record import store
@@ -39,16 +39,26 @@ TARGETS = {joint: 6 - place for place, joint in enumerate(SETUP_ORDER)}
 
 
 @pytest.fixture
+<<<<<<< HEAD
 def kit(tmp_path: Path) -> Iterator[Kit]:
     with new_kit(tmp_path) as kit:
         yield kit
 
 
 def serve(kit: Kit, tmp_path: Path) -> SetupApp:
+=======
+def kit(tmp_path):
+    with fresh_kit(tmp_path) as kit:
+        yield kit
+
+
+def serve(kit, tmp_path):
+>>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     progress = tmp_path / "setup.json"
     return serve_setup(port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=progress)
 
 
+<<<<<<< HEAD
 def id_of(kit: Kit, joint: str) -> int:
     return int(kit.world.servo(joint).servo_id)
 
@@ -58,11 +68,18 @@ def hand_on(app: SetupApp) -> Hand:
 
 
 def set_up(hand: Hand, kit: Kit, joint: str) -> None:
+=======
+def hand_on(app):
+    return Hand(app.host.page_context().server)
+
+
+def set_up(hand, kit, joint):
+>>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     """Plug one motor in, and press the button once it is found."""
     button = f"Write id {TARGETS[joint]} to this motor"
     pressed = []  # a motor that was set up before has its id already
 
-    def is_done() -> bool:
+    def is_done():
         if hand.can(button):  # again, if a busy computer has lost an answer
             hand.press(button)
             pressed.append(button)
@@ -72,11 +89,11 @@ def set_up(hand: Hand, kit: Kit, joint: str) -> None:
     hand.until(is_done, f"setting {joint} up", seconds=60.0)
 
 
-def skip(hand: Hand, joint: str) -> None:
+def skip(hand, joint):
     """Skip a motor; again where a busy page has dropped the press."""
     button = f"Skip {joint}"
 
-    def is_skipped() -> bool:
+    def is_skipped():
         hand.press(button)
         hand.until_or(lambda: not hand.has(button), seconds=5.0)
         return not hand.has(button)
@@ -84,10 +101,10 @@ def skip(hand: Hand, joint: str) -> None:
     hand.until(is_skipped, button)
 
 
-def finish(hand: Hand) -> None:
+def finish(hand):
     """Verify until all is set up correctly, then end the workflow."""
 
-    def is_ended() -> bool:
+    def is_ended():
         for button in ("Finish", "Verify all six", "Verify again"):
             if hand.can(button):
                 hand.press(button)
@@ -97,9 +114,13 @@ def finish(hand: Hand) -> None:
     hand.until(is_ended, "finishing", seconds=60.0)
 
 
+<<<<<<< HEAD
 def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
     kit: Kit, tmp_path: Path
 ) -> None:
+=======
+def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(kit, tmp_path):
+>>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     with serve(kit, tmp_path) as app:
         hand = hand_on(app)
         hand.press("Motor Setup Only")
@@ -144,7 +165,34 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.expect("What do you need?")
 
 
+<<<<<<< HEAD
 def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
+=======
+def test_a_motor_that_was_swapped_too_early_gives_its_id_back(kit, tmp_path):
+    kit.connect_only("gripper")
+    with serve(kit, tmp_path) as app:
+        hand = hand_on(app)
+        hand.press("Motor Setup Only")
+        hand.expect("One new motor answers: the setup gives it its id")
+        hand.press("Next")
+        set_up(hand, kit, "gripper")
+        time.sleep(1.0)  # what was written is read back
+        kit.set_id("gripper", 1)  # the other one was on the cable when the id was written
+        kit.set_id("wrist_roll", TARGETS["gripper"])
+        kit.connect_only("wrist_roll")
+        hand.expect("Unplug the motor of gripper and write 6 on it")
+        swapped, sure = "No, this is already the next motor", "Press again: both get new ids"
+        hand.until(lambda: hand.can(swapped), swapped)
+        hand.press(swapped)
+        hand.press(sure)
+        set_up(hand, kit, "wrist_roll")
+        hand.expect("connect only the motor of gripper")
+        set_up(hand, kit, "gripper")
+        assert (kit.ids["gripper"], kit.ids["wrist_roll"]) == (6, 5)
+
+
+def test_a_port_that_is_not_there_is_waited_for(tmp_path):
+>>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     with serve_setup(
         port=0, ports=[str(tmp_path / "arm")], progress_file=tmp_path / "setup.json"
     ) as app:
@@ -158,7 +206,7 @@ def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
         hand.until(lambda: not hand.can("Next"), "waiting")
 
 
-def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -> None:
+def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path):
     settings = ServoSettings(port=str(tmp_path / "arm")).with_arm(SERVO_IDS)
     with (
         Emulator(EmulatorOptions(link=tmp_path / "arm")),
@@ -178,9 +226,13 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -
         assert rig.arm.state.mode is Mode.HOLDING
 
 
+<<<<<<< HEAD
 def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
     kit: Kit, tmp_path: Path
 ) -> None:
+=======
+def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(kit, tmp_path):
+>>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     from so101_motion.viam.client import Machine
 
     has = ((SENSOR, CALIBRATION, "calibration", {"port": kit.port}),)  # no arm yet
@@ -204,7 +256,7 @@ def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
         assert not (tmp_path / "setup.json").exists()
 
 
-def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -> None:
+def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path):
     progress = tmp_path / "setup.json"
     with (
         closing(Kit(tmp_path)) as kit,
@@ -238,8 +290,8 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
         hand.until(lambda: hand.can("Full Setup"), "Full Setup")
 
 
-def test_a_recording_that_a_restart_has_ended_sends_back_for_the_pose(tmp_path: Path) -> None:
-    def serve_it() -> SetupApp:
+def test_a_recording_that_a_restart_has_ended_sends_back_for_the_pose(tmp_path):
+    def serve_it():
         kept = tmp_path / "setup.json"
         return serve_setup(port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=kept)
 
@@ -263,11 +315,11 @@ def test_a_recording_that_a_restart_has_ended_sends_back_for_the_pose(tmp_path: 
             assert not hand.can("Next")
 
 
-def calibrate(hand: Hand, kit: Kit, middle: float, begin: str = "Let go of the joints") -> None:
+def calibrate(hand, kit, middle, begin="Let go of the joints"):
     """From the page of the homing pose to the summary; the pose is a share of each travel."""
     kit.put(middle)
 
-    def is_begun() -> bool:  # a question expires, which a busy machine may not have seen
+    def is_begun():  # a question expires, which a busy machine may not have seen
         for button in (begin, "Press again: the joints go limp"):
             if hand.can(button):
                 hand.press(button)
@@ -289,9 +341,7 @@ def calibrate(hand: Hand, kit: Kit, middle: float, begin: str = "Let go of the j
     hand.expect("Look at what was recorded")
 
 
-def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(
-    tmp_path: Path,
-) -> None:
+def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(tmp_path):
     from so101_motion.viam.client import Machine
 
     file = tmp_path / "machine.json"

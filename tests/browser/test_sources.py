@@ -1,22 +1,17 @@
 """How the page connects to its arm, and what it shows when the arm is not there or not well."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Visit
-from harness.browser_user import Guest
 from harness.fake_parent import ARM, SIMULATED
 from harness.viam_machine import running_machine  # it lives with the tests of the machine
-from so101_viewer import Preview, Source, serve_source
+from so101_viewer import Source, serve_source
 from so101_viewer.scene.robot_view import MOVED_LINK
 
 from so101_motion.calib.record import store
@@ -25,7 +20,6 @@ from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
-from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.tasks.guided import GuidedPath, files
 
@@ -39,9 +33,9 @@ OUTSIDE = 100  # [tick] that the wrist's roll is outside its range when the arm 
 class Cable:
     """A page on a port with an emulated arm, which can be pulled out and put in."""
 
-    def __init__(self, port: Path) -> None:
+    def __init__(self, port):
         self.port = str(port)
-        self.rigs: list[RigLike] = []
+        self.rigs = []
         self._servos = subprocess.Popen(
             [
                 sys.executable,
@@ -63,15 +57,15 @@ class Cable:
         while port.exists():
             threading.Event().wait(0.01)
         source = Source(title=f"Arm on {self.port}", open=self._open)
-        self.preview: Preview = serve_source(source, port=0)
+        self.preview = serve_source(source, port=0)
 
-    def type(self, line: str) -> None:
+    def type(self, line):
         """Let something happen to the servos."""
         assert self._servos.stdin is not None
         self._servos.stdin.write(f"{line}\n")
         self._servos.stdin.flush()
 
-    def _open(self) -> RigLike:
+    def _open(self):
         file = Path(f"{self.port}.json")
         settings = ServoSettings(port=self.port).with_arm(SERVO_IDS)
         patience = 0.3  # this computer has a browser to run as well
@@ -89,10 +83,10 @@ class Cable:
         return self.rigs[-1]
 
     @property
-    def q(self) -> np.ndarray:
+    def q(self):
         return self.rigs[-1].arm.state.q
 
-    def close(self) -> None:
+    def close(self):
         self.preview.close()
         self._servos.terminate()
         self._servos.wait(10.0)
@@ -102,23 +96,21 @@ class Cable:
 
 
 @pytest.fixture(scope="module")
-def cable(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cable]:
+def cable(tmp_path_factory):
     cable = Cable(tmp_path_factory.mktemp("port") / "arm")
     yield cable
     cable.close()
 
 
 @pytest.fixture(scope="module")
-def in_background(visit: Visit, cable: Cable) -> Guest:
+def in_background(visit, cable):
     """A window on the arm of the cable."""
     guest = visit(SMALL)
     guest.page.goto(cable.preview.url)
     return guest
 
 
-def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
-    in_background: Guest, cable: Cable
-) -> None:
+def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(in_background, cable):
     guest = in_background
     guest.until(lambda: guest.says("Still looking"))
     keeps_looking = "This page keeps looking for the arm"
@@ -157,7 +149,7 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
 
 
 @pytest.fixture
-def plugged(in_background: Guest, cable: Cable) -> Guest:
+def plugged(in_background, cable):
     """The window, with the arm on its cable, also if this test runs alone."""
     if not cable.rigs:
         cable.type("end unplug")
@@ -167,7 +159,7 @@ def plugged(in_background: Guest, cable: Cable) -> Guest:
     return in_background
 
 
-def test_the_servos_tab_says_what_will_move_and_stop_ends_it(plugged: Guest, cable: Cable) -> None:
+def test_the_servos_tab_says_what_will_move_and_stop_ends_it(plugged, cable):
     guest, arm, before = plugged, cable.rigs[-1].arm, cable.q
     guest.page.get_by_role("tab", name="Servos").click()
     guest.until(lambda: guest.says("Measures how each servo differs from its type."))
@@ -187,12 +179,12 @@ def test_the_servos_tab_says_what_will_move_and_stop_ends_it(plugged: Guest, cab
     assert guest.problems == []
 
 
-def events(guest: Guest) -> list[str]:
+def events(guest):
     return guest.page.get_by_role("region", name="Events").locator("span").all_inner_texts()
 
 
 @pytest.fixture
-def well(plugged: Guest, cable: Cable) -> Guest:
+def well(plugged, cable):
     """A window on the Events tab; the arm holds and nothing is wrong with it."""
     guest, arm = plugged, cable.rigs[-1].arm
     if arm.state.reading.out_of_range:
@@ -211,15 +203,15 @@ def well(plugged: Guest, cable: Cable) -> Guest:
     ],
 )
 def test_an_alarm_is_a_headline_a_badge_a_coloured_joint_and_one_event(
-    well: Guest, cable: Cable, fault: str, joint: str, tone: str, words: str, to_do: str
-) -> None:
+    well, cable, fault, joint, tone, words, to_do
+):
     part = f"/live/{MOVED_LINK[joint]}/"
     in_color, before = well.color_of(part), len(events(well))
 
     cable.type(fault)
-    said: list[tuple[str, str]] = []
+    said = []
 
-    def is_said() -> bool:
+    def is_said():
         said[:] = [each for each in well.alerts() if words in each[1]]
         return bool(said)
 
@@ -231,7 +223,7 @@ def test_an_alarm_is_a_headline_a_badge_a_coloured_joint_and_one_event(
     well.until(lambda: well.has_badge())
     well.until(lambda: well.color_of(part) != in_color)
 
-    def new_events() -> int:
+    def new_events():
         seen = events(well)
         return sum(words in text for text in seen[: len(seen) - before])
 
@@ -262,14 +254,14 @@ WAVE = np.radians([[0.0, -30.0, 30.0, 20.0, 0.0], [40.0, -40.0, 20.0, 0.0, 0.0],
 """A path that is already on the machine: out, and back to another place."""
 
 
-def hand(guest: Guest) -> np.ndarray:
+def hand(guest):
     """Where the browser draws the arm's hand [m]."""
     return np.array(guest.pose_of("/live/gripper_link")["position"])
 
 
 def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
-    visit: Visit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    visit, tmp_path, monkeypatch
+):
     from so101_motion.viam.client import MachineRig
 
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
@@ -344,7 +336,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             guest.until(lambda: guest.says("s along it. Press Replay."))
             assert not guest.says("then 0.0 s along it")
             guest.press_next("Replay")
-            seen: list[np.ndarray] = []
+            seen = []
             guest.until(lambda: seen.append(hand(guest)) or guest.says("Done."))
             _, turn, end = (model.frame(q, "gripper_link").p for q in WAVE)
             assert min(np.linalg.norm(p - turn) for p in seen) < 0.03

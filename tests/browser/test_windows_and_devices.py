@@ -1,44 +1,29 @@
 """The page in several windows, on phones, in dark mode, from the keyboard, and with hostile
 names."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from conftest import ASIDE, PHONE, Visit, crawl_aside
-from harness.browser_user import HOME, Guest
+from conftest import ASIDE, PHONE, crawl_aside
+from harness.browser_user import HOME
 from harness.web_camera import web_camera
-from playwright.sync_api import Locator
-from so101_viewer import Preview, Source, serve, serve_source
+from so101_viewer import Source, serve, serve_source
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
 
 SMALL = (1120, 700)  # the least with panels on both sides
 
 
-@pytest.fixture(scope="module")
-def second(opened: Guest, visit: Visit, preview: Preview) -> Guest:
-    """Another window, one for the tests of two: opening one costs seconds; the last closes it."""
-    del opened  # it came first and has control
-    second = visit(SMALL)
-    second.open(preview.url)
-    second.until(lambda: second.says("has control. Stop works here too"))
-    return second
-
-
 @pytest.fixture
-def crawl(guest: Guest, rig: Rig) -> Iterator[Callable[[], None]]:
+def crawl(guest, rig):
     """Makes the arm move slowly; called once the windows are open, which takes its time."""
 
-    def begin() -> None:
+    def begin():
         crawl_aside(rig)
         guest.until(lambda: guest.says("Moving"))
 
@@ -46,13 +31,16 @@ def crawl(guest: Guest, rig: Rig) -> Iterator[Callable[[], None]]:
     rig.arm.stop()
 
 
-def at_rest(rig: Rig) -> bool:
+def at_rest(rig):
     return rig.arm.state.mode is Mode.HOLDING and not rig.arm.is_moving
 
 
-def test_a_window_without_control_changes_nothing_and_gets_a_notice(
-    guest: Guest, second: Guest, rig: Rig
-) -> None:
+def test_one_window_has_control_which_another_takes_and_stop_works_in_both(
+    guest, crawl, visit, preview, rig
+):
+    second = visit(SMALL)
+    second.open(preview.url)
+    second.until(lambda: second.says("has control. Stop works here too"))
     guest.plan()
     second.until(lambda: second.button("Execute").is_enabled())  # it sees all that happens
     before = guest.target_mm()
@@ -68,16 +56,12 @@ def test_a_window_without_control_changes_nothing_and_gets_a_notice(
     assert at_rest(rig)
     np.testing.assert_allclose(rig.arm.state.q, HOME, atol=to_rad(0.5))
 
-
-def test_stop_works_in_every_window(second: Guest, crawl: Callable[[], None], rig: Rig) -> None:
     crawl()
     second.press("STOP")
     second.until(lambda: at_rest(rig))
     second.page.get_by_role("tab", name="Events").click()
     second.until(lambda: second.says("Stop pressed in window 2"))
 
-
-def test_control_goes_to_the_window_that_takes_it(guest: Guest, second: Guest) -> None:
     second.press("Take control")
     guest.until(lambda: guest.says("Window 2 has control. Stop works here too"))
     second.press("Plan")
@@ -91,7 +75,7 @@ def test_control_goes_to_the_window_that_takes_it(guest: Guest, second: Guest) -
     guest.until(lambda: not guest.button("Execute").is_enabled())
 
 
-def box(where: Locator) -> tuple[float, float, float, float]:
+def box(where):
     """Left, top, right, bottom."""
     found = where.bounding_box()
     assert found is not None
@@ -99,15 +83,15 @@ def box(where: Locator) -> tuple[float, float, float, float]:
     return x, y, x + found["width"], y + found["height"]
 
 
-def overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+def overlap(a, b):
     return a[0] < b[2] - 1 and b[0] < a[2] - 1 and a[1] < b[3] - 1 and b[1] < a[3] - 1
 
 
-def is_apart(one: Locator, other: Locator) -> bool:
+def is_apart(one, other):
     return not overlap(box(one), box(other.first))
 
 
-def crowded(guest: Guest, width: int, height: int) -> list[str]:
+def crowded(guest, width, height):
     """What has too little room, or is in the way of something, in a small window."""
     page = guest.page
     left, top, right, bottom = box(page.locator("#so101-stop"))
@@ -140,14 +124,14 @@ def crowded(guest: Guest, width: int, height: int) -> list[str]:
     return faults
 
 
-def front_tab(guest: Guest, name: str) -> str | None:
+def front_tab(guest, name):
     tab = guest.page.get_by_role("tab", name=name, exact=True)
     return tab.get_attribute("aria-selected") if tab.count() == 1 else None
 
 
 def test_on_phones_and_tablets_bar_picture_and_panels_have_places_of_their_own(
-    guest: Guest, crawl: Callable[[], None], visit: Visit, preview: Preview, rig: Rig
-) -> None:
+    guest, crawl, visit, preview, rig
+):
     small = visit(PHONE)
     small.open(preview.url)
     crawl()
@@ -181,12 +165,12 @@ def test_on_phones_and_tablets_bar_picture_and_panels_have_places_of_their_own(
 
 
 def test_a_window_is_dark_where_and_while_the_browser_prefers_it_and_moves_nothing(
-    guest: Guest, visit: Visit, preview: Preview, rig: Rig
-) -> None:
+    guest, visit, preview, rig
+):
     before = rig.arm.state.q_ref
 
-    def scheme(window: Guest) -> list[str]:
-        told: list[str] = window.page.evaluate(
+    def scheme(window):
+        told = window.page.evaluate(
             "() => { const root = document.documentElement; return ["
             "root.getAttribute('data-mantine-color-scheme'),"
             "getComputedStyle(root).getPropertyValue('--so101-bad').trim()]; }"
@@ -208,8 +192,8 @@ def test_a_window_is_dark_where_and_while_the_browser_prefers_it_and_moves_nothi
     assert guest.problems == dark.problems == []
 
 
-def test_jogging_lasts_as_long_as_a_key_or_a_button_is_held(guest: Guest, rig: Rig) -> None:
-    def moves() -> bool:
+def test_jogging_lasts_as_long_as_a_key_or_a_button_is_held(guest, rig):
+    def moves():
         return bool(np.any(np.abs(rig.arm.state.qd_ref) > to_rad(1.0)))
 
     page = guest.page
@@ -241,7 +225,7 @@ def test_jogging_lasts_as_long_as_a_key_or_a_button_is_held(guest: Guest, rig: R
     assert guest.problems == []
 
 
-def meets_no_barrier(guest: Guest, *tabs: str) -> None:
+def meets_no_barrier(guest, *tabs):
     for name in tabs:
         tab = guest.page.get_by_role("tab", name=name, exact=True)
         tab.click()
@@ -251,7 +235,7 @@ def meets_no_barrier(guest: Guest, *tabs: str) -> None:
         assert tab.get_attribute("aria-selected") == "true"
 
 
-def test_tabs_keep_nobody_with_other_eyes_or_hands_away(guest: Guest) -> None:
+def test_tabs_keep_nobody_with_other_eyes_or_hands_away(guest):
     guest.press("Plan")  # for the plots to show something
     meets_no_barrier(guest, "Health", "Events", "Velocity", "Tracking")
     meets_no_barrier(guest, "Jog", "Program", "World", "Share", "Teach", "Move")
@@ -279,7 +263,7 @@ new MutationObserver((changes) => {
 """
 
 
-def test_the_second_half_of_a_double_click_hits_no_other_button(guest: Guest) -> None:
+def test_the_second_half_of_a_double_click_hits_no_other_button(guest):
     page = guest.page
     page.evaluate(CHANGING)
     guest.double_click(145.0, 308.0)  # a button that makes room for another one
@@ -304,11 +288,11 @@ window.dispatchEvent(new Event('gamepadconnected'));
 """
 
 
-def test_a_gamepad_jogs_as_long_as_a_shoulder_button_is_held(guest: Guest, rig: Rig) -> None:
-    def turns() -> float:
+def test_a_gamepad_jogs_as_long_as_a_shoulder_button_is_held(guest, rig):
+    def turns():
         return float(rig.arm.state.qd_ref[0])
 
-    def holds(pressed: bool, stick: float) -> None:
+    def holds(pressed, stick):
         guest.page.evaluate(
             "([pressed, stick]) => { window.pad.axes[0] = stick;"
             " window.pad.buttons[5].pressed = pressed; }",
@@ -335,7 +319,7 @@ def test_a_gamepad_jogs_as_long_as_a_shoulder_button_is_held(guest: Guest, rig: 
     guest.page.get_by_role("tab", name="Move").click()
 
 
-def test_p_plans_and_no_single_key_moves_the_arm(guest: Guest, rig: Rig) -> None:
+def test_p_plans_and_no_single_key_moves_the_arm(guest, rig):
     guest.page.keyboard.press("p")
     guest.until(lambda: guest.button("Execute").is_enabled())
     guest.page.evaluate("document.activeElement.blur()")  # else Enter presses that button again
@@ -346,9 +330,7 @@ def test_p_plans_and_no_single_key_moves_the_arm(guest: Guest, rig: Rig) -> None
     guest.until(lambda: guest.button("Execute").is_enabled())
 
 
-def test_escape_stops_even_while_a_field_has_the_focus(
-    guest: Guest, crawl: Callable[[], None], rig: Rig
-) -> None:
+def test_escape_and_space_stop_while_a_field_that_takes_no_words_has_the_focus(guest, crawl, rig):
     crawl()
     guest.fields("Target for").first.click()  # Escape closes an open list first
     guest.until(lambda: guest.page.get_by_role("option", name="jaw tip").is_visible())
@@ -362,10 +344,6 @@ def test_escape_stops_even_while_a_field_has_the_focus(
     assert guest.page.get_by_placeholder("Search commands").count() == 0
     assert guest.page.locator(".tabler-icon-adjustments").filter(visible=True).count() == 0
 
-
-def test_space_stops_while_a_field_that_takes_no_words_has_the_focus(
-    guest: Guest, crawl: Callable[[], None], rig: Rig
-) -> None:
     world = guest.page.get_by_role("tab", name="World")
     floor = guest.page.get_by_role("checkbox").last
     for field in (guest.fields("Target (mm)").first, floor):
@@ -384,9 +362,7 @@ LOST_FOR_LONG = """(address) => Promise.all(Array.from({ length: 80 }, () => new
 """After as many attempts as fail in a minute or so, Chromium delays each by up to five seconds."""
 
 
-def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
-    rig: Rig, visit: Visit
-) -> None:
+def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(rig, visit):
     name = "<img src=x onerror='window.PWNED=1'><b id=bold>arm</b>"
     source = Source.given(rig, name)
     with (
@@ -415,7 +391,7 @@ def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
     window.page.set_viewport_size({"width": 390, "height": 844})
     lost, picture = window.page.locator("#so101-lost"), window.page.locator("canvas").first
 
-    def leaves_the_arm_free() -> bool:
+    def leaves_the_arm_free():
         top, bottom = box(picture)[1::2]
         return box(lost)[3] < 0.5 * (top + bottom)
 

@@ -1,25 +1,18 @@
 """The World tab: obstacles are added, dragged, held, saved and loaded, and plans avoid them."""
 
-from __future__ import annotations
-
 import io
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from harness.browser_user import Guest
 from PIL import Image
-from playwright.sync_api import Locator
-from so101_viewer import Preview, Source, serve_source
+from so101_viewer import Source, serve_source
 from so101_viewer.page import history
 
 from so101_motion.cli.verbs import main
 from so101_motion.files.scene_file import read_scene, scene_to
-from so101_motion.planning.collision.scene import PointCloud, Scene
-from so101_motion.rig.rig import Rig
+from so101_motion.planning.collision.scene import Scene
 
 pytestmark = pytest.mark.browser
 
@@ -27,19 +20,19 @@ HOSTILE = "<img src=x onerror=window.PWNED=1>"
 
 
 @pytest.fixture(scope="module")
-def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def scene_file(tmp_path_factory):
     return tmp_path_factory.mktemp("scene") / "table.json"
 
 
 @pytest.fixture(scope="module")
-def preview(rig: Rig, scene_file: Path) -> Iterator[Preview]:
+def preview(rig, scene_file):
     source = Source(title="Arm", open=lambda: rig, lasts=True, scene_file=scene_file)
     with serve_source(source, port=0) as preview:
         yield preview
 
 
 @pytest.fixture
-def world(opened: Guest, rig: Rig) -> Guest:
+def world(opened, rig):
     """The World tab of an arm at home with nothing around it."""
     rig.arm.scene = Scene()
     opened.page.get_by_role("tab", name="World").click(timeout=90_000)  # the first picture is slow
@@ -47,13 +40,13 @@ def world(opened: Guest, rig: Rig) -> Guest:
     return opened
 
 
-def things(guest: Guest) -> list[str]:
+def things(guest):
     """The nodes of things in the scene, the newest last."""
     nodes = [name for name in guest.nodes() if name.startswith("/world/")]
     return sorted((n for n in nodes if n[7:].isdigit()), key=lambda name: int(name[7:]))
 
 
-def add(guest: Guest, kind: str) -> str:
+def add(guest, kind):
     """Add a thing and return its node."""
     before = things(guest)
     guest.press(kind)
@@ -62,12 +55,12 @@ def add(guest: Guest, kind: str) -> str:
     return things(guest)[-1]
 
 
-def shown(guest: Guest, label: str) -> Locator:
+def shown(guest, label):
     """The fields behind a label of this tab; other tabs may have the same label."""
     return guest.fields(label).filter(visible=True)
 
 
-def fill(guest: Guest, label: str, *values: str) -> None:
+def fill(guest, label, *values):
     fields = shown(guest, label)
     for k, value in enumerate(values):
         fields.nth(k).fill(value)
@@ -75,7 +68,7 @@ def fill(guest: Guest, label: str, *values: str) -> None:
         guest.page.wait_for_timeout(80)  # the page sends one message per panel every 50 ms
 
 
-def pixels(guest: Guest, hue_from: int, hue_to: int) -> int:
+def pixels(guest, hue_from, hue_to):
     """How many pixels of the scene have a clear colour of that hue, 0 to 255."""
     picture = Image.open(io.BytesIO(guest.page.screenshot())).convert("HSV")
     width, height = picture.size
@@ -85,31 +78,24 @@ def pixels(guest: Guest, hue_from: int, hue_to: int) -> int:
     return int((clear & (hue >= hue_from) & (hue <= hue_to)).sum())
 
 
-def test_a_thing_that_is_added_moves_no_button(world: Guest) -> None:
-    def places() -> list[object]:
+def test_an_added_obstacle_is_drawn_and_planned_with_and_moves_nothing(world, rig, preview):
+    def places():
         seen = (
             world.page.get_by_role("button", name=name, exact=True).filter(visible=True)
             for name in ("sphere", "undo", "save", "Load")
         )
         return [each.first.bounding_box() for each in seen]
 
-    before = places()
-    add(world, "box")
-    world.until(lambda: shown(world, "Size (mm)").count() == 3)
-    assert places() == before
-
-
-def test_an_added_obstacle_is_drawn_and_planned_with_and_moves_nothing(
-    world: Guest, rig: Rig, preview: Preview
-) -> None:
     arrows = preview._server.viser.scene._handle_from_node_name["/target"]
-    q = rig.arm.state.q
+    q, stood = rig.arm.state.q, places()
     with world.looking():
         teal = pixels(world, 105, 125)
         add(world, "box")
         world.until(lambda: len(rig.arm.scene.obstacles) == 1)
         world.until(lambda: pixels(world, 105, 125) > teal + 200, seconds=60.0)
     world.until(lambda: "/world-handles" in world.nodes())
+    world.until(lambda: shown(world, "Size (mm)").count() == 3)
+    assert places() == stood  # no button takes another's place
     world.until(lambda: not arrows.visible)  # one pair of handles at a time
     fill(world, "Size (mm)", "40", "50", "70")
     world.until(lambda: np.allclose(rig.arm.scene.obstacles[0].shape.size, [0.04, 0.05, 0.07]))
@@ -128,7 +114,7 @@ def test_an_added_obstacle_is_drawn_and_planned_with_and_moves_nothing(
     assert world.problems == []
 
 
-def drag_up(world: Guest, node: str) -> bool:
+def drag_up(world, node):
     """Drag the handle of what is selected upwards; whether the thing follows until it is let go."""
     before = world.pose_of(node)["position"][2]
     x, y = world.place_of("/world-handles", (0.0, 0.0, 0.07))
@@ -148,9 +134,7 @@ def drag_up(world: Guest, node: str) -> bool:
     return follows
 
 
-def test_a_drag_moves_the_thing_and_one_undo_takes_it_back(
-    world: Guest, rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_drag_moves_the_thing_and_one_undo_takes_it_back(world, rig, monkeypatch):
     monkeypatch.setattr(history, "ONE_DRAG", 60.0)  # a busy page drags slowly
     node = add(world, "sphere")
     world.until(lambda: len(rig.arm.scene.obstacles) == 1)
@@ -168,11 +152,11 @@ def test_a_drag_moves_the_thing_and_one_undo_takes_it_back(
     world.until(lambda: np.allclose(world.pose_of("/world-handles")["position"], before))
 
 
-def test_a_click_on_a_thing_selects_it(world: Guest) -> None:
+def test_a_click_on_a_thing_selects_it(world):
     first = add(world, "box")
     add(world, "capsule")
 
-    def is_selected() -> bool:
+    def is_selected():
         world.page.mouse.click(*world.place_of(first, (0.0, -0.03, -0.01)))
         world.page.wait_for_timeout(300)  # a busy browser may not know yet that it is there
         names = shown(world, "Name").evaluate_all("fields => fields.map((each) => each.value)")
@@ -183,7 +167,7 @@ def test_a_click_on_a_thing_selects_it(world: Guest) -> None:
     world.until(lambda: shown(world, "Size (mm)").count() >= 3)
 
 
-def test_a_zone_is_red_and_seen_through(world: Guest, rig: Rig) -> None:
+def test_a_zone_is_red_and_seen_through(world, rig):
     add(world, "box")
     with world.looking():
         red = pixels(world, 248, 255)
@@ -194,7 +178,7 @@ def test_a_zone_is_red_and_seen_through(world: Guest, rig: Rig) -> None:
     world.until(lambda: world.says("is a keep-out zone, which cannot be held"))
 
 
-def test_the_gripper_takes_a_thing_along_and_leaves_it(world: Guest, rig: Rig) -> None:
+def test_the_gripper_takes_a_thing_along_and_leaves_it(world, rig):
     add(world, "sphere")
     world.until(lambda: len(rig.arm.scene.obstacles) == 1)
     there = rig.arm.scene.obstacles[0].T_base_obstacle.p
@@ -212,16 +196,7 @@ def test_the_gripper_takes_a_thing_along_and_leaves_it(world: Guest, rig: Rig) -
     np.testing.assert_allclose(rig.arm.scene.obstacles[0].T_base_obstacle.p, there, atol=1e-3)
 
 
-def test_the_floor_can_be_taken_away(world: Guest, rig: Rig) -> None:
-    world.page.get_by_role("checkbox").last.click()
-    world.until(lambda: rig.arm.scene.floor_z is None)
-    world.page.get_by_role("checkbox").last.click()
-    world.until(lambda: rig.arm.scene.floor_z is not None)
-
-
-def test_a_saved_scene_is_planned_with_and_comes_back_by_load(
-    world: Guest, rig: Rig, scene_file: Path, tmp_path: Path
-) -> None:
+def test_a_saved_scene_is_planned_with_and_comes_back_by_load(world, rig, scene_file, tmp_path):
     add(world, "box")
     fill(world, "Name", HOSTILE)
     world.until(lambda: [o.name for o in rig.arm.scene.obstacles] == [HOSTILE])
@@ -253,7 +228,7 @@ def test_a_saved_scene_is_planned_with_and_comes_back_by_load(
     assert not any("img" in node for node in world.nodes())
 
 
-def test_the_scene_is_shown_as_viam_says_it_until_it_changes(world: Guest, rig: Rig) -> None:
+def test_the_scene_is_shown_as_viam_says_it_until_it_changes(world, rig):
     add(world, "sphere")
     hostile = "</textarea><img src=x onerror=PWNED=1>"
     fill(world, "Name", hostile)
@@ -272,50 +247,7 @@ def test_the_scene_is_shown_as_viam_says_it_until_it_changes(world: Guest, rig: 
     world.until(lambda: text.count() == 0)
 
 
-PLY = """ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-end_header
-"""
-PCD = """VERSION .7
-FIELDS x y z
-SIZE 4 4 4
-TYPE F F F
-COUNT 1 1 1
-WIDTH 3
-HEIGHT 1
-POINTS 3
-DATA ascii
-"""
-
-
-def test_points_of_three_kinds_of_files_become_cubes_of_the_size_that_is_set(
-    world: Guest, rig: Rig, tmp_path: Path
-) -> None:
-    points = "0.301 0.101 0.021\n0.301 0.101 0.051\n0.301 0.101 0.054\n"
-    for head, ending in ((PLY, "ply"), (PCD, "pcd"), ("", "xyz")):
-        (tmp_path / f"seen.{ending}").write_text(head + points)
-        load(world, tmp_path / f"seen.{ending}")
-        world.until(lambda: world.says("2 cubes of 10 mm, where it was seen."))
-        world.until(lambda: len(rig.arm.scene.obstacles) == 1)
-        shape = rig.arm.scene.obstacles[0].shape
-        assert isinstance(shape, PointCloud)
-        assert (shape.resolution, len(shape.points)) == (0.01, 2)
-        if ending == "xyz":
-            fill(world, "Cube size (mm)", "5")
-            world.until(lambda: world.says("Resized."))
-            shape = rig.arm.scene.obstacles[0].shape
-            assert isinstance(shape, PointCloud)
-            assert shape.resolution == 0.005
-        world.press("delete")
-        world.until(lambda: len(rig.arm.scene.obstacles) == 0)
-    assert world.problems == []
-
-
-def load(guest: Guest, path: Path) -> None:
+def load(guest, path):
     with guest.page.expect_file_chooser() as chooser:
         guest.press("Load")
     chooser.value.set_files(path)

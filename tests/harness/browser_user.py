@@ -7,15 +7,14 @@ tests look at nodes and widgets and hardly at pixels.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pytest
 from axe_playwright_python.base import AXE_SCRIPT
-from playwright.sync_api import Locator, Page, TimeoutError
+from playwright.sync_api import Page, TimeoutError
 
 from so101_motion.common.named_poses import POSES
 
@@ -73,39 +72,39 @@ class Guest:
     problems: list[str]
     asked: list[str]
 
-    def open(self, url: str) -> None:
+    def open(self, url):
         """Open the page and wait for its arm."""
         self.page.goto(url)
         self.see_the_arm()
 
-    def see_the_arm(self) -> None:
+    def see_the_arm(self):
         self.page.wait_for_function(
             "() => window.__viserSceneTree && '/live/gripper_link' in "
             "window.__viserSceneTree.getState()",
         )
         self.until(lambda: self.button("Plan").count() == 1)
 
-    def leave(self) -> None:
+    def leave(self):
         """Close the window."""
         self.page.context.close()
 
-    def button(self, name: str) -> Locator:
+    def button(self, name):
         return self.page.get_by_role("button", name=name, exact=True)
 
-    def press(self, name: str) -> None:
+    def press(self, name):
         self.button(name).click()
 
-    def press_next(self, name: str) -> None:
+    def press_next(self, name):
         """Press a button that may have come where the last one was: at once, the page would take it
         for the second click of a double click."""
         self.until(lambda: self.button(name).is_enabled())
         self.page.wait_for_timeout(700)
         self.press(name)
 
-    def plan(self) -> None:
+    def plan(self):
         """Have the page plan; again where it hears of a new speed or scene only meanwhile."""
 
-        def is_planned() -> bool:
+        def is_planned():
             if self.says("Press Plan again."):
                 self.press("Plan")
                 self.page.wait_for_timeout(1000)
@@ -115,9 +114,7 @@ class Guest:
         self.page.wait_for_timeout(300)  # a former plan may be executed until this one is begun
         self.until(is_planned)
 
-    def click_until(
-        self, place: Callable[[], tuple[float, float]], condition: Callable[[], bool]
-    ) -> None:
+    def click_until(self, place, condition):
         """Click at ``place`` until ``condition`` holds; again only where nothing comes of a click
         for seconds, as the page may not know yet what one is for.
         """
@@ -129,7 +126,7 @@ class Guest:
                 self.page.wait_for_timeout(50)
         self.until(condition)
 
-    def double_click(self, x: float, y: float) -> None:
+    def double_click(self, x, y):
         """Click twice within a tenth of a second, however late the page gets round to it."""
         mouse, began = self.page.context.new_cdp_session(self.page), time.time()
         for k, kind in enumerate(("mousePressed", "mouseReleased") * 2):
@@ -137,27 +134,27 @@ class Guest:
             mouse.send("Input.dispatchMouseEvent", told | {"timestamp": began + 0.05 * (k // 2)})
         mouse.detach()
 
-    def says(self, words: str) -> bool:
+    def says(self, words):
         return self.page.get_by_text(words).count() > 0
 
-    def alerts(self) -> list[tuple[str, str]]:
+    def alerts(self):
         """What the bar says is wrong: each sentence and how bad it is."""
-        found: list[list[str]] = self.page.evaluate(
+        found = self.page.evaluate(
             "[...document.querySelectorAll('#so101-alerts p')]"
             ".map((line) => [line.className, line.innerText])"
         )
         return [(tone, text) for tone, text in found]
 
-    def has_badge(self) -> bool:
+    def has_badge(self):
         """Whether the Health tab carries the sign of an alarm."""
         tab = self.page.get_by_role("tab", name="Health")
         return tab.locator(".icon-tabler-alert-triangle").count() == 1
 
-    def let_go(self, is_limp: Callable[[], bool]) -> None:
+    def let_go(self, is_limp):
         """Press Let go and answer its question; again where the page asks no longer."""
         asks = self.page.locator("#so101-buttons .asks")
 
-        def is_answered() -> bool:
+        def is_answered():
             if not asks.count():
                 self.press("Let go")
             self.page.wait_for_timeout(800)  # a double click is no answer
@@ -171,11 +168,11 @@ class Guest:
 
         self.until(is_answered)
 
-    def has_stalled(self) -> bool:
+    def has_stalled(self):
         """Whether the page says that a busy machine kept the arm from moving on."""
         return self.page.get_by_text(STALLED).filter(visible=True).count() > 0
 
-    def until(self, condition: Callable[[], bool], *, seconds: float = 60.0) -> None:
+    def until(self, condition, *, seconds=60.0):
         """Wait for ``condition`` and let the page live meanwhile; fail when it never comes."""
         for _ in range(round(seconds / 0.05)):
             if condition():
@@ -183,9 +180,9 @@ class Guest:
             self.page.wait_for_timeout(50)
         pytest.fail(f"did not come true within {seconds:g} s; the page said: {self.words()!r}")
 
-    def comes_to(self, wanted: T, look: Callable[[], T]) -> None:
+    def comes_to(self, wanted, look):
         """Wait until ``look`` finds what is wanted; fail with what it has found instead."""
-        found: list[T] = []
+        found = []
         for _ in range(1200):
             found[:] = [look()]
             if found == [wanted]:
@@ -193,11 +190,11 @@ class Guest:
             self.page.wait_for_timeout(50)
         assert found[0] == wanted
 
-    def _learn(self, script: str, told: object = None) -> Any:
+    def _learn(self, script, told=None):
         """What a script finds out, as soon as the page knows it."""
-        found: list[Any] = []
+        found = []
 
-        def is_known() -> bool:
+        def is_known():
             found[:] = [self.page.evaluate(script, told)]
             return found[0] is not None
 
@@ -205,7 +202,7 @@ class Guest:
         return found[0]
 
     @contextmanager
-    def looking(self) -> Iterator[None]:
+    def looking(self):
         """Draw the scene in full while a test looks at its pixels."""
         self.page.evaluate("window.draws = true")
         try:
@@ -213,9 +210,9 @@ class Guest:
         finally:
             self.page.evaluate("window.draws = false")
 
-    def color_of(self, part: str) -> int:
+    def color_of(self, part):
         """The colour of a part of the arm on the stage, as a number of the form 0xrrggbb."""
-        color: list[int] = self._learn(
+        color = self._learn(
             "part => { const nodes = window.__viserSceneTree.getState();"
             " const name = Object.keys(nodes).find((name) => name.startsWith(part));"
             " return name ? [...nodes[name].message.props.color] : null; }",
@@ -224,7 +221,7 @@ class Guest:
         red, green, blue = color
         return (red << 16) + (green << 8) + blue
 
-    def barriers(self, tab: Locator | None = None) -> list[str]:
+    def barriers(self, tab=None):
         """Barriers for people with a disability that axe calls serious.
 
         Args:
@@ -232,10 +229,10 @@ class Guest:
         """
         if not self.page.evaluate("'axe' in window"):
             self.page.evaluate(AXE_SCRIPT)
-        found: list[str] = (tab or self.page.locator("html")).evaluate(LOOK_FOR_BARRIERS)
+        found = (tab or self.page.locator("html")).evaluate(LOOK_FOR_BARRIERS)
         return found
 
-    def finger(self, *way: tuple[float, float]) -> None:
+    def finger(self, *way):
         """Put a finger on the page, lead it along points [px], and lift it."""
         touch = self.page.context.new_cdp_session(self.page)
         for k, (x, y) in enumerate(way):
@@ -246,22 +243,22 @@ class Guest:
         touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
         touch.detach()
 
-    def words(self) -> str:
+    def words(self):
         return self.page.inner_text("body")
 
-    def nodes(self) -> set[str]:
+    def nodes(self):
         return set(self.page.evaluate("Object.keys(window.__viserSceneTree.getState())"))
 
-    def sees(self, node: str) -> bool:
+    def sees(self, node):
         """Whether a node is there and not hidden."""
-        seen: bool = self.page.evaluate(
+        seen = self.page.evaluate(
             "name => window.__viserSceneTree.getState()[name]?.effectiveVisibility ?? false", node
         )
         return seen
 
-    def pose_of(self, node: str) -> dict[str, list[float]]:
+    def pose_of(self, node):
         """Where the browser has a node: ``position`` [m] and ``wxyz``."""
-        pose: dict[str, list[float]] = self._learn(
+        pose = self._learn(
             "name => { const d = window.__viserMutable.nodePoseData[name];"
             " const known = d?.position && d?.wxyz;"
             " return known ? {position: [...d.position], wxyz: [...d.wxyz]} : null; }",
@@ -269,9 +266,7 @@ class Guest:
         )
         return pose
 
-    def place_of(
-        self, node: str, p: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> tuple[float, float]:
+    def place_of(self, node, p=(0.0, 0.0, 0.0)):
         """Where a point ``p`` [m] of a node is in the window [px]."""
         x, y = self._learn(
             """([node, p]) => {
@@ -287,13 +282,13 @@ class Guest:
         )
         return x, y
 
-    def picture(self) -> tuple[float, float, float, float]:
+    def picture(self):
         """Where the picture of the scene is, once it rests: left, top, width, height [px]."""
-        seen: list[dict[str, float] | None] = [None]
+        seen = [None]
         canvas = self.page.locator("#root canvas").first
 
-        def rests() -> bool:
-            seen.append(canvas.bounding_box())  # type: ignore[arg-type]
+        def rests():
+            seen.append(canvas.bounding_box())
             self.page.wait_for_timeout(300)
             return seen[-1] is not None and seen[-1] == seen[-2]
 
@@ -302,32 +297,32 @@ class Guest:
         assert box is not None
         return box["x"], box["y"], box["width"], box["height"]
 
-    def end_of_path(self) -> list[float]:
+    def end_of_path(self):
         """The last point of the line to the target, as the browser has it [m]."""
-        point: list[float] = self._learn(
+        point = self._learn(
             "() => { const path = window.__viserSceneTree.getState()['/path'];"
             " return path ? Array.from(path.message.props.points).slice(-3) : null; }"
         )
         return point
 
-    def fields(self, label: str) -> Locator:
+    def fields(self, label):
         """The number fields behind a label."""
         return self.page.locator(
             f"xpath=//*[text()='{label}']/ancestor::*[.//input][1]//input[not(@type='hidden')]"
         )
 
-    def target_mm(self) -> tuple[float, ...]:
+    def target_mm(self):
         """What the three fields of the target say, which the page may just build anew."""
-        said: list[str] = []
+        said = []
 
-        def are_there() -> bool:
+        def are_there():
             said[:] = self.fields("Target (mm)").evaluate_all("all => all.map((its) => its.value)")
             return len(said) == 3 and all(said)
 
         self.until(are_there)
         return tuple(map(float, said))
 
-    def type_target(self, *target_mm: float) -> None:
+    def type_target(self, *target_mm):
         fields = self.fields("Target (mm)")
         for k, value in enumerate(target_mm):
             fields.nth(k).click()

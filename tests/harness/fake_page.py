@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from so101_viewer.page.target_ik import Surroundings, TargetSolver
+from so101_viewer.page.target_ik import TargetSolver
 from so101_viewer.view_model import ViewModel
 
-from so101_motion.common.clock import Clock
 from so101_motion.common.errors import OutsideLimits, Unreachable
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, JointReading, JointState
 from so101_motion.common.units import to_rad
-from so101_motion.planning.goals import JointGoal, LeaveContactGoal, PoseGoal
+from so101_motion.planning.goals import JointGoal, LeaveContactGoal
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
-from so101_motion.rig.cell_rigs import CellRigs
 
 REACH = 0.5
 """The fake arm's tool point is its first three angles, and it reaches this far [m]."""
@@ -42,22 +39,22 @@ STILL = JointState(
 """An arm that rests and holds."""
 
 
-def point(q: Array, frame: str) -> Array:
+def point(q, frame):
     return q[:3] if frame == "tool" else q[:3] + np.array([0.0, 0.0, 0.1])
 
 
-def clearance(q: Array, _q_jaw: float) -> Any:
+def clearance(q, _q_jaw):
     """How far the fake arm is from the floor that it touches at -0.2 m."""
     return SimpleNamespace(distance=q[2] + 0.2, first="gripper", second="floor")
 
 
-def check_limits(q: Array) -> None:
+def check_limits(q):
     i = int(np.argmax(np.abs(q)))
     if abs(q[i]) > 2.0:
         raise OutsideLimits("far", joint=ARM_JOINTS[i], value=q[i], lower=-2.0, upper=2.0)
 
 
-def candidates(goal: PoseGoal, q_seed: Array) -> list[Any]:
+def candidates(goal, q_seed):
     p = goal.T_base_tool.p
     distance = float(np.linalg.norm(p))
     if distance > REACH:
@@ -72,7 +69,7 @@ def candidates(goal: PoseGoal, q_seed: Array) -> list[Any]:
     return [SimpleNamespace(q=np.append(p, q_seed[3:]))]
 
 
-def contact(q: Array, _q_jaw: float) -> tuple[str, str] | None:
+def contact(q, _q_jaw):
     return ("gripper", "floor") if q[2] < -0.2 else None
 
 
@@ -86,11 +83,11 @@ class FakePlan:
     report: Any
 
     @property
-    def duration(self) -> float:
+    def duration(self):
         return self.trajectory.duration
 
 
-def straight(q_start: Array, q_goal: Array) -> FakePlan:
+def straight(q_start, q_goal):
     q = np.linspace(q_start, q_goal, 101)
     still = np.zeros_like(q)
     return FakePlan(
@@ -106,17 +103,17 @@ def straight(q_start: Array, q_goal: Array) -> FakePlan:
 class FakeArm:
     """An arm that is where it is told to be, and whose motions end when the test says so."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.speed = self.acceleration = 1.0
-        self.scene: object = object()
+        self.scene = object()
         self.range = (np.full(5, -2.0), np.full(5, 2.0))
         self.newest = None
-        self.failure: Exception | None = None
-        self.executed: list[FakePlan] = []
+        self.failure = None
+        self.executed = []
         self.motion = SimpleNamespace(future=Future())
         self.state = STILL
 
-    def be(self, q: Array, *, t: float = 0.0, mode: Mode = Mode.HOLDING) -> None:
+    def be(self, q, *, t=0.0, mode=Mode.HOLDING):
         reading = JointReading(q=q, qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0)
         self.state = replace(
             self.state,
@@ -128,13 +125,13 @@ class FakeArm:
             fault="servo 3 is hot" if mode is Mode.FAULT else None,
         )
 
-    def set_speed(self, speed: float) -> None:
+    def set_speed(self, speed):
         self.speed = speed
 
-    def set_acceleration(self, acceleration: float) -> None:
+    def set_acceleration(self, acceleration):
         self.acceleration = acceleration
 
-    def plan(self, goal: PoseGoal | JointGoal | LeaveContactGoal) -> FakePlan:
+    def plan(self, goal):
         if isinstance(goal, LeaveContactGoal):
             return straight(self.state.q_ref, self.state.q_ref + np.array([0.0, 0.0, 0.1, 0, 0]))
         if self.failure is not None:
@@ -142,7 +139,7 @@ class FakeArm:
         q = goal.q if isinstance(goal, JointGoal) else np.append(goal.T_base_tool.p, np.zeros(2))
         return straight(self.state.q_ref, q)
 
-    def move(self, to: Any, *, replan: bool = False, wait: bool) -> Any:
+    def move(self, to, *, replan=False, wait):
         plan = self.plan(to) if replan else to
         self.executed.append(plan)
         self.motion = SimpleNamespace(future=Future(), plan=plan)
@@ -150,16 +147,16 @@ class FakeArm:
 
 
 class FakeGripper:
-    def __init__(self) -> None:
-        self.apertures: list[float] = []
+    def __init__(self):
+        self.apertures = []
         self.is_holding = False
 
-    def move(self, aperture: float, *, wait: bool) -> None:
+    def move(self, aperture, *, wait):
         self.apertures.append(aperture)
 
 
-def run_at_once(call: Callable[[], Any]) -> Future[Any]:
-    future: Future[Any] = Future()
+def run_at_once(call):
+    future = Future()
     try:
         future.set_result(call())
     except Exception as error:
@@ -167,7 +164,7 @@ def run_at_once(call: Callable[[], Any]) -> Future[Any]:
     return future
 
 
-def pages_of(opened: CellRigs, clock: Clock) -> dict[str, ViewModel]:
+def pages_of(opened, clock):
     """The state of the Move tab of each arm of a cell, by its name."""
     return {
         name: ViewModel(
@@ -182,7 +179,7 @@ def pages_of(opened: CellRigs, clock: Clock) -> dict[str, ViewModel]:
     }
 
 
-def aside(pan_deg: float) -> Array:
+def aside(pan_deg):
     """Where an arm is that was turned a little further to the side; nobody is in its way."""
     return to_rad(np.array([pan_deg, 0.0, 0.0, 0.0, 0.0]))
 
@@ -190,15 +187,15 @@ def aside(pan_deg: float) -> Array:
 class PageInputs:
     """What the page is given: a clock that the test drives, and solvers for some surroundings."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.t = 0.0
-        self.loaded: list[Surroundings] = []
-        self.failure: Exception | None = None
+        self.loaded = []
+        self.failure = None
 
-    def now(self) -> float:
+    def now(self):
         return self.t
 
-    def load_solver(self, around: Surroundings) -> TargetSolver:
+    def load_solver(self, around):
         self.loaded.append(around)
         if self.failure is not None:
             raise self.failure
@@ -208,16 +205,16 @@ class PageInputs:
 class FakeSolver(TargetSolver):
     """Inverse kinematics of the fake arm."""
 
-    def __init__(self) -> None:
-        self._model: Any = SimpleNamespace(
+    def __init__(self):
+        self._model = SimpleNamespace(
             frame=lambda q, frame: SimpleNamespace(p=point(q, frame), R=np.eye(3)),
             check_limits=check_limits,
         )
-        self._collisions: Any = SimpleNamespace(clearance=clearance, first_contact=contact)
-        self._ik: Any = SimpleNamespace(candidates=candidates)
+        self._collisions = SimpleNamespace(clearance=clearance, first_contact=contact)
+        self._ik = SimpleNamespace(candidates=candidates)
 
 
-def planned(page: ViewModel) -> ViewModel:
+def planned(page):
     page.plan()
     page.refresh()
     return page

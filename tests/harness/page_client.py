@@ -4,14 +4,10 @@ viser keeps all widgets on the server: a test reads them there and calls what a 
 would call. What a browser draws is tested in ``tests/browser``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import html
 import re
 import time
-from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
 import viser
@@ -24,26 +20,26 @@ class Hand:
         server: The page.
     """
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._gui: Any = server.gui
+    def __init__(self, server):
+        self._gui = server.gui
 
-    def words(self) -> str:
+    def words(self):
         """What the page says, without its buttons."""
         told = (handle.content for handle in self._seen() if hasattr(handle, "content"))
         return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", text)) for text in told)
 
-    def says(self, words: str) -> bool:
+    def says(self, words):
         return words in re.sub(r"\s+", " ", self.words())
 
-    def has(self, label: str) -> bool:
+    def has(self, label):
         """Whether the page shows this button."""
         return any(True for _ in self._buttons(label))
 
-    def can(self, label: str) -> bool:
+    def can(self, label):
         """Whether the button can be pressed."""
         return any(not button.disabled for button in self._buttons(label))
 
-    def press(self, label: str) -> None:
+    def press(self, label):
         """Press a button as soon as it is enabled."""
         self.until(lambda: self.can(label), f"pressing {label!r}")
         button = next(self._buttons(label))
@@ -51,28 +47,28 @@ class Hand:
             with contextlib.suppress(StopIteration):  # it ends at once: it only posts a command
                 callback(None).send(None)
 
-    def expect(self, words: str) -> None:
+    def expect(self, words):
         self.until(lambda: self.says(words), f"reading {words!r}")
 
-    def until(self, condition: Callable[[], bool], what: str, *, seconds: float = 60.0) -> None:
+    def until(self, condition, what, *, seconds=60.0):
         ends = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > ends:
                 pytest.fail(f"{what} was not possible within {seconds:g} s: {self.words()!r}")
             time.sleep(0.02)
 
-    def until_or(self, condition: Callable[[], bool], *, seconds: float) -> None:
+    def until_or(self, condition, *, seconds):
         """Wait for ``condition``, but no longer than that."""
         ends = time.monotonic() + seconds
         while not condition() and time.monotonic() < ends:
             time.sleep(0.02)
 
-    def _buttons(self, label: str) -> Iterator[Any]:
+    def _buttons(self, label):
         for handle in self._seen():
             if isinstance(handle, viser.GuiButtonHandle) and handle.label == label:
                 yield handle
 
-    def _seen(self) -> Iterator[Any]:
+    def _seen(self):
         containers = self._gui._container_handle_from_uuid
         for handle in [
             child for parent in list(containers.values()) for child in _children(parent)
@@ -80,7 +76,7 @@ class Hand:
             if self._is_seen(handle):
                 yield handle
 
-    def _is_seen(self, handle: Any) -> bool:
+    def _is_seen(self, handle):
         while handle is not None:
             if getattr(handle, "visible", True) is False:
                 return False
@@ -90,5 +86,5 @@ class Hand:
         return True
 
 
-def _children(container: Any) -> list[Any]:
+def _children(container):
     return list(getattr(container, "_children", {}).values())

@@ -1,10 +1,7 @@
 """A camera on a socket of this machine: single pictures, a stream, and what goes wrong."""
 
-from __future__ import annotations
-
 import io
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -13,7 +10,7 @@ from PIL import Image
 WIDE, UPRIGHT = (32, 24), (24, 32)
 
 
-def jpeg(number: int, size: tuple[int, int] = WIDE) -> bytes:
+def jpeg(number, size=WIDE):
     """A picture that differs from the one before."""
     file = io.BytesIO()
     Image.new("RGB", size, (40 * number % 256, 90, 160)).save(file, "JPEG")
@@ -29,7 +26,7 @@ class WebCamera(BaseHTTPRequestHandler):
 
     count = 0
 
-    def do_GET(self) -> None:
+    def do_GET(self):
         WebCamera.count += 1
         if self.path == "/lost":
             self.send_error(503)
@@ -49,12 +46,12 @@ class WebCamera(BaseHTTPRequestHandler):
             size = UPRIGHT if self.path == "/upright" else WIDE
             self.wfile.write(jpeg(WebCamera.count, size))
 
-    def log_message(self, *_: object) -> None:
+    def log_message(self, *_):
         """Say nothing."""
 
 
 @contextmanager
-def web_camera() -> Iterator[str]:
+def web_camera():
     """A camera for the length of a block; its address."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), WebCamera)
     thread = threading.Thread(target=lambda: server.serve_forever(poll_interval=0.02))

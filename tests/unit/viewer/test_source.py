@@ -1,10 +1,7 @@
-from __future__ import annotations
-
 import json
 import threading
 from datetime import datetime
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +18,7 @@ from so101_motion.rig.protocols import ArmConnection
 AT = datetime(2026, 5, 4, 12, 30, 15)
 
 
-def state(mode: Mode, fault: str | None = None) -> JointState:
+def state(mode, fault=None):
     return JointState(
         t=0.0,
         mode=mode,
@@ -39,23 +36,23 @@ def state(mode: Mode, fault: str | None = None) -> JointState:
 class Finder:
     """A source that is not there the first so many times, and who looks for it."""
 
-    def __init__(self, failures: int) -> None:
+    def __init__(self, failures):
         self.failures = failures
-        self.errors: list[Exception] = []
+        self.errors = []
         self.found = threading.Event()
         self.closed = threading.Event()
         self.may_open = threading.Event()
         self.may_open.set()
         self.opening = threading.Event()
 
-    def open(self) -> Any:
+    def open(self):
         self.opening.set()
         assert self.may_open.wait(60.0)
         if len(self.errors) < self.failures:
             raise PortUnavailable("/dev/ttyACM0", "there is no such port")
         return SimpleNamespace(close=self.closed.set)
 
-    def search(self) -> SourceOpener:
+    def search(self):
         return SourceOpener(
             Source(title="Arm", open=self.open).open,
             found=lambda _rig: self.found.set(),
@@ -64,11 +61,11 @@ class Finder:
 
 
 @pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+def impatient(monkeypatch):
     monkeypatch.setattr(source, "LOOK_AGAIN", 0.01)
 
 
-def test_an_arm_is_looked_for_until_it_is_there() -> None:
+def test_an_arm_is_looked_for_until_it_is_there():
     finder = Finder(3)
     search = finder.search()
     assert finder.found.wait(60.0)
@@ -77,7 +74,7 @@ def test_an_arm_is_looked_for_until_it_is_there() -> None:
     assert not finder.closed.is_set()
 
 
-def test_a_search_that_is_given_up_ends_and_closes_what_it_still_found() -> None:
+def test_a_search_that_is_given_up_ends_and_closes_what_it_still_found():
     finder = Finder(0)
     finder.may_open.clear()
     search = finder.search()
@@ -92,7 +89,7 @@ def test_a_search_that_is_given_up_ends_and_closes_what_it_still_found() -> None
     assert not finder.found.is_set()
 
 
-def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on() -> None:
+def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on():
     bar = Bar()
     gone = PortUnavailable("/dev/ttyACM0", "there is no such port")
     waiting(bar, "Arm on /dev/ttyACM0", gone)
@@ -129,14 +126,12 @@ FIX = "Fix this, then press Hold."
           for mode in (Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING)),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_an_arm_is_said_with_what_happens_next(
-    connection: ArmConnection, mode: Mode, fault: str | None, says: str | None
-) -> None:
+def test_what_is_wrong_with_an_arm_is_said_with_what_happens_next(connection, mode, fault, says):
     said = notice(connection, state(mode, fault), AT)
     assert (None if said is None else said.text) == says
 
 
-def test_an_arm_that_is_back_is_not_said_to_be_missing() -> None:
+def test_an_arm_that_is_back_is_not_said_to_be_missing():
     said = notice(ARM, state(Mode.FAULT, "no such port"), AT, is_back=True)
     assert said is not None
     assert said.text == "Connected again. Nothing moves. Press Hold to go on."

@@ -1,7 +1,5 @@
 """Fixtures of the tests of the Move tab's state."""
 
-from __future__ import annotations
-
 import pytest
 from harness.fake_page import (
     WELCOME,
@@ -14,25 +12,25 @@ from so101_viewer.view_model import ViewModel
 
 
 @pytest.fixture
-def arm() -> FakeArm:
+def arm():
     return FakeArm()
 
 
 @pytest.fixture
-def gripper() -> FakeGripper:
+def gripper():
     return FakeGripper()
 
 
 @pytest.fixture
-def inputs() -> PageInputs:
+def inputs():
     return PageInputs()
 
 
 @pytest.fixture
-def page(arm: FakeArm, gripper: FakeGripper, inputs: PageInputs) -> ViewModel:
+def page(arm, gripper, inputs):
     return ViewModel(
-        arm=arm,  # type: ignore[arg-type]
-        gripper=gripper,  # type: ignore[arg-type]
+        arm=arm,
+        gripper=gripper,
         load_solver=inputs.load_solver,
         submit=run_at_once,
         now=inputs.now,

@@ -1,26 +1,17 @@
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from harness.fake_page import (
     WELCOME,
-    FakeArm,
-    PageInputs,
     planned,
 )
 from so101_viewer.page.screen_state import Tone
-from so101_viewer.view_model import ViewModel
 
 from so101_motion.common.errors import ConfigError, Interrupted, NoPath
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 
 
-def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_path(
-    page: ViewModel, arm: FakeArm
-) -> None:
+def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_path(page, arm):
     assert page.sentence.text == WELCOME
     assert page.q_ghost is not None
     assert page.path is not None
@@ -30,9 +21,7 @@ def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_pa
     assert arm.executed == []
 
 
-def test_targets_are_undone_and_redone_and_a_drag_is_one_change(
-    page: ViewModel, inputs: PageInputs
-) -> None:
+def test_targets_are_undone_and_redone_and_a_drag_is_one_change(page, inputs):
     first = page.target.p_base
     assert not page.history.can_undo
     for k in range(5):
@@ -58,7 +47,7 @@ def test_targets_are_undone_and_redone_and_a_drag_is_one_change(
     assert not page.plan_is_current
 
 
-def test_the_nearest_place_is_taken_also_when_the_target_is_in_contact(page: ViewModel) -> None:
+def test_the_nearest_place_is_taken_also_when_the_target_is_in_contact(page):
     page.set_target_point(np.array([0.1, 0.1, -0.235]))
     assert page.target.problem is not None
     assert "would hit" in str(page.target.problem)
@@ -74,7 +63,7 @@ def test_the_nearest_place_is_taken_also_when_the_target_is_in_contact(page: Vie
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, -0.4])
 
 
-def test_two_buttons_show_the_product(page: ViewModel, arm: FakeArm) -> None:
+def test_two_buttons_show_the_product(page, arm):
     planned(page)
     assert page.can_execute
     assert page.path is not None
@@ -95,14 +84,12 @@ def test_two_buttons_show_the_product(page: ViewModel, arm: FakeArm) -> None:
     assert not page.can_execute
 
 
-def test_nothing_moves_without_a_plan(page: ViewModel, arm: FakeArm) -> None:
+def test_nothing_moves_without_a_plan(page, arm):
     page.execute()
     assert arm.executed == []
 
 
-def test_out_of_reach_says_by_how_much_and_why_and_there_is_nothing_to_plan(
-    page: ViewModel,
-) -> None:
+def test_out_of_reach_says_by_how_much_and_why_and_there_is_nothing_to_plan(page):
     page.set_target_point(np.array([0.0, 0.543, 0.0]))
     assert page.sentence.text == "43 mm out of reach (arm fully stretched)."
     assert page.sentence.tone is Tone.BAD
@@ -113,7 +100,7 @@ def test_out_of_reach_says_by_how_much_and_why_and_there_is_nothing_to_plan(
     assert page.plan_view is None
 
 
-def test_a_target_inside_the_table_says_what_touches_what(page: ViewModel) -> None:
+def test_a_target_inside_the_table_says_what_touches_what(page):
     page.set_target_point(np.array([0.1, 0.0, -0.3]))
     assert page.sentence.text == "The gripper would hit the floor."
     assert not page.can_plan
@@ -132,9 +119,7 @@ def test_a_target_inside_the_table_says_what_touches_what(page: ViewModel) -> No
     ],
     ids=["target", "pose", "joint", "frame", "speed", "acceleration", "jaw"],
 )
-def test_whatever_a_plan_was_made_for_changes_drops_it(
-    page: ViewModel, arm: FakeArm, change: Callable[[ViewModel], None]
-) -> None:
+def test_whatever_a_plan_was_made_for_changes_drops_it(page, arm, change):
     assert planned(page).can_execute
     change(page)
     assert not page.can_execute
@@ -143,9 +128,7 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(
 
 
 @pytest.mark.parametrize("cap", ["speed", "acceleration"])
-def test_a_limit_that_another_program_has_set_drops_the_plan(
-    page: ViewModel, arm: FakeArm, cap: str
-) -> None:
+def test_a_limit_that_another_program_has_set_drops_the_plan(page, arm, cap):
     assert planned(page).can_execute
     setattr(arm, cap, 0.5)
     assert not page.can_execute
@@ -156,9 +139,7 @@ def test_a_limit_that_another_program_has_set_drops_the_plan(
     assert planned(page).can_execute
 
 
-def test_a_plan_being_made_is_dropped_when_another_program_sets_a_limit(
-    page: ViewModel, arm: FakeArm
-) -> None:
+def test_a_plan_being_made_is_dropped_when_another_program_sets_a_limit(page, arm):
     page.plan()
     arm.speed = 0.5
     assert page.refresh()
@@ -167,7 +148,7 @@ def test_a_plan_being_made_is_dropped_when_another_program_sets_a_limit(
     assert planned(page).can_execute
 
 
-def test_an_arm_moved_by_somebody_else_drops_the_plan(page: ViewModel, arm: FakeArm) -> None:
+def test_an_arm_moved_by_somebody_else_drops_the_plan(page, arm):
     assert planned(page).can_execute
     arm.be(np.full(5, to_rad(1.0)))
     assert page.refresh()
@@ -175,7 +156,7 @@ def test_an_arm_moved_by_somebody_else_drops_the_plan(page: ViewModel, arm: Fake
     assert page.sentence.text == "The arm has moved. Press Plan again."
 
 
-def test_the_preview_moves_the_ghost_along_the_plan(page: ViewModel) -> None:
+def test_the_preview_moves_the_ghost_along_the_plan(page):
     page.set_target_point(np.array([0.4, 0.0, 0.0]))
     assert planned(page).preview_time == 1.0
     page.preview(0.5)
@@ -185,7 +166,7 @@ def test_the_preview_moves_the_ghost_along_the_plan(page: ViewModel) -> None:
     assert page.preview_time == 1.0
 
 
-def test_progress_follows_the_clock_from_the_first_movement(page: ViewModel, arm: FakeArm) -> None:
+def test_progress_follows_the_clock_from_the_first_movement(page, arm):
     planned(page)
     page.execute()
     assert page.progress == 0.0
@@ -196,9 +177,7 @@ def test_progress_follows_the_clock_from_the_first_movement(page: ViewModel, arm
     assert page.progress == pytest.approx(0.5)
 
 
-def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(
-    page: ViewModel, arm: FakeArm
-) -> None:
+def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(page, arm):
     planned(page)
     page.execute()
     arm.be(np.array([0.01, 0.0, 0.0, 0.0, 0.0]))
@@ -209,7 +188,7 @@ def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(
     assert not page.can_execute
 
 
-def test_a_failed_plan_is_reported_in_its_own_words(page: ViewModel, arm: FakeArm) -> None:
+def test_a_failed_plan_is_reported_in_its_own_words(page, arm):
     arm.failure = NoPath("no way around <the table>; move the target")
     planned(page)
     assert page.sentence.text == "No way around <the table>; move the target."
@@ -217,9 +196,7 @@ def test_a_failed_plan_is_reported_in_its_own_words(page: ViewModel, arm: FakeAr
     assert page.can_plan
 
 
-def test_a_mistake_inside_is_reported_and_does_not_stop_the_page(
-    page: ViewModel, arm: FakeArm
-) -> None:
+def test_a_mistake_inside_is_reported_and_does_not_stop_the_page(page, arm):
     arm.failure = ZeroDivisionError("oops")
     assert "Internal error" in planned(page).sentence.text
 
@@ -228,9 +205,7 @@ def test_a_mistake_inside_is_reported_and_does_not_stop_the_page(
     ("mode", "words"),
     [(Mode.LIMP, "limp"), (Mode.FAULT, "Fault: see above"), (Mode.CALIBRATING, "calibrated")],
 )
-def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(
-    page: ViewModel, arm: FakeArm, mode: Mode, words: str
-) -> None:
+def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(page, arm, mode, words):
     planned(page)
     arm.be(np.zeros(5), mode=mode)
     page.refresh()
@@ -239,9 +214,7 @@ def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(
     assert not page.can_execute
 
 
-def test_an_arm_in_contact_where_it_stands_is_offered_a_way_out_that_is_shown_first(
-    page: ViewModel, arm: FakeArm
-) -> None:
+def test_an_arm_in_contact_where_it_stands_is_offered_a_way_out_that_is_shown_first(page, arm):
     assert not page.can_back_out
     arm.be(np.array([0.1, 0.1, -0.21, 0.0, 0.0]))  # in the floor
     page.refresh()

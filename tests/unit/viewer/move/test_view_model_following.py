@@ -1,17 +1,11 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from harness.fake_page import (
-    FakeArm,
-    FakeGripper,
-    PageInputs,
     planned,
     straight,
 )
-from so101_viewer.view_model import ViewModel
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.modes import Mode
@@ -19,9 +13,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import PoseGoal
 
 
-def test_dragging_during_a_motion_neither_stops_nor_redirects_it(
-    page: ViewModel, arm: FakeArm
-) -> None:
+def test_dragging_during_a_motion_neither_stops_nor_redirects_it(page, arm):
     planned(page)
     page.execute()
     page.set_target_point(np.array([0.0, 0.3, 0.0]))
@@ -35,9 +27,7 @@ def test_dragging_during_a_motion_neither_stops_nor_redirects_it(
     assert len(arm.executed) == 1
 
 
-def test_a_motion_that_is_planned_again_shows_its_newest_plan(
-    page: ViewModel, arm: FakeArm
-) -> None:
+def test_a_motion_that_is_planned_again_shows_its_newest_plan(page, arm):
     page.set_replan(True)
     planned(page)
     page.execute()
@@ -56,7 +46,7 @@ def test_a_motion_that_is_planned_again_shows_its_newest_plan(
     assert page.sentence.text.startswith("Arrived, 0.0 mm off")
 
 
-def test_an_arm_at_rest_gives_nothing_new_to_show(page: ViewModel, arm: FakeArm) -> None:
+def test_an_arm_at_rest_gives_nothing_new_to_show(page, arm):
     assert not page.refresh()
     arm.be(np.full(5, to_rad(0.001)))
     assert not page.refresh()
@@ -65,19 +55,19 @@ def test_an_arm_at_rest_gives_nothing_new_to_show(page: ViewModel, arm: FakeArm)
     assert not page.refresh()
 
 
-def test_the_gripper_moves_at_once(page: ViewModel, gripper: FakeGripper) -> None:
+def test_the_gripper_moves_at_once(page, gripper):
     page.move_jaw(1.0)
     page.move_jaw(0.0)
     assert gripper.apertures == [1.0, 0.0]
 
 
-def test_at_the_target_there_is_nothing_to_plan(page: ViewModel) -> None:
+def test_at_the_target_there_is_nothing_to_plan(page):
     page.set_target_joints(np.zeros(5))
     assert page.sentence.text == "The arm is already there."
     assert not page.can_plan
 
 
-def test_one_joint_turns_the_ghost_and_leaves_the_others(page: ViewModel) -> None:
+def test_one_joint_turns_the_ghost_and_leaves_the_others(page):
     page.set_target_joints(np.full(5, 0.1))
     page.set_target_joint(3, 0.5)
     np.testing.assert_allclose(page.target.q, [0.1, 0.1, 0.1, 0.5, 0.1])
@@ -86,7 +76,7 @@ def test_one_joint_turns_the_ghost_and_leaves_the_others(page: ViewModel) -> Non
     assert not page.can_plan
 
 
-def test_another_frame_is_aimed_with_from_where_the_ghost_stands(page: ViewModel) -> None:
+def test_another_frame_is_aimed_with_from_where_the_ghost_stands(page):
     page.set_target_point(np.array([0.2, 0.1, 0.1]))
     q = page.target.q
     page.set_target_frame("jaw_tip")
@@ -99,7 +89,7 @@ def test_another_frame_is_aimed_with_from_where_the_ghost_stands(page: ViewModel
         page.set_target_frame("elbow")
 
 
-def test_here_is_where_the_arm_is(page: ViewModel, arm: FakeArm) -> None:
+def test_here_is_where_the_arm_is(page, arm):
     arm.be(np.full(5, 0.3))
     page.refresh()
     page.set_target_here()
@@ -107,7 +97,7 @@ def test_here_is_where_the_arm_is(page: ViewModel, arm: FakeArm) -> None:
     assert page.sentence.text == "The arm is already there."
 
 
-def test_a_plan_shows_postures_on_its_path_and_where_it_comes_close(page: ViewModel) -> None:
+def test_a_plan_shows_postures_on_its_path_and_where_it_comes_close(page):
     page.set_target_point(np.array([0.3, 0.0, -0.1]))
     planned(page)
     assert page.sweep is not None
@@ -120,9 +110,7 @@ def test_a_plan_shows_postures_on_its_path_and_where_it_comes_close(page: ViewMo
     assert page.sweep is None
 
 
-def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(
-    page: ViewModel, inputs: PageInputs
-) -> None:
+def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(page, inputs):
     planned(page)
     page.play(0.5)
     assert page.refresh()
@@ -140,9 +128,7 @@ def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(
     assert not page.refresh()
 
 
-def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
-    page: ViewModel, arm: FakeArm, inputs: PageInputs
-) -> None:
+def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(page, arm, inputs):
     assert planned(page).can_execute
     arm.scene = object()
     assert not page.can_execute  # not even before the page has taken note
@@ -158,9 +144,7 @@ def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
     assert not page.refresh()
 
 
-def test_surroundings_that_cannot_be_taken_up_are_reported(
-    page: ViewModel, arm: FakeArm, inputs: PageInputs
-) -> None:
+def test_surroundings_that_cannot_be_taken_up_are_reported(page, arm, inputs):
     inputs.failure = ConfigError("elbow_flex", [1, 1], "leaves no angle")
     arm.range = (np.full(5, 1.0), np.full(5, 1.0))
     page.refresh()
@@ -168,7 +152,7 @@ def test_surroundings_that_cannot_be_taken_up_are_reported(
     assert "leaves no angle" in page.sentence.text
 
 
-def test_after_a_motion_it_is_told_how_well_the_arm_followed(page: ViewModel, arm: FakeArm) -> None:
+def test_after_a_motion_it_is_told_how_well_the_arm_followed(page, arm):
     assert planned(page).tracker.newest is None
     page.execute()
     for k in range(5):

@@ -1,18 +1,15 @@
-from __future__ import annotations
-
 import json
 from types import SimpleNamespace
-from typing import Any
 
 from so101_viewer.page.bar import Bar, BarButton
 from so101_viewer.page.screen_state import Sentence, Tone
 
 
-def widget(uuid: str) -> Any:
+def widget(uuid):
     return SimpleNamespace(_impl=SimpleNamespace(uuid=uuid))
 
 
-def test_the_bar_names_its_buttons_by_their_widgets() -> None:
+def test_the_bar_names_its_buttons_by_their_widgets():
     bar = Bar()
     bar.state, bar.title, bar.stop = "Idle, holding", "Arm on X", widget("s")
     why = "The joints are held already."
@@ -25,7 +22,7 @@ def test_the_bar_names_its_buttons_by_their_widgets() -> None:
     assert told["buttons"] == [{"label": "Hold", "press": "h", "why_not": why, "asks": None}]
 
 
-def test_a_fault_is_said_first_and_what_only_warns_last() -> None:
+def test_a_fault_is_said_first_and_what_only_warns_last():
     bar = Bar()
     bar.alert(
         "alarms", [Sentence(text="Late.", tone=Tone.WARM), Sentence(text="Hot.", tone=Tone.BAD)]
@@ -38,7 +35,7 @@ def test_a_fault_is_said_first_and_what_only_warns_last() -> None:
     ]
 
 
-def test_what_is_wrong_stays_until_its_source_takes_it_back() -> None:
+def test_what_is_wrong_stays_until_its_source_takes_it_back():
     bar = Bar()
     bar.alert("alarms", [Sentence(text="Hot.", tone=Tone.BAD)])
     bar.alert("connection", [Sentence(text="Lost.", tone=Tone.BAD)])

@@ -1,33 +1,31 @@
-from __future__ import annotations
-
 import threading
 
 from so101_viewer.server.host import Commands
 
 
-def test_commands_run_in_order_and_once() -> None:
-    done: list[int] = []
+def test_commands_run_in_order_and_once():
+    done = []
     commands = Commands(lambda _error: None)
     for k in range(3):
-        commands.post(lambda k=k: done.append(k))  # type: ignore[misc]
+        commands.post(lambda k=k: done.append(k))
     assert commands.run()
     assert not commands.run()
     assert done == [0, 1, 2]
 
 
-def test_a_command_that_fails_is_reported_and_the_next_runs() -> None:
-    done: list[str] = []
-    errors: list[Exception] = []
+def test_a_command_that_fails_is_reported_and_the_next_runs():
+    done = []
+    errors = []
     commands = Commands(errors.append)
-    commands.post(lambda: 1 / 0)  # type: ignore[arg-type,return-value]
+    commands.post(lambda: 1 / 0)
     commands.post(lambda: done.append("next"))
     assert commands.run()
     assert done == ["next"]
     assert isinstance(errors[0], ZeroDivisionError)
 
 
-def test_nothing_that_waited_happens_after_a_drop() -> None:
-    done: list[str] = []
+def test_nothing_that_waited_happens_after_a_drop():
+    done = []
     commands = Commands(lambda _error: None)
     commands.post(lambda: done.append("execute"))
     commands.drop()
@@ -35,18 +33,18 @@ def test_nothing_that_waited_happens_after_a_drop() -> None:
     assert done == []
 
 
-def test_a_drop_waits_for_the_command_under_way_and_forgets_the_rest() -> None:
+def test_a_drop_waits_for_the_command_under_way_and_forgets_the_rest():
     """Otherwise a move that is just being started could slip behind the stop."""
-    done: list[str] = []
+    done = []
     started, may_end = threading.Event(), threading.Event()
     commands = Commands(lambda _error: None)
 
-    def start_a_move() -> None:
+    def start_a_move():
         started.set()
         assert may_end.wait(60.0)
         done.append("start")
 
-    def stop() -> None:
+    def stop():
         commands.drop()
         done.append("stop")
 

@@ -1,14 +1,10 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from harness.fake_page import STILL
 from so101_viewer.page.events import KEPT, EventLog
-from so101_viewer.page.screen_state import Tone
 from so101_viewer.panels.events_panel import ArmEvents
 
 from so101_motion.common.modes import Mode
@@ -18,14 +14,14 @@ from so101_motion.rig.protocols import ArmConnection
 class Seen:
     """A witness of an arm that a test makes up."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         tool = SimpleNamespace(p=np.array([0.25, -0.12, 0.15]))
         self.arm = SimpleNamespace(state=STILL, newest=None, T_base=lambda: tool)
-        self.rig: Any = SimpleNamespace(arm=self.arm, connection=ArmConnection(to="arm on X"))
-        self.told: list[tuple[str, Tone]] = []
+        self.rig = SimpleNamespace(arm=self.arm, connection=ArmConnection(to="arm on X"))
+        self.told = []
         self.witness = ArmEvents(self.rig, lambda *words: self.told.append(words))
 
-    def after(self, **changes: object) -> list[str]:
+    def after(self, **changes):
         """What is told when the state changes like that."""
         self.told.clear()
         self.arm.state = replace(self.arm.state, **changes)
@@ -34,39 +30,37 @@ class Seen:
 
 
 @pytest.fixture
-def seen() -> Seen:
+def seen():
     return Seen()
 
 
-def test_a_motion_is_reported_at_its_begin_and_at_its_end_with_the_place_and_the_time(
-    seen: Seen,
-) -> None:
+def test_a_motion_is_reported_at_its_begin_and_at_its_end_with_the_place_and_the_time(seen):
     assert seen.after(mode=Mode.MOVING, arm_moving=True, t=11.0) == ["The arm moves"]
     told = seen.after(mode=Mode.HOLDING, arm_moving=False, t=13.5)
     assert told == ["Arrived at (250, -120, 150) mm in 2.5 s"]
 
 
-def test_a_motion_that_is_braked_is_not_called_an_arrival(seen: Seen) -> None:
+def test_a_motion_that_is_braked_is_not_called_an_arrival(seen):
     seen.after(mode=Mode.MOVING, arm_moving=True, t=11.0)
     seen.after(mode=Mode.STOPPING, t=11.5)
     told = seen.after(mode=Mode.HOLDING, arm_moving=False, t=12.0)
     assert told == ["Stopped at (250, -120, 150) mm after 1.0 s"]
 
 
-def test_a_plan_is_reported_once_whoever_made_it(seen: Seen) -> None:
+def test_a_plan_is_reported_once_whoever_made_it(seen):
     plan = SimpleNamespace(trajectory=SimpleNamespace(duration=2.34))
     seen.arm.newest = (None, plan)
     assert seen.after() == ["Planned a 2.3 s motion"]
     assert seen.after() == []
 
 
-def test_faults_are_reported_with_their_reason(seen: Seen) -> None:
+def test_faults_are_reported_with_their_reason(seen):
     assert seen.after(mode=Mode.FAULT, fault="no reply from servo 3") == [
         "Fault: no reply from servo 3"
     ]
 
 
-def test_a_lost_source_is_reported_once_and_not_as_a_fault_too(seen: Seen) -> None:
+def test_a_lost_source_is_reported_once_and_not_as_a_fault_too(seen):
     seen.rig.connection = ArmConnection(to="arm on X", problem="the port went away")
     told = seen.after(mode=Mode.FAULT, fault="the port went away")
     assert told == ["Lost the arm on X: the port went away"]
@@ -77,12 +71,12 @@ def test_a_lost_source_is_reported_once_and_not_as_a_fault_too(seen: Seen) -> No
 @pytest.mark.parametrize(
     ("mode", "words"), [(Mode.LIMP, "The arm is limp"), (Mode.GUIDING, "The arm is guided by hand")]
 )
-def test_modes_are_reported_in_words(seen: Seen, mode: Mode, words: str) -> None:
+def test_modes_are_reported_in_words(seen, mode, words):
     assert seen.after(mode=mode) == [words]
     assert seen.after(mode=Mode.HOLDING) == ["The arm holds"]
 
 
-def test_the_log_is_bounded_and_counts_on() -> None:
+def test_the_log_is_bounded_and_counts_on():
     log = EventLog()
     for k in range(KEPT + 10):
         log.add(f"event {k}")
@@ -91,14 +85,14 @@ def test_the_log_is_bounded_and_counts_on() -> None:
     assert log.newest(2)[0].text == f"event {KEPT + 9}"
 
 
-def test_the_same_twice_at_once_is_one_event() -> None:
+def test_the_same_twice_at_once_is_one_event():
     log = EventLog()
     log.add("Stop pressed in window 1.")
     log.add("Stop pressed in window 1")
     assert [event.text for event in log.newest()] == ["Stop pressed in window 1"]
 
 
-def test_a_saved_log_is_lines_with_date_and_time_the_oldest_first() -> None:
+def test_a_saved_log_is_lines_with_date_and_time_the_oldest_first():
     log = EventLog()
     log.add("first")
     log.add("second")

@@ -1,19 +1,14 @@
 """Jogging the simulated arm: a held key moves it, a key that is no longer repeated stops it."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from so101_viewer.page.jogging import DEADMAN, PERIOD, SPEEDS, Jogging, read_held
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.modes import Mode
 from so101_motion.common.named_poses import POSES
-from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
 
 READY = next(pose.q for pose in POSES if pose.name == "ready")
@@ -23,33 +18,33 @@ PAN, X = np.array([1.0, 0, 0, 0, 0, 0, 0]), np.array([1.0, 0, 0, 0, 0, 0, 0])
 class Hand:
     """A hand on the Jog tab, in simulated time."""
 
-    def __init__(self, rig: Rig, clock: ManualClock) -> None:
+    def __init__(self, rig, clock):
         self.rig, self.clock = rig, clock
-        self.target: np.ndarray | None = None
+        self.target = None
         self.jogging = Jogging(rig, lambda: self.target)
         self.jogging.speed = "fast"
 
-    def start(self, mode: str) -> None:
+    def start(self, mode):
         self.jogging.start(mode)
         self.wait()
 
-    def wait(self) -> None:
+    def wait(self):
         ends = time.monotonic() + 60.0  # it loads its guard, which takes real time
         while not self.jogging.is_ready and time.monotonic() < ends:
             self.clock.advance(0.01)
         assert self.jogging.is_ready
 
-    def hold(self, held: np.ndarray, seconds: float) -> None:
+    def hold(self, held, seconds):
         for _ in range(round(seconds / 0.025)):
             self.jogging.hold(held)
             self.clock.advance(0.025)
 
     @property
-    def speed(self) -> float:
+    def speed(self):
         return float(np.max(np.abs(self.rig.arm.state.qd_ref)))
 
     @property
-    def slows_down(self) -> bool:
+    def slows_down(self):
         """Whether the next setpoint is slower, of the joint that is the fastest now."""
         before = self.rig.arm.state.qd_ref
         self.clock.advance(0.01)
@@ -58,22 +53,20 @@ class Hand:
 
 
 @pytest.fixture
-def hand(clock: ManualClock) -> Iterator[Hand]:
+def hand(clock):
     with open_simulated(clock=clock, q_start=READY) as rig:
         hand = Hand(rig, clock)
         yield hand
         hand.jogging.close()
 
 
-def test_nothing_moves_until_it_is_switched_on(hand: Hand) -> None:
+def test_nothing_moves_until_it_is_switched_on(hand):
     hand.hold(PAN, 0.5)
     np.testing.assert_array_equal(hand.rig.arm.state.q_ref, READY)
 
 
 @pytest.mark.parametrize("mode", ["joints", "base", "tool"])
-def test_a_held_button_moves_and_without_repeats_stops_within_a_tenth_of_a_second(
-    hand: Hand, mode: str
-) -> None:
+def test_a_held_button_moves_and_without_repeats_stops_within_a_tenth_of_a_second(hand, mode):
     hand.jogging.speed = "medium"
     hand.start(mode)
     hand.hold(PAN, 0.8)
@@ -85,7 +78,7 @@ def test_a_held_button_moves_and_without_repeats_stops_within_a_tenth_of_a_secon
     assert hand.speed == 0.0
 
 
-def test_a_key_that_is_let_go_stops_at_once(hand: Hand) -> None:
+def test_a_key_that_is_let_go_stops_at_once(hand):
     hand.start("joints")
     hand.hold(PAN, 1.0)
     hand.jogging.release()
@@ -93,7 +86,7 @@ def test_a_key_that_is_let_go_stops_at_once(hand: Hand) -> None:
     assert hand.slows_down
 
 
-def test_the_tool_goes_along_the_axis_of_the_base_at_the_speed_that_is_chosen(hand: Hand) -> None:
+def test_the_tool_goes_along_the_axis_of_the_base_at_the_speed_that_is_chosen(hand):
     hand.start("base")
     hand.jogging.speed = "medium"
     hand.hold(X, 1.0)
@@ -104,7 +97,7 @@ def test_the_tool_goes_along_the_axis_of_the_base_at_the_speed_that_is_chosen(ha
 
 
 @pytest.mark.parametrize("mode", ["joints", "arrows"])
-def test_no_joint_is_faster_than_the_speed_that_is_chosen(hand: Hand, mode: str) -> None:
+def test_no_joint_is_faster_than_the_speed_that_is_chosen(hand, mode):
     hand.jogging.speed = "slow"
     hand.target = READY
     hand.start(mode)
@@ -122,7 +115,7 @@ def test_no_joint_is_faster_than_the_speed_that_is_chosen(hand: Hand, mode: str)
         hand.target = READY
 
 
-def test_it_stops_before_the_floor_and_says_so(hand: Hand) -> None:
+def test_it_stops_before_the_floor_and_says_so(hand):
     hand.start("base")
     down = np.array([0, 0, -1.0, 0, 0, 0, 0])
     hand.hold(down, 6.0)
@@ -130,7 +123,7 @@ def test_it_stops_before_the_floor_and_says_so(hand: Hand) -> None:
     assert hand.speed < 0.01
 
 
-def test_stop_switches_it_off_whatever_is_held(hand: Hand) -> None:
+def test_stop_switches_it_off_whatever_is_held(hand):
     hand.start("joints")
     hand.hold(PAN, 0.5)
     stopped = hand.rig.arm.start_stop()
@@ -144,7 +137,7 @@ def test_stop_switches_it_off_whatever_is_held(hand: Hand) -> None:
     assert hand.rig.arm.state.mode is Mode.HOLDING
 
 
-def test_the_arm_follows_the_arrows_only_while_they_are_dragged(hand: Hand) -> None:
+def test_the_arm_follows_the_arrows_only_while_they_are_dragged(hand):
     hand.target = READY + 0.3
     hand.start("arrows")
     still = np.zeros(7)
@@ -159,7 +152,7 @@ def test_the_arm_follows_the_arrows_only_while_they_are_dragged(hand: Hand) -> N
     assert 0.0 < np.max(np.abs(there - READY)) < 0.2
 
 
-def test_the_jaw_closes_while_it_is_held(hand: Hand) -> None:
+def test_the_jaw_closes_while_it_is_held(hand):
     hand.start("joints")
     opening = np.array([0, 0, 0, 0, 0, 0, 1.0])
     before = hand.rig.arm.state.q_jaw_ref
@@ -174,9 +167,9 @@ def test_the_jaw_closes_while_it_is_held(hand: Hand) -> None:
 @pytest.mark.parametrize(
     "text", ["", "3", "3 1 0 0", "3 1 0 0 0 0 0 nan", "3 2 0 0 0 0 0 0", "x y", "3 a 0 0 0 0 0 0"]
 )
-def test_nonsense_from_a_browser_is_ignored(text: str) -> None:
+def test_nonsense_from_a_browser_is_ignored(text):
     assert read_held(text) is None
 
 
-def test_a_browsers_message_is_read() -> None:
+def test_a_browsers_message_is_read():
     np.testing.assert_array_equal(read_held("12 1 0 0 -0.5 0 0 1"), [1, 0, 0, -0.5, 0, 0, 1])

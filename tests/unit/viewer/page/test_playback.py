@@ -1,12 +1,10 @@
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from so101_viewer.page.plan_view import RATES, Playback
 
 
-def test_a_new_plan_stands_at_its_goal() -> None:
+def test_a_new_plan_stands_at_its_goal():
     playback = Playback()
     playback.load(3.0)
     assert playback.t == 3.0
@@ -14,9 +12,7 @@ def test_a_new_plan_stands_at_its_goal() -> None:
 
 
 @given(rate=st.sampled_from(RATES), steps=st.lists(st.floats(0.0, 0.5), min_size=1, max_size=20))
-def test_it_runs_as_fast_as_it_was_told_and_never_beyond_the_end(
-    rate: float, steps: list[float]
-) -> None:
+def test_it_runs_as_fast_as_it_was_told_and_never_beyond_the_end(rate, steps):
     playback = Playback()
     playback.load(3.0)
     playback.play(rate)
@@ -29,7 +25,7 @@ def test_it_runs_as_fast_as_it_was_told_and_never_beyond_the_end(
     assert playback.t == pytest.approx(min(rate * sum(steps), 3.0), abs=1e-6)
 
 
-def test_dragging_and_the_same_rate_again_let_it_stand() -> None:
+def test_dragging_and_the_same_rate_again_let_it_stand():
     playback = Playback()
     playback.load(3.0)
     playback.play(1.0)
@@ -41,7 +37,7 @@ def test_dragging_and_the_same_rate_again_let_it_stand() -> None:
     assert not playback.advance(1.0)
 
 
-def test_another_rate_goes_on_from_where_it_is() -> None:
+def test_another_rate_goes_on_from_where_it_is():
     playback = Playback()
     playback.load(3.0)
     playback.seek(1.0)

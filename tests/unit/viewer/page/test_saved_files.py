@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 from so101_viewer.page.history import SavedFiles
 
@@ -9,12 +5,12 @@ from so101_motion.common.errors import ConfigError
 
 
 @pytest.fixture
-def told() -> list[str]:
+def told():
     return []
 
 
 @pytest.fixture
-def files(tmp_path: Path, told: list[str]) -> SavedFiles:
+def files(tmp_path, told):
     return SavedFiles(
         lambda name: tmp_path / name,
         lambda: tuple(sorted(file.name for file in tmp_path.iterdir() if file.suffix != ".lock")),
@@ -22,18 +18,16 @@ def files(tmp_path: Path, told: list[str]) -> SavedFiles:
     )
 
 
-def put(files: SavedFiles, name: str, text: str) -> None:
+def put(files, name, text):
     with files.changing(name) as file:
         file.write_text(text)
 
 
-def held(folder: Path) -> dict[str, str]:
+def held(folder):
     return {file.name: file.read_text() for file in folder.iterdir() if file.suffix == ".txt"}
 
 
-def test_what_was_written_over_and_deleted_comes_back_in_turn(
-    files: SavedFiles, told: list[str], tmp_path: Path
-) -> None:
+def test_what_was_written_over_and_deleted_comes_back_in_turn(files, told, tmp_path):
     put(files, "a.txt", "one")
     put(files, "a.txt", "two")
     with files.changing("a.txt") as file:
@@ -54,7 +48,7 @@ def test_what_was_written_over_and_deleted_comes_back_in_turn(
     assert told[-1] == "Redone."
 
 
-def test_a_new_change_forgets_what_was_undone_and_a_failed_one_is_none(files: SavedFiles) -> None:
+def test_a_new_change_forgets_what_was_undone_and_a_failed_one_is_none(files):
     put(files, "a.txt", "one")
     files.undo()
     put(files, "b.txt", "other")
@@ -66,9 +60,7 @@ def test_a_new_change_forgets_what_was_undone_and_a_failed_one_is_none(files: Sa
     assert not files.can_undo
 
 
-def test_what_another_program_has_written_since_is_left_alone(
-    files: SavedFiles, tmp_path: Path
-) -> None:
+def test_what_another_program_has_written_since_is_left_alone(files, tmp_path):
     put(files, "a.txt", "one")
     (tmp_path / "a.txt").write_text("theirs")
     with pytest.raises(ConfigError, match="was changed by another program"):
@@ -78,8 +70,8 @@ def test_what_another_program_has_written_since_is_left_alone(
 
 
 def test_files_of_other_programs_are_seen_a_second_later_and_the_folder_is_read_no_oftener(
-    files: SavedFiles, tmp_path: Path
-) -> None:
+    files, tmp_path
+):
     files.look_again(10.0)
     (tmp_path / "theirs.txt").write_text("made elsewhere")
     files.look_again(10.9)

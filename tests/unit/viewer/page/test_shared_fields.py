@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -12,37 +10,37 @@ from so101_viewer.page.shared_fields import SharedField, Unit
 class FakeWidget:
     """Keeps what it was set to, and every time it was."""
 
-    def __init__(self) -> None:
-        self.written: list[Any] = []
-        self._value: Any = 0
-        self._entered: Callable[[Any], Any] | None = None
+    def __init__(self):
+        self.written = []
+        self._value = 0
+        self._entered = None
 
     @property
-    def value(self) -> Any:
+    def value(self):
         return self._value
 
     @value.setter
-    def value(self, value: Any) -> None:
+    def value(self, value):
         self._value = value
         self.written.append(value)
 
-    def on_update(self, handler: Callable[[Any], Any]) -> None:
+    def on_update(self, handler):
         self._entered = handler
 
-    async def enter(self, value: Any, *, client_id: int | None = 1) -> None:
+    async def enter(self, value, *, client_id=1):
         self._value = value
         assert self._entered is not None
         await self._entered(SimpleNamespace(client_id=client_id, target=self))
 
 
-def make() -> tuple[FakeWidget, SharedField, deque[Callable[[], None]], list[Any]]:
-    widget, commands, done = FakeWidget(), deque[Callable[[], None]](), list[Any]()
-    unused: Any = None
+def make():
+    widget, commands, done = FakeWidget(), deque(), []
+    unused = None
     context = PageContext(server=unused, tabs=unused, workers=unused, post=commands.append)
     return widget, SharedField(widget, done.append, context, Unit(round)), commands, done
 
 
-def test_a_field_shows_what_the_page_says_once() -> None:
+def test_a_field_shows_what_the_page_says_once():
     widget, field, _, _ = make()
     field.show(5.2)
     field.show(5.3)
@@ -50,7 +48,7 @@ def test_a_field_shows_what_the_page_says_once() -> None:
     assert widget.written == [5, 7]
 
 
-def test_a_field_without_a_value_stays_in_its_place_and_is_grey() -> None:
+def test_a_field_without_a_value_stays_in_its_place_and_is_grey():
     widget, field, _, _ = make()
     for value, disabled in ((5, False), (None, True), (6, False)):
         field.offer(value)
@@ -58,7 +56,7 @@ def test_a_field_without_a_value_stays_in_its_place_and_is_grey() -> None:
     assert widget.written == [5, 6]
 
 
-async def test_a_picture_drawn_while_somebody_types_does_not_put_the_old_value_back() -> None:
+async def test_a_picture_drawn_while_somebody_types_does_not_put_the_old_value_back():
     widget, field, commands, done = make()
     field.show(5)
     await widget.enter(8)
@@ -71,7 +69,7 @@ async def test_a_picture_drawn_while_somebody_types_does_not_put_the_old_value_b
     assert widget.value == 9
 
 
-async def test_a_value_the_page_refuses_goes_back() -> None:
+async def test_a_value_the_page_refuses_goes_back():
     widget, field, commands, _ = make()
     field.show(5)
     await widget.enter(8)
@@ -80,7 +78,7 @@ async def test_a_value_the_page_refuses_goes_back() -> None:
     assert widget.value == 5
 
 
-async def test_a_value_the_page_set_itself_is_not_a_command() -> None:
+async def test_a_value_the_page_set_itself_is_not_a_command():
     widget, _, commands, _ = make()
     await widget.enter(8, client_id=None)
     assert not commands

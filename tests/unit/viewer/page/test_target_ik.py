@@ -1,11 +1,9 @@
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from so101_viewer.page.target_editor import TargetEditor
-from so101_viewer.page.target_ik import FRAMES, Direction, Surroundings, Target, TargetSolver
+from so101_viewer.page.target_ik import FRAMES, Direction, Surroundings, TargetSolver
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.planning.collision.scene import Scene
@@ -16,12 +14,12 @@ HOME = np.zeros(5)
 
 
 @pytest.fixture(scope="module")
-def solver() -> TargetSolver:
+def solver():
     model = RobotModel.load()
     return TargetSolver(Surroundings(Scene(), (model.lower, model.upper)))
 
 
-def test_the_ghost_stands_at_a_point_within_reach(solver: TargetSolver) -> None:
+def test_the_ghost_stands_at_a_point_within_reach(solver):
     p_base = np.array([0.25, 0.12, 0.15])
     target = solver.at_point(p_base, "tool", q_seed=HOME, q_jaw=0.0)
     assert target.problem is None
@@ -29,7 +27,7 @@ def test_the_ghost_stands_at_a_point_within_reach(solver: TargetSolver) -> None:
     assert isinstance(target.goal, PoseGoal)
 
 
-def test_a_point_too_far_away_says_by_how_many_millimetres(solver: TargetSolver) -> None:
+def test_a_point_too_far_away_says_by_how_many_millimetres(solver):
     target = solver.at_point(np.array([0.6, 0.0, 0.2]), "tool", q_seed=HOME, q_jaw=0.0)
     assert target.problem is not None
     assert target.problem.endswith(" mm out of reach (arm fully stretched).")
@@ -38,13 +36,13 @@ def test_a_point_too_far_away_says_by_how_many_millimetres(solver: TargetSolver)
     assert off == pytest.approx(missing, abs=0.001)
 
 
-def test_a_point_under_the_table_names_the_floor(solver: TargetSolver) -> None:
+def test_a_point_under_the_table_names_the_floor(solver):
     target = solver.at_point(np.array([0.3, 0.0, -0.02]), "tool", q_seed=HOME, q_jaw=0.0)
     assert target.problem is not None
     assert target.problem.endswith(" would hit the floor.")
 
 
-def test_joint_angles_are_a_target_too(solver: TargetSolver) -> None:
+def test_joint_angles_are_a_target_too(solver):
     target = solver.at_joints(np.full(5, 0.1), "tool", q_jaw=0.0)
     assert target.problem is None
     assert isinstance(target.goal, JointGoal)
@@ -52,22 +50,20 @@ def test_joint_angles_are_a_target_too(solver: TargetSolver) -> None:
 
 
 @pytest.mark.parametrize("frame", FRAMES)
-def test_every_frame_of_the_hand_can_be_brought_to_a_point(
-    solver: TargetSolver, frame: str
-) -> None:
+def test_every_frame_of_the_hand_can_be_brought_to_a_point(solver, frame):
     p_base = np.array([0.25, 0.05, 0.10])
     target = solver.at_point(p_base, frame, q_seed=HOME, q_jaw=0.0)
     assert target.problem is None
     np.testing.assert_allclose(solver.point(target.q, frame), p_base, atol=1e-4)
 
 
-def test_joint_angles_outside_the_limits_name_the_joint(solver: TargetSolver) -> None:
+def test_joint_angles_outside_the_limits_name_the_joint(solver):
     target = solver.at_joints(np.array([0.0, 0.0, 3.0, 0.0, 0.0]), "tool", q_jaw=0.0)
     assert target.problem is not None
     assert target.problem.startswith("elbow_flex would be at 171.89°; its range is ")
 
 
-def test_an_arm_that_was_calibrated_for_less_is_aimed_within_less() -> None:
+def test_an_arm_that_was_calibrated_for_less_is_aimed_within_less():
     model = RobotModel.load()
     narrow = TargetSolver(Surroundings(Scene(), (0.5 * model.lower, 0.5 * model.upper)))
     target = narrow.at_joints(0.6 * model.upper, "tool", q_jaw=0.0)
@@ -78,14 +74,14 @@ def test_an_arm_that_was_calibrated_for_less_is_aimed_within_less() -> None:
 class Editor(TargetEditor):
     """A target editor of a page that shows nothing."""
 
-    def _aim(self, target: Target) -> None:
+    def _aim(self, target):
         self._target = target
 
 
 @pytest.fixture
-def editor(solver: TargetSolver) -> Editor:
+def editor(solver):
     state = SimpleNamespace(q_ref=HOME, q_jaw_ref=0.0)
-    return Editor(solver, state, lambda: 0.0)  # type: ignore[arg-type]
+    return Editor(solver, state, lambda: 0.0)
 
 
 @pytest.mark.parametrize(
@@ -97,9 +93,7 @@ def editor(solver: TargetSolver) -> Editor:
         ("jaw_tip", -90.0, (0.22, 0.05, 0.06)),
     ],
 )
-def test_a_target_keeps_the_direction_of_the_gripper(
-    editor: Editor, frame: str, tilt_deg: float, p_base: tuple[float, ...]
-) -> None:
+def test_a_target_keeps_the_direction_of_the_gripper(editor, frame, tilt_deg, p_base):
     model = RobotModel.load()
     editor.set_target_frame(frame)
     editor.set_target_point(np.array(p_base))
@@ -122,9 +116,7 @@ def test_a_target_keeps_the_direction_of_the_gripper(
 @pytest.mark.parametrize(
     ("p_base", "tilt_deg"), [((0.2, 0.08, 0.0), -90.0), ((0.36, 0.1, 0.0), -70.0)]
 )
-def test_a_click_on_the_table_is_reached_from_above(
-    editor: Editor, p_base: tuple[float, ...], tilt_deg: float
-) -> None:
+def test_a_click_on_the_table_is_reached_from_above(editor, p_base, tilt_deg):
     editor.set_target_above(np.array(p_base))
     assert editor.target.problem is None
     np.testing.assert_allclose(editor.target.p_base, (*p_base[:2], 0.02))
@@ -137,7 +129,7 @@ def test_a_click_on_the_table_is_reached_from_above(
     assert editor.target.direction == Direction(tilt=0.0)  # as was chosen
 
 
-def test_undo_brings_back_how_much_of_the_direction_was_chosen(editor: Editor) -> None:
+def test_undo_brings_back_how_much_of_the_direction_was_chosen(editor):
     editor.set_target_point(np.array([0.2, 0.08, 0.12]))
     editor.set_direction("tilt and roll")
     editor.history.undo()
@@ -152,7 +144,7 @@ def test_undo_brings_back_how_much_of_the_direction_was_chosen(editor: Editor) -
     assert editor.target.direction is not None
 
 
-def test_turned_handles_turn_the_gripper_and_the_wrong_way_is_said(editor: Editor) -> None:
+def test_turned_handles_turn_the_gripper_and_the_wrong_way_is_said(editor):
     editor.set_target_point(np.array([0.2, 0.08, 0.12]))
     editor.set_direction("tilt and roll")
     editor.set_tilt(np.radians(-60.0))

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 from so101_viewer.page import texts
 from so101_viewer.page.screen_state import Tone
@@ -8,7 +6,7 @@ from so101_motion.common.errors import ConfigError, Interrupted
 from so101_motion.common.modes import Mode
 
 
-def test_every_mode_has_words() -> None:
+def test_every_mode_has_words():
     assert set(texts._MODES) == set(Mode)
 
 
@@ -25,14 +23,14 @@ def test_every_mode_has_words() -> None:
         (ConfigError("speed", 999, "must be less"), '"speed" = 999: must be less.'),
     ],
 )
-def test_an_end_before_the_goal_is_reported_in_one_sentence(error: Exception, text: str) -> None:
+def test_an_end_before_the_goal_is_reported_in_one_sentence(error, text):
     assert texts.ended(error).text == text
 
 
-def test_only_a_stop_on_purpose_is_not_bad_news() -> None:
+def test_only_a_stop_on_purpose_is_not_bad_news():
     assert texts.ended(Interrupted("stop")).tone is Tone.PLAIN
     assert texts.ended(ConfigError("a", 1, "b")).tone is Tone.BAD
 
 
-def test_the_distance_from_the_target_is_reported_in_millimetres() -> None:
+def test_the_distance_from_the_target_is_reported_in_millimetres():
     assert texts.arrived(0.00012).text.startswith("Arrived, 0.1 mm off")

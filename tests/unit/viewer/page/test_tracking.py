@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,12 +6,11 @@ from so101_viewer.page import texts
 from so101_viewer.page.tracking import MotionTracker
 from so101_viewer.panels.plots import nearest_limit
 
-from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointReading, JointState
 
 
-def state(t: float, q: Array, q_ref: Array, qd_ref: Array, *, moving: bool = True) -> JointState:
+def state(t, q, q_ref, qd_ref, *, moving=True):
     return JointState(
         t=t,
         mode=Mode.MOVING,
@@ -28,7 +25,7 @@ def state(t: float, q: Array, q_ref: Array, qd_ref: Array, *, moving: bool = Tru
 
 
 @given(lag=st.floats(0.0, 0.2), bias=st.floats(0.0, 0.01))
-def test_an_arm_that_is_late_is_reported_by_how_much(lag: float, bias: float) -> None:
+def test_an_arm_that_is_late_is_reported_by_how_much(lag, bias):
     tracker = MotionTracker()
     for t in np.linspace(5.0, 7.0, 41):
         q_ref, qd_ref = np.full(5, np.sin(np.pi * t)), np.full(5, np.pi * np.cos(np.pi * t))
@@ -44,11 +41,11 @@ def test_an_arm_that_is_late_is_reported_by_how_much(lag: float, bias: float) ->
     assert np.all(tracking.rms <= tracking.worst + 1e-12)
 
 
-def test_only_new_snapshots_of_a_moving_arm_count() -> None:
+def test_only_new_snapshots_of_a_moving_arm_count():
     tracker = MotionTracker()
     still = np.zeros(5)
 
-    def take(t: float, *, moving: bool = True) -> bool:
+    def take(t, *, moving=True):
         return tracker.take(state(t, still, still, still, moving=moving), "")
 
     assert not take(1.0, moving=False)
@@ -66,7 +63,7 @@ def test_only_new_snapshots_of_a_moving_arm_count() -> None:
     assert texts.followed(tracking) == "RMS 0.00°, largest 0.00° (shoulder_pan)"
 
 
-def test_the_limit_a_motion_comes_nearest_to_is_the_one_that_is_drawn() -> None:
+def test_the_limit_a_motion_comes_nearest_to_is_the_one_that_is_drawn():
     bounds = (np.array([-2.0, -2.0, -1.0, -2.0, -2.0]), np.array([2.0, 1.5, 2.0, 2.0, 2.0]))
     assert nearest_limit(np.array([[0.0, 0.5, -0.7, 0.0, 0.0], [0.1] * 5]), bounds) == -1.0
     assert nearest_limit(np.array([[0.0, 1.4, -0.7, 0.0, 0.0]]), bounds) == 1.5

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -34,25 +32,25 @@ WELL = JointHealth(
         ({"is_silent": True}, Tone.BAD, "does not answer; check its plugs"),
     ],
 )
-def test_what_is_wrong_with_a_servo_is_said_with_what_to_do(trouble, tone, words) -> None:
+def test_what_is_wrong_with_a_servo_is_said_with_what_to_do(trouble, tone, words):
     (alarm,) = servo_alarms([WELL, replace(WELL, joint="elbow_flex", **trouble)])
     assert alarm.joints == ("elbow_flex",)
     assert alarm.sentence.tone is tone
     assert words in alarm.sentence.text
 
 
-def test_a_servo_that_is_well_raises_no_alarm() -> None:
+def test_a_servo_that_is_well_raises_no_alarm():
     assert servo_alarms([WELL]) == ()
 
 
-def test_one_supply_is_one_alarm_for_all_its_servos() -> None:
+def test_one_supply_is_one_alarm_for_all_its_servos():
     joints = ("shoulder_pan", "shoulder_lift", "elbow_flex")
     (alarm,) = servo_alarms(replace(WELL, joint=joint, volts=5.1) for joint in joints)
     assert alarm.joints == joints
     assert "Also: shoulder_lift and elbow_flex" in alarm.sentence.text
 
 
-def test_a_servo_that_falls_silent_is_said_once() -> None:
+def test_a_servo_that_falls_silent_is_said_once():
     alarms = servo_alarms(
         [replace(WELL, is_silent=True), replace(WELL, joint="gripper", temperature_c=67)]
     )
@@ -61,7 +59,7 @@ def test_a_servo_that_falls_silent_is_said_once() -> None:
     assert hot.joints == ("gripper",)
 
 
-def test_joints_without_calibration_or_outside_their_range_are_named() -> None:
+def test_joints_without_calibration_or_outside_their_range_are_named():
     reading = replace(STILL.reading, out_of_range={"wrist_flex": 1.5})
     missing, outside = state_alarms(replace(STILL, reading=reading), ["elbow_flex"])
     assert missing.joints == ("elbow_flex",)
@@ -75,9 +73,7 @@ def test_joints_without_calibration_or_outside_their_range_are_named() -> None:
     ("off_deg", "then"),
     [(7.0, "The next motion brings it back slowly"), (25.0, "Move wrist_flex back by hand")],
 )
-def test_a_joint_outside_its_range_says_how_far_and_what_brings_it_back(
-    off_deg: float, then: str
-) -> None:
+def test_a_joint_outside_its_range_says_how_far_and_what_brings_it_back(off_deg, then):
     inside = float(STILL.reading.q[3]) - to_rad(off_deg)
     reading = replace(STILL.reading, out_of_range={"wrist_flex": inside})
     (alarm,) = state_alarms(replace(STILL, reading=reading), [])
@@ -85,7 +81,7 @@ def test_a_joint_outside_its_range_says_how_far_and_what_brings_it_back(
     assert then in alarm.sentence.text
 
 
-def test_many_late_cycles_are_an_alarm_until_they_have_stopped() -> None:
+def test_many_late_cycles_are_an_alarm_until_they_have_stopped():
     late = LateCycles("the machine's computer")
     assert late.alarm(0.0, 3) == ()
     (alarm,) = late.alarm(5.0, 3 + LATE_MANY)

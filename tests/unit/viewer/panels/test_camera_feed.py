@@ -1,9 +1,6 @@
 """A camera on a real socket of this machine, in its two usual forms."""
 
-from __future__ import annotations
-
 import threading
-from collections.abc import Callable, Iterator
 
 import pytest
 from harness.web_camera import WebCamera, jpeg, web_camera
@@ -13,12 +10,12 @@ from so101_motion.common.errors import ConfigError, MachineRefused
 
 
 @pytest.fixture(scope="module")
-def address() -> Iterator[str]:
+def address():
     with web_camera() as address:
         yield address
 
 
-def until(condition: Callable[[], object]) -> None:
+def until(condition):
     for _ in range(1000):
         if condition():
             return
@@ -27,7 +24,7 @@ def until(condition: Callable[[], object]) -> None:
 
 
 @pytest.mark.parametrize("path", ["/picture", "/stream"])
-def test_pictures_come_one_after_the_other(address: str, path: str) -> None:
+def test_pictures_come_one_after_the_other(address, path):
     feed = CameraFeed(address + path)
     until(lambda: feed.picture is not None)
     first = feed.picture
@@ -43,19 +40,19 @@ def test_pictures_come_one_after_the_other(address: str, path: str) -> None:
 
 
 @pytest.mark.parametrize(("path", "says"), [("/lost", "503"), ("/page", "no picture")])
-def test_what_is_wrong_is_reported(address: str, path: str, says: str) -> None:
+def test_what_is_wrong_is_reported(address, path, says):
     feed = CameraFeed(address + path)
     until(lambda: says in feed.problem)
     assert feed.picture is None
     feed.close()
 
 
-def test_a_device_is_refused_with_the_program_that_serves_its_pictures() -> None:
+def test_a_device_is_refused_with_the_program_that_serves_its_pictures():
     with pytest.raises(ConfigError, match="ustreamer --device"):
         CameraFeed("/dev/video0")
 
 
-def test_nothing_is_fetched_while_nobody_looks(address: str) -> None:
+def test_nothing_is_fetched_while_nobody_looks(address):
     before, asked = WebCamera.count, []
     feed = CameraFeed(f"{address}/picture", wanted=lambda: bool(asked.append(1)))
     until(lambda: asked)
@@ -63,10 +60,10 @@ def test_nothing_is_fetched_while_nobody_looks(address: str) -> None:
     assert WebCamera.count == before
 
 
-def test_a_machines_camera_is_asked_by_its_name_and_what_it_refuses_is_reported() -> None:
+def test_a_machines_camera_is_asked_by_its_name_and_what_it_refuses_is_reported():
     pictures = [jpeg(1), jpeg(2)]
 
-    def ask(name: str) -> bytes:
+    def ask(name):
         if not pictures:
             raise MachineRefused(f"{name}: picture", "UNKNOWN", "the lens is closed")
         return pictures.pop(0)
@@ -81,6 +78,6 @@ def test_a_machines_camera_is_asked_by_its_name_and_what_it_refuses_is_reported(
 
 
 @pytest.mark.parametrize("url", ["/dev/", "file:///etc/passwd", "camera", "http://", "ftp://a/b"])
-def test_only_web_addresses_and_devices_are_taken(url: str) -> None:
+def test_only_web_addresses_and_devices_are_taken(url):
     with pytest.raises(ConfigError):
         CameraFeed(url)

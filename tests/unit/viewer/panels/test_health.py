@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from so101_viewer.page.screen_state import Tone
@@ -43,16 +40,16 @@ TOLD = {
 }
 
 
-def machine(status: dict[str, Any]) -> Any:
+def machine(status):
     arm = SimpleNamespace(state=SimpleNamespace(late_ticks=4))
     return SimpleNamespace(arm=arm, status=status)
 
 
-def shown(*servos: JointHealth) -> str:
+def shown(*servos):
     return figures(Health(servos=servos, silence=None, period=0.01, late_ticks=0, port_losses=0))
 
 
-def test_a_simulated_arm_says_that_nothing_is_measured_instead_of_zeros() -> None:
+def test_a_simulated_arm_says_that_nothing_is_measured_instead_of_zeros():
     with open_simulated() as rig:
         health = read_health(rig)
     assert health.servos == ()
@@ -62,7 +59,7 @@ def test_a_simulated_arm_says_that_nothing_is_measured_instead_of_zeros() -> Non
     assert "10 ms" in page
 
 
-def test_a_machine_tells_the_figures_of_its_servos_base_to_jaw() -> None:
+def test_a_machine_tells_the_figures_of_its_servos_base_to_jaw():
     told = {"wrist_flex": {**TOLD, "servo_id": 4}, "elbow_flex": TOLD}
     health = read_health(machine({"health": told}))
     assert [servo.joint for servo in health.servos] == ["elbow_flex", "wrist_flex"]
@@ -72,7 +69,7 @@ def test_a_machine_tells_the_figures_of_its_servos_base_to_jaw() -> None:
     assert health.period is None
 
 
-def test_a_machine_tells_which_joints_were_never_calibrated() -> None:
+def test_a_machine_tells_which_joints_were_never_calibrated():
     assert read_health(machine({"uncalibrated": ["elbow_flex"]})).uncalibrated == ("elbow_flex",)
     for told in ({}, {"uncalibrated": None}, {"uncalibrated": "all"}):
         assert read_health(machine(told)).uncalibrated == ()
@@ -81,7 +78,7 @@ def test_a_machine_tells_which_joints_were_never_calibrated() -> None:
 @pytest.mark.parametrize(
     "told", [{}, {"health": {}}, {"health": "fine"}, {"health": {"elbow_flex": {"volts": "x"}}}]
 )
-def test_a_machine_that_tells_nothing_useful_is_said_to(told: dict[str, Any]) -> None:
+def test_a_machine_that_tells_nothing_useful_is_said_to(told):
     health = read_health(machine(told))
     assert health.servos == ()
     assert health.silence == "The machine's arm reports no servo health."
@@ -100,26 +97,24 @@ def test_a_machine_that_tells_nothing_useful_is_said_to(told: dict[str, Any]) ->
         ({"faults": ("overload",)}, "load", Tone.BAD),
     ],
 )
-def test_figures_out_of_the_ordinary_are_coloured(
-    changes: dict[str, Any], figure: str, tone: Tone
-) -> None:
+def test_figures_out_of_the_ordinary_are_coloured(changes, figure, tone):
     assert tones(replace(WELL, **changes))[figure] is tone
 
 
-def test_figures_are_rounded_for_people() -> None:
+def test_figures_are_rounded_for_people():
     page = shown(WELL)
     for figure in (">12.1<", ">0.12<", ">34<", ">25<"):
         assert figure in page
     assert "0.123" not in page
 
 
-def test_a_silent_servo_shows_no_old_figures() -> None:
+def test_a_silent_servo_shows_no_old_figures():
     page = shown(replace(WELL, is_silent=True))
     assert "does not answer" in page
     assert "12.1" not in page
 
 
-def test_names_from_a_machine_are_escaped() -> None:
+def test_names_from_a_machine_are_escaped():
     page = shown(replace(WELL, joint="<b>x</b>", faults=("<i>",)))
     assert "<b>x" not in page
     assert "<i>" not in page

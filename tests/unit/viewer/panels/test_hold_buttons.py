@@ -1,9 +1,6 @@
 """What the bar says of several arms."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from so101_viewer.page.bar import Bar
@@ -14,7 +11,7 @@ from so101_motion.common.state import JointReading, JointState
 from so101_motion.rig.protocols import ArmConnection
 
 
-def rig(mode: Mode) -> Any:
+def rig(mode):
     state = JointState(
         t=0.0,
         mode=mode,
@@ -30,10 +27,10 @@ def rig(mode: Mode) -> Any:
     return SimpleNamespace(connection=ArmConnection(to="a port"), arm=SimpleNamespace(state=state))
 
 
-def said(**modes: Mode) -> list[str]:
+def said(**modes):
     """The alerts about arms in these modes."""
     bar = Bar()
-    context: Any = SimpleNamespace(bar=bar, button=lambda *_args, **_named: None)
+    context = SimpleNamespace(bar=bar, button=lambda *_args, **_named: None)
     HoldButtons(
         context,
         title="Two arms",
@@ -44,7 +41,7 @@ def said(**modes: Mode) -> list[str]:
     return [each.text for sentences in bar._alerts.values() for each in sentences]
 
 
-def test_what_is_true_of_several_arms_is_said_once() -> None:
+def test_what_is_true_of_several_arms_is_said_once():
     by_hand = "You can move the arm by hand. Press Hold to keep it where it is."
     assert said(left=Mode.GUIDING, right=Mode.GUIDING) == [f"left, right: {by_hand}"]
     first, second = said(left=Mode.LIMP, right=Mode.GUIDING)

@@ -1,52 +1,46 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
-from so101_viewer.page.screen_state import Sentence
 from so101_viewer.panels.poses import PoseList
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import Array
 from so101_motion.files.saved_poses import SavedPoses
 
 
 class FakePage:
     """Has an arm and a target, and remembers what it was told."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.q_arm = np.full(5, 0.1)
         self.target = self
         self.q = np.full(5, 0.2)
-        self.aimed: list[Array] = []
-        self.sentence: list[str] = []
+        self.aimed = []
+        self.sentence = []
 
-    def set_target_joints(self, q: Array) -> None:
+    def set_target_joints(self, q):
         self.aimed.append(q)
 
-    def tell(self, sentence: Sentence) -> None:
+    def tell(self, sentence):
         self.sentence.append(sentence.text)
 
-    def report(self, error: Exception) -> None:
+    def report(self, error):
         self.sentence.append(str(error))
 
 
 @pytest.fixture
-def page() -> FakePage:
+def page():
     return FakePage()
 
 
 @pytest.fixture
-def poses(tmp_path: Path, page: FakePage) -> PoseList:
-    return PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
+def poses(tmp_path, page):
+    return PoseList(SavedPoses(tmp_path / "poses.json"), page)
 
 
-def names(poses: PoseList) -> list[str]:
+def names(poses):
     return [pose.name for pose in poses.poses]
 
 
-def test_arm_and_target_can_be_saved_and_aimed_at(poses: PoseList, page: FakePage) -> None:
+def test_arm_and_target_can_be_saved_and_aimed_at(poses, page):
     poses.call("mine")
     poses.save_arm()
     poses.call("ghost")
@@ -61,7 +55,7 @@ def test_arm_and_target_can_be_saved_and_aimed_at(poses: PoseList, page: FakePag
     np.testing.assert_allclose(page.aimed[-1], 0.2, atol=1e-6)
 
 
-def test_a_pose_can_be_renamed_and_deleted(poses: PoseList, page: FakePage) -> None:
+def test_a_pose_can_be_renamed_and_deleted(poses, page):
     poses.call("mine")
     poses.save_arm()
     poses.call("<b>other</b>")
@@ -84,7 +78,7 @@ def test_a_pose_can_be_renamed_and_deleted(poses: PoseList, page: FakePage) -> N
     np.testing.assert_allclose(page.aimed[-1], 0.1, atol=1e-6)
 
 
-def test_without_a_pose_there_is_nothing_to_use(poses: PoseList) -> None:
+def test_without_a_pose_there_is_nothing_to_use(poses):
     poses.choose("home")
     assert poses.chosen is None
     for command in (poses.use, poses.rename, poses.delete):
@@ -92,10 +86,8 @@ def test_without_a_pose_there_is_nothing_to_use(poses: PoseList) -> None:
             command()
 
 
-def test_a_broken_file_is_reported_and_the_page_opens_all_the_same(
-    tmp_path: Path, page: FakePage
-) -> None:
+def test_a_broken_file_is_reported_and_the_page_opens_all_the_same(tmp_path, page):
     (tmp_path / "poses.json").write_text("{")
-    poses = PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
+    poses = PoseList(SavedPoses(tmp_path / "poses.json"), page)
     assert poses.poses == ()
     assert "is not JSON" in page.sentence[0]

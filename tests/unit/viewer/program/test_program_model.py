@@ -1,14 +1,9 @@
 """The Program tab's model on a simulated arm, on a clock the test drives."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,16 +12,12 @@ from so101_viewer.page.guiding import GUIDED_FOR
 from so101_viewer.page.screen_state import Tone
 from so101_viewer.program import program_texts as words
 from so101_viewer.program.program_model import ProgramModel
-from so101_viewer.program.rehearsal_time import RehearsalTime
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import ARM, Loop, Solo, files
 
@@ -40,29 +31,29 @@ INTO_THE_TABLE = np.radians([0.0, 80.0, 20.0, 0.0, 0.0])
 class Tab:
     """The model with what the page gives it: a target, and a worker."""
 
-    def __init__(self, rig: Rig, clock: ManualClock) -> None:
+    def __init__(self, rig, clock):
         self.rig, self._clock = rig, clock
-        self.q_target: Array = A
-        self.aimed: list[Array] = []
+        self.q_target = A
+        self.aimed = []
         self.worker = ThreadPoolExecutor(max_workers=1)
         self.model = ProgramModel(Solo.of(rig), {ARM: self}, self._submit)
         self.edit = self.model.edit[ARM]
 
     @property
-    def q_arm(self) -> Array:
+    def q_arm(self):
         return self.rig.arm.state.q_ref
 
     @property
-    def target(self) -> SimpleNamespace:
+    def target(self):
         return SimpleNamespace(q=self.q_target)
 
-    def set_target_joints(self, q: Array) -> None:
+    def set_target_joints(self, q):
         self.aimed.append(q)
 
-    def _submit(self, call: Callable[[], Any]) -> Future[Any]:
+    def _submit(self, call):
         return self.worker.submit(call)
 
-    def until(self, condition: Callable[[], object]) -> None:
+    def until(self, condition):
         end = time.monotonic() + 60.0  # planner and worker take real time
         while time.monotonic() < end:
             self.model.refresh()
@@ -71,32 +62,32 @@ class Tab:
             self._clock.advance(0.01)
         pytest.fail(f"did not come true: {self.said}")
 
-    def record(self, *targets: Array) -> None:
+    def record(self, *targets):
         for q in targets:
             self.q_target = q
             self.model.record_targets()
 
-    def plan(self) -> None:
+    def plan(self):
         self.model.plan()
         self.until(lambda: self.model.can_run)
 
     @property
-    def planned(self) -> RehearsalTime:
+    def planned(self):
         timeline = self.model.timeline
         assert timeline is not None
         return timeline
 
     @property
-    def said(self) -> str:
+    def said(self):
         return self.model.sentence.text
 
     @property
-    def names(self) -> str:
+    def names(self):
         return "".join(each.name for each in self.model.program.waypoints)
 
 
 @pytest.fixture
-def tab(clock: ManualClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Tab]:
+def tab(clock, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     with open_simulated(clock=clock, speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
         tab = Tab(rig, clock)
@@ -104,9 +95,7 @@ def tab(clock: ManualClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         tab.worker.shutdown()
 
 
-def test_waypoints_are_recorded_from_the_target_and_from_the_arm_and_keep_the_jaw(
-    tab: Tab,
-) -> None:
+def test_waypoints_are_recorded_from_the_target_and_from_the_arm_and_keep_the_jaw(tab):
     tab.record(A)
     tab.model.record_arms()
     first, second = tab.model.program.waypoints
@@ -117,7 +106,7 @@ def test_waypoints_are_recorded_from_the_target_and_from_the_arm_and_keep_the_ja
     assert tab.said == "Recorded waypoint 2. Record more, or press Plan program."
 
 
-def test_waypoints_keep_their_names_when_the_order_changes(tab: Tab) -> None:
+def test_waypoints_keep_their_names_when_the_order_changes(tab):
     tab.record(A, B, A)
     tab.model.move(-1)
     assert tab.names == "ACB"
@@ -136,8 +125,8 @@ def test_waypoints_keep_their_names_when_the_order_changes(tab: Tab) -> None:
     assert tab.names == "ABC"
 
 
-def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab: Tab) -> None:
-    def first() -> tuple[object, ...]:
+def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab):
+    def first():
         waypoint = tab.model.program.waypoints[0]
         return (waypoint.passes, waypoint.pause, waypoint.aperture)
 
@@ -165,7 +154,7 @@ def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab: Tab
     assert tab.said == "The arm stops at the last waypoint, until another follows it."
 
 
-def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab: Tab) -> None:
+def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab):
     tab.record(A, B)
     tab.model.choose(0)
     tab.model.duplicate()
@@ -183,10 +172,8 @@ def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab: Tab) -> None:
     assert (tab.names, tab.model.chosen, tab.model.history.can_undo) == ("", None, False)
 
 
-def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(
-    tab: Tab, clock: ManualClock
-) -> None:
-    def change_all() -> None:
+def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(tab, clock):
+    def change_all():
         for text in ("p", "pi", "pick"):
             tab.edit.rename(text)
             clock.advance(0.2)
@@ -210,7 +197,7 @@ def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(
     assert len(tab.model.program) == 3
 
 
-def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: Tab) -> None:
+def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab):
     tab.record(A, B, A)
     tab.model.set_loop(0, 1, 3)
     tab.plan()
@@ -243,7 +230,7 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: T
     assert tab.model.program.loops[0].times == 3
 
 
-def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab: Tab) -> None:
+def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab):
     tab.record(A, A, B)
     tab.plan()
     full = tab.planned.rehearsal.legs[0].at[-1]
@@ -262,7 +249,7 @@ def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab: Tab)
     assert tab.model.program.waypoints[0].speed == 1.0
 
 
-def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
+def test_a_program_that_passes_a_waypoint_says_so(tab):
     tab.record(A, B)
     tab.model.choose(0)
     tab.edit.set_passes(True)
@@ -275,7 +262,7 @@ def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
     assert [tab.planned.at(t)[0] for t in (0.0, rehearsal.arrivals[0].leg.at[0] + 0.01)] == [0, 1]
 
 
-def test_choosing_a_waypoint_shows_the_ghost_there(tab: Tab) -> None:
+def test_choosing_a_waypoint_shows_the_ghost_there(tab):
     tab.record(A, B)
     tab.model.choose(0)
     np.testing.assert_array_equal(tab.aimed[-1], A)
@@ -283,7 +270,7 @@ def test_choosing_a_waypoint_shows_the_ghost_there(tab: Tab) -> None:
     assert tab.model.chosen == 0
 
 
-def test_a_program_is_planned_and_run_to_its_end(tab: Tab) -> None:
+def test_a_program_is_planned_and_run_to_its_end(tab):
     tab.record(A, B)
     tab.model.set_rounds(2)
     tab.plan()
@@ -301,7 +288,7 @@ def test_a_program_is_planned_and_run_to_its_end(tab: Tab) -> None:
     np.testing.assert_allclose(tab.rig.arm.state.q, B, atol=to_rad(0.1))
 
 
-def test_nothing_runs_without_a_plan(tab: Tab) -> None:
+def test_nothing_runs_without_a_plan(tab):
     tab.model.plan()
     tab.model.start()
     tab.record(A)
@@ -309,7 +296,7 @@ def test_nothing_runs_without_a_plan(tab: Tab) -> None:
     assert tab.model.run is None
 
 
-def test_a_waypoint_that_cannot_be_reached_is_named(tab: Tab) -> None:
+def test_a_waypoint_that_cannot_be_reached_is_named(tab):
     tab.record(A, INTO_THE_TABLE)
     tab.model.plan()
     tab.until(lambda: tab.said.startswith("Waypoint 2 (B): "))
@@ -318,10 +305,10 @@ def test_a_waypoint_that_cannot_be_reached_is_named(tab: Tab) -> None:
 
 
 @pytest.mark.parametrize("change", ["arm", "jaw", "speed", "scene", "program"])
-def test_whatever_a_plan_was_made_for_changes_drops_it(tab: Tab, change: str) -> None:
+def test_whatever_a_plan_was_made_for_changes_drops_it(tab, change):
     tab.record(A)
     tab.plan()
-    changes: dict[str, Callable[[], object]] = {
+    changes = {
         "arm": lambda: tab.rig.arm.move(JointGoal(q=B), wait=False),
         "jaw": lambda: tab.rig.gripper.move(1.0, wait=False),
         "speed": lambda: tab.rig.arm.set_speed(1.0),
@@ -335,7 +322,7 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(tab: Tab, change: str) ->
     tab.until(lambda: not tab.rig.arm.is_moving and not tab.rig.gripper.is_moving)
 
 
-def test_guiding_by_hand_ends_by_itself(tab: Tab) -> None:
+def test_guiding_by_hand_ends_by_itself(tab):
     begin = tab.rig.clock.now()  # it is seen some time later
     tab.model.guide()
     tab.until(lambda: tab.model.guided)
@@ -347,7 +334,7 @@ def test_guiding_by_hand_ends_by_itself(tab: Tab) -> None:
     assert tab.said == "Hand guiding has timed out. The arm holds where it is."
 
 
-def test_guiding_by_hand_can_be_ended_by_stop_at_any_time(tab: Tab) -> None:
+def test_guiding_by_hand_can_be_ended_by_stop_at_any_time(tab):
     tab.model.guide()
     tab.until(lambda: tab.model.guided)
     stopping = tab.worker.submit(tab.rig.arm.stop)
@@ -357,7 +344,7 @@ def test_guiding_by_hand_can_be_ended_by_stop_at_any_time(tab: Tab) -> None:
     tab.until(lambda: tab.model.guided)
 
 
-def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
+def test_a_program_is_kept_and_taken_up_again(tab):
     with pytest.raises(ConfigError, match="record a waypoint first"):
         tab.model.save()
     tab.record(A, B)
@@ -384,7 +371,7 @@ def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
     tab.until(lambda: tab.model.saved_files.names == ("another", "stack cubes"))
 
 
-def test_an_arm_at_rest_gives_nothing_new_to_show(tab: Tab) -> None:
+def test_an_arm_at_rest_gives_nothing_new_to_show(tab):
     tab.record(A)
     tab.plan()
     tab.model.refresh()

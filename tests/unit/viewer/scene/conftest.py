@@ -1,8 +1,3 @@
-from __future__ import annotations
-
-from collections.abc import Iterator
-from typing import Any
-
 import pytest
 from so101_viewer.server.guarded_server import start_guarded
 
@@ -14,20 +9,20 @@ class NotedScene:
         nodes: The handles that viser gave, by the names of their nodes.
     """
 
-    def __init__(self, scene: Any) -> None:
+    def __init__(self, scene):
         self._scene = scene
-        self.nodes: dict[str, Any] = {}
+        self.nodes = {}
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name):
         add = getattr(self._scene, name)
 
-        def noted(node: str, *args: Any, **settings: Any) -> Any:
+        def noted(node, *args, **settings):
             self.nodes[node] = add(node, *args, **settings)
             return self.nodes[node]
 
         return noted
 
-    def under(self, root: str, depth: int) -> dict[str, Any]:
+    def under(self, root, depth):
         """The nodes so many levels below ``root``, by what is behind it in their names."""
         names = {node: node.removeprefix(f"{root}/") for node in self.nodes if node != root}
         return {
@@ -38,7 +33,7 @@ class NotedScene:
 
 
 @pytest.fixture(scope="module")
-def scene() -> Iterator[NotedScene]:
+def scene():
     server = start_guarded(port=0)
     yield NotedScene(server.viser.scene)
     server.close()

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from so101_viewer.scene.scene_view import hit
@@ -22,10 +20,10 @@ PYRAMID = Mesh(
 )
 
 
-def scene(shape: object, floor_z: float | None = 0.0) -> Scene:
+def scene(shape, floor_z=0.0):
     thing = Obstacle(
         name="thing",
-        shape=shape,  # type: ignore[arg-type]
+        shape=shape,
         T_base_obstacle=SE3.from_translation(np.array([0.2, 0.0, 0.1])),
     )
     return Scene(obstacles=(thing,), floor_z=floor_z)
@@ -41,9 +39,7 @@ def scene(shape: object, floor_z: float | None = 0.0) -> Scene:
         (PointCloud(points=[[0.003, 0.003, 0.012], [0.1, 0.1, 0.1]], resolution=0.01), 0.12),
     ],
 )
-def test_a_click_from_above_meets_the_top_of_a_thing_or_the_floor(
-    shape: object, top: float
-) -> None:
+def test_a_click_from_above_meets_the_top_of_a_thing_or_the_floor(shape, top):
     around = scene(shape)
     met = hit(around, np.array([0.2, 0.0, 1.0]), DOWN)
     assert met is not None
@@ -53,14 +49,14 @@ def test_a_click_from_above_meets_the_top_of_a_thing_or_the_floor(
     np.testing.assert_allclose(met, [0.4, 0.1, 0.0], atol=1e-9)
 
 
-def test_a_slanting_click_meets_the_nearest_side() -> None:
+def test_a_slanting_click_meets_the_nearest_side():
     around = scene(Box(size=np.array([0.1, 0.1, 0.04])))
     met = hit(around, np.array([1.0, 0.0, 0.1]), np.array([-1.0, 0.0, 0.0]))
     assert met is not None
     np.testing.assert_allclose(met, [0.25, 0.0, 0.1], atol=1e-9)
 
 
-def test_a_click_meets_the_side_of_a_mesh_and_of_a_cloud_that_is_towards_it() -> None:
+def test_a_click_meets_the_side_of_a_mesh_and_of_a_cloud_that_is_towards_it():
     level = np.array([-1.0, 0.0, 0.0])
     met = hit(scene(PYRAMID), np.array([1.0, 0.0, 0.13]), level)
     assert met is not None
@@ -72,7 +68,7 @@ def test_a_click_meets_the_side_of_a_mesh_and_of_a_cloud_that_is_towards_it() ->
     assert hit(scene(cloud, floor_z=None), np.array([1.0, 0.03, 0.11]), level) is None
 
 
-def test_a_click_into_the_air_meets_nothing() -> None:
+def test_a_click_into_the_air_meets_nothing():
     around = scene(Sphere(radius=0.03), floor_z=None)
     assert hit(around, np.array([0.4, 0.1, 1.0]), DOWN) is None
     assert hit(scene(Sphere(radius=0.03)), np.array([0.0, 0.0, 0.5]), -DOWN) is None

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from so101_viewer.scene.reach_view import Reach, ReachView, mesh
@@ -16,7 +14,7 @@ NEAR_EDGE = 0.02
 """How far from the edge of the shade a point must be to be judged [m]."""
 
 
-def can_reach(solver: IkSolver, p: np.ndarray, frame: str) -> bool:
+def can_reach(solver, p, frame):
     try:
         return bool(next(iter(solver.candidates(PoseGoal.at_point(p, frame=frame), np.zeros(5)))))
     except Unreachable:
@@ -24,7 +22,7 @@ def can_reach(solver: IkSolver, p: np.ndarray, frame: str) -> bool:
 
 
 @pytest.mark.parametrize(("frame", "height"), [("tool", 0.1), ("tool", 0.3), ("jaw_tip", 0.2)])
-def test_the_reachable_area_is_shaded(frame: str, height: float) -> None:
+def test_the_reachable_area_is_shaded(frame, height):
     reach, solver = Reach(MODEL, frame), IkSolver(MODEL)
     rings = reach.rings(height)
     edges = np.array(rings).ravel()
@@ -37,7 +35,7 @@ def test_the_reachable_area_is_shaded(frame: str, height: float) -> None:
         assert shaded == can_reach(solver, p, frame), radius
 
 
-def test_the_shade_is_a_flat_ring_between_the_limits_of_the_base() -> None:
+def test_the_shade_is_a_flat_ring_between_the_limits_of_the_base():
     reach = Reach(MODEL, "tool")
     rings = [(0.1, 0.2)]
     vertices, faces = mesh(reach, rings, 0.05)
@@ -53,37 +51,34 @@ def test_the_shade_is_a_flat_ring_between_the_limits_of_the_base() -> None:
 class Scene:
     """Keeps what is there to be seen."""
 
-    def __init__(self) -> None:
-        self.shown: list[object] = []
+    def __init__(self):
+        self.shown = []
 
-    def add_batched_meshes_simple(
-        self, name: str, vertices: np.ndarray, faces: np.ndarray, wxyzs: np.ndarray,
-        positions: np.ndarray, **_looks: object,
-    ) -> Node:  # fmt: skip
+    def add_batched_meshes_simple(self, name, vertices, faces, wxyzs, positions, **_looks):
         return Node(self.shown, positions)
 
-    def add_mesh_simple(self, name: str, *_args: object, **_looks: object) -> Node:
+    def add_mesh_simple(self, name, *_args, **_looks):
         return Node(self.shown, name)
 
 
 class Node:
     """One of the things, until it is removed."""
 
-    def __init__(self, shown: list[object], what: object) -> None:
+    def __init__(self, shown, what):
         self._shown, self._what = shown, what
         shown.append(what)
 
-    def remove(self) -> None:
+    def remove(self):
         self._shown[:] = [each for each in self._shown if each is not self._what]
 
 
-def test_an_atlas_is_shaded_at_the_height_of_a_target_of_its_frame() -> None:
+def test_an_atlas_is_shaded_at_the_height_of_a_target_of_its_frame():
     grid = Grid(0.1, (0, 0, 0), (4, 1, 3))
     kinds = [("ways", "u2"), ("torque_left", "f4")]
     rows = np.array([(1, 0.5), (0, 0.5), (2, -0.1), (3, 0.9), (1, 0.2)], dtype=kinds)
     atlas = Atlas({"frame": "tool"}, grid, np.array([4, 5, 6, 7, 8]), rows)
     scene = Scene()
-    view = ReachView(scene, MODEL, atlas)  # type: ignore[arg-type]
+    view = ReachView(scene, MODEL, atlas)
     view.show("tool", 0.12)  # free of contact and not too heavy
     (squares,) = scene.shown
     assert squares == pytest.approx(np.array([[0.0, 0.0, 0.1], [0.3, 0.0, 0.1]]))

@@ -1,29 +1,24 @@
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 from so101_description import PARTS
 from so101_viewer.scene.robot_view import RobotView
 
-from so101_motion.common.geometry import SE3
 from so101_motion.planning.kinematics.model import RobotModel
 
 
-def placed() -> dict[str, SE3]:
+def placed():
     return RobotModel.load().link_placements(np.zeros(5), 0.0)
 
 
-def meshes(scene: Any, root: str) -> list[Any]:
+def meshes(scene, root):
     return list(scene.under(root, 2).values())
 
 
-def sent(scene: Any, root: str) -> set[str]:
+def sent(scene, root):
     """The links whose meshes were sent."""
     return {name.split("/")[0] for name in scene.under(root, 2)}
 
 
-def test_every_link_stands_where_the_kinematics_put_it(scene: Any) -> None:
+def test_every_link_stands_where_the_kinematics_put_it(scene):
     view = RobotView(scene, "/arm")
     placements = RobotModel.load().link_placements(np.array([0.3, -0.5, 0.4, 0.2, 1.0]), 0.5)
     view.move(placements)
@@ -34,7 +29,7 @@ def test_every_link_stands_where_the_kinematics_put_it(scene: Any) -> None:
         np.testing.assert_allclose(frame.wxyz, placements[link].quaternion_wxyz())
 
 
-def test_links_can_be_hidden_one_by_one(scene: Any) -> None:
+def test_links_can_be_hidden_one_by_one(scene):
     view = RobotView(scene, "/ghost", color=(60, 130, 246), opacity=0.35)
     view.show({"gripper_link"})
     frames = scene.under("/ghost", 1)
@@ -43,7 +38,7 @@ def test_links_can_be_hidden_one_by_one(scene: Any) -> None:
     assert not any(frame.visible for frame in frames.values())
 
 
-def test_a_ghost_is_of_one_colour_and_changes_it_as_a_whole(scene: Any) -> None:
+def test_a_ghost_is_of_one_colour_and_changes_it_as_a_whole(scene):
     view = RobotView(scene, "/other", color=(60, 130, 246), opacity=0.35)
     view.move(placed())
     view.paint((224, 49, 49))
@@ -51,7 +46,7 @@ def test_a_ghost_is_of_one_colour_and_changes_it_as_a_whole(scene: Any) -> None:
     assert {mesh.opacity for mesh in meshes(scene, "/other")} == {0.35}
 
 
-def test_the_arm_is_orange_white_and_black(scene: Any) -> None:
+def test_the_arm_is_orange_white_and_black(scene):
     view = RobotView(scene, "/colours")
     view.move(placed())
     colours = np.array([mesh.color for mesh in meshes(scene, "/colours")], dtype=int)
@@ -61,13 +56,13 @@ def test_the_arm_is_orange_white_and_black(scene: Any) -> None:
     assert np.any(colours.max(axis=1) < 70)
 
 
-def test_the_meshes_are_light_enough_to_be_drawn_without_a_gpu(scene: Any) -> None:
+def test_the_meshes_are_light_enough_to_be_drawn_without_a_gpu(scene):
     view = RobotView(scene, "/light")
     view.move(placed())
     assert 20_000 < sum(len(mesh.faces) for mesh in meshes(scene, "/light")) < 40_000
 
 
-def test_a_link_is_sent_when_it_is_to_be_seen_for_the_first_time(scene: Any) -> None:
+def test_a_link_is_sent_when_it_is_to_be_seen_for_the_first_time(scene):
     view = RobotView(scene, "/late")
     assert not sent(scene, "/late")
     view.set_visible(False)
@@ -80,7 +75,7 @@ def test_a_link_is_sent_when_it_is_to_be_seen_for_the_first_time(scene: Any) -> 
     assert sent(scene, "/late") == set(PARTS)
 
 
-def test_a_colour_holds_for_links_that_are_seen_later(scene: Any) -> None:
+def test_a_colour_holds_for_links_that_are_seen_later(scene):
     view = RobotView(scene, "/painted")
     view.show(())
     view.move(placed())

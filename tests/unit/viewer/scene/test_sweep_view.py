@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 from so101_description import load_visual
@@ -14,7 +10,7 @@ BLUE = (60, 130, 246)
 
 
 @pytest.mark.parametrize("part", LINKS.values())
-def test_a_coarse_part_is_light_and_of_the_same_size(part: str) -> None:
+def test_a_coarse_part_is_light_and_of_the_same_size(part):
     meshes = [surface.mesh for surface in load_visual(part)]
     vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in meshes], CELL)
     fine = np.concatenate([surface.mesh.vertices for surface in load_visual(part)])
@@ -25,7 +21,7 @@ def test_a_coarse_part_is_light_and_of_the_same_size(part: str) -> None:
     assert faces.max() < len(vertices)
 
 
-def test_each_link_is_sent_once_and_stands_where_the_postures_say(scene: Any) -> None:
+def test_each_link_is_sent_once_and_stands_where_the_postures_say(scene):
     model = RobotModel.load()
     view = SweepView(scene, "/sweep", color=BLUE)
     view.show(None, 0.0, model)

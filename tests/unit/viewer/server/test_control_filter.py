@@ -1,18 +1,15 @@
-from __future__ import annotations
-
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
 
 import numpy as np
 import pytest
 import pytest_asyncio
 from harness.raw_window import RawWindow
-from so101_viewer.server.guarded_server import GuardedServer, start_guarded
+from so101_viewer.server.guarded_server import start_guarded
 from so101_viewer.server.windows import Windows
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[GuardedServer]:
+def server():
     server = start_guarded(port=0, label="test")
     yield server
     server.close()
@@ -21,9 +18,9 @@ def server() -> Iterator[GuardedServer]:
 class PageUnderTest:
     """Widgets as a page has them, and what came of pressing them."""
 
-    def __init__(self, server: GuardedServer) -> None:
-        self.told: list[str] = []
-        self.done: list[str] = []
+    def __init__(self, server):
+        self.told = []
+        self.done = []
         self.windows = Windows(server.viser, self.told.append)
         gui = server.viser.gui
         self.button = gui.add_button("Execute")
@@ -40,21 +37,21 @@ class PageUnderTest:
         self.escape.on_trigger(self._note("escape"))
         self.gizmo.on_update(self._note("drag"))
 
-    def _note(self, word: str) -> Callable[[object], object]:
-        async def note(_event: object) -> None:
+    def _note(self, word):
+        async def note(_event):
             self.done.append(word)
 
         return note
 
-    async def until(self, count: int) -> None:
+    async def until(self, count):
         await until(lambda: len(self.windows.all()) == count)
 
-    async def has_done(self, *words: str) -> None:
+    async def has_done(self, *words):
         """What was sent is done by the server's own thread, in order."""
         await until(lambda: self.done == list(words))
 
 
-async def until(condition: Callable[[], bool]) -> None:
+async def until(condition):
     for _ in range(1000):
         if condition():
             return
@@ -63,21 +60,19 @@ async def until(condition: Callable[[], bool]) -> None:
 
 
 @pytest.fixture(scope="module")
-def shared(server: GuardedServer) -> PageUnderTest:
+def shared(server):
     return PageUnderTest(server)
 
 
 @pytest.fixture
-def page(shared: PageUnderTest) -> PageUnderTest:
+def page(shared):
     shared.told.clear()
     shared.done.clear()
     return shared
 
 
 @pytest_asyncio.fixture
-async def pair(
-    page: PageUnderTest, server: GuardedServer
-) -> AsyncIterator[tuple[RawWindow, RawWindow]]:
+async def pair(page, server):
     """The window in control, and another one."""
     async with RawWindow(server.url) as first:
         await page.until(1)
@@ -87,9 +82,7 @@ async def pair(
     await page.until(0)
 
 
-async def test_the_window_in_control_works_everything(
-    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
-) -> None:
+async def test_the_window_in_control_works_everything(page, pair):
     first, _ = pair
     await first.press(page.button)
     await first.enter(page.slider, 50)
@@ -99,9 +92,7 @@ async def test_the_window_in_control_works_everything(
     await page.has_done("execute", "speed", "plan", "drag", "stop")
 
 
-async def test_another_window_changes_nothing_whatever_it_sends(
-    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
-) -> None:
+async def test_another_window_changes_nothing_whatever_it_sends(page, pair):
     first, second = pair
     await first.enter(page.slider, 30)
     await first.drag("/target", (0.0, 0.0, 0.1))
@@ -118,9 +109,7 @@ async def test_another_window_changes_nothing_whatever_it_sends(
     np.testing.assert_allclose(page.gizmo.position, (0.0, 0.0, 0.1))
 
 
-async def test_stop_works_in_every_window_and_says_in_which(
-    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
-) -> None:
+async def test_stop_works_in_every_window_and_says_in_which(page, pair):
     _, second = pair
     await second.press(page.stop)
     await second.key(page.escape)
@@ -128,9 +117,7 @@ async def test_stop_works_in_every_window_and_says_in_which(
     assert page.told[-1] == "Stop pressed in window 2"
 
 
-async def test_another_window_takes_control_and_gives_it_up_when_it_closes(
-    page: PageUnderTest, server: GuardedServer
-) -> None:
+async def test_another_window_takes_control_and_gives_it_up_when_it_closes(page, server):
     async with RawWindow(server.url) as first:
         await page.until(1)
         async with RawWindow(server.url) as second:
@@ -152,9 +139,7 @@ async def test_another_window_takes_control_and_gives_it_up_when_it_closes(
     await page.until(0)
 
 
-async def test_windows_keep_their_numbers_low_as_they_come_and_go(
-    page: PageUnderTest, server: GuardedServer
-) -> None:
+async def test_windows_keep_their_numbers_low_as_they_come_and_go(page, server):
     for _ in range(3):
         async with RawWindow(server.url):
             await page.until(1)
@@ -162,9 +147,7 @@ async def test_windows_keep_their_numbers_low_as_they_come_and_go(
     assert set(page.told) == {"Window 1 opened", "Window 1 closed"}
 
 
-async def test_a_window_acts_before_it_has_drawn(
-    page: PageUnderTest, server: GuardedServer
-) -> None:
+async def test_a_window_acts_before_it_has_drawn(page, server):
     async with RawWindow(server.url, draws=False) as slow:
         await page.until(1)
         await slow.press(page.button)
@@ -178,7 +161,7 @@ async def test_a_window_acts_before_it_has_drawn(
     await page.until(0)
 
 
-def _click(name: str) -> dict[str, object]:
+def _click(name):
     return {
         "name": name,
         "instance_index": None,

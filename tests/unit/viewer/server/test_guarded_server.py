@@ -1,12 +1,8 @@
-from __future__ import annotations
-
 import asyncio
 import http.client
 import logging
 import socket
 import threading
-from collections.abc import Iterator
-from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import msgspec
@@ -14,7 +10,7 @@ import pytest
 import viser
 import websockets.asyncio.server
 from so101_viewer.server import guarded_server
-from so101_viewer.server.guarded_server import GuardedServer, GuardError, start_guarded
+from so101_viewer.server.guarded_server import GuardError, start_guarded
 from viser import _messages
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
@@ -25,22 +21,22 @@ PROTOCOL = f"viser-v{viser.__version__}"
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[GuardedServer]:
+def server():
     server = start_guarded(port=0, label="test")
     yield server
     server.close()
 
 
-def port_of(server: GuardedServer) -> int:
+def port_of(server):
     return int(urlsplit(server.url).port or 0)
 
 
-def cookie_of(server: GuardedServer) -> str:
+def cookie_of(server):
     key = parse_qs(urlsplit(server.url).query)["key"][0]
     return f"so101_{port_of(server)}={key}"
 
 
-def get(server: GuardedServer, path: str = "/", **headers: str) -> http.client.HTTPResponse:
+def get(server, path="/", **headers):
     connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=60)
     try:
         connection.request("GET", path, headers=headers)
@@ -51,15 +47,13 @@ def get(server: GuardedServer, path: str = "/", **headers: str) -> http.client.H
         connection.close()
 
 
-async def send_as_browser(
-    server: GuardedServer, *messages: dict[str, object], cookie: str | None, origin: str | None
-) -> None:
+async def send_as_browser(server, *messages, cookie, origin):
     """Open the websocket as a page would, send, and stay until the server has read it all."""
     headers = {} if cookie is None else {"Cookie": cookie}
     async with connect(
         f"ws://127.0.0.1:{port_of(server)}/",
-        subprotocols=[PROTOCOL],  # type: ignore[list-item]
-        origin=origin,  # type: ignore[arg-type]
+        subprotocols=[PROTOCOL],
+        origin=origin,
         additional_headers=headers,
         max_size=None,
     ) as connection:
@@ -69,13 +63,13 @@ async def send_as_browser(
         await (await connection.ping())
 
 
-def test_the_link_listens_on_loopback_and_carries_32_random_bytes(server: GuardedServer) -> None:
+def test_the_link_listens_on_loopback_and_carries_32_random_bytes(server):
     link = urlsplit(server.url)
     assert link.hostname == "127.0.0.1"
     assert len(parse_qs(link.query)["key"][0]) == 43  # base64 of 32 bytes
 
 
-def test_the_page_opens_with_the_cookie_and_only_with_it(server: GuardedServer) -> None:
+def test_the_page_opens_with_the_cookie_and_only_with_it(server):
     assert get(server).status == 401
     greeting = get(server, f"/?{urlsplit(server.url).query}")
     assert greeting.status == 200
@@ -85,7 +79,7 @@ def test_the_page_opens_with_the_cookie_and_only_with_it(server: GuardedServer) 
     assert "connect-src 'self'" in (page.getheader("Content-Security-Policy") or "")
 
 
-def test_a_rebound_name_does_not_get_the_page(server: GuardedServer) -> None:
+def test_a_rebound_name_does_not_get_the_page(server):
     host = f"evil.example:{port_of(server)}"
     assert get(server, Host=host, Cookie=cookie_of(server)).status == 403
 
@@ -94,18 +88,14 @@ def test_a_rebound_name_does_not_get_the_page(server: GuardedServer) -> None:
     ("origin", "with_cookie", "status"),
     [("http://evil.example", True, 403), ("null", True, 403), (None, False, 401)],
 )
-async def test_strangers_get_no_websocket(
-    server: GuardedServer, origin: str | None, with_cookie: bool, status: int
-) -> None:
+async def test_strangers_get_no_websocket(server, origin, with_cookie, status):
     cookie = cookie_of(server) if with_cookie else None
     with pytest.raises(InvalidStatus) as refusal:
         await send_as_browser(server, cookie=cookie, origin=origin)
     assert refusal.value.response.status_code == status
 
 
-async def test_the_owner_gets_the_websocket_and_a_share_request_opens_no_tunnel(
-    server: GuardedServer,
-) -> None:
+async def test_the_owner_gets_the_websocket_and_a_share_request_opens_no_tunnel(server):
     pressed = threading.Event()
     button = server.viser.gui.add_button("Press")
     button.on_click(lambda _event: pressed.set())
@@ -133,13 +123,13 @@ async def test_the_owner_gets_the_websocket_and_a_share_request_opens_no_tunnel(
     button.remove()
 
 
-def test_a_busy_port_is_an_error_at_once_that_names_it(server: GuardedServer) -> None:
+def test_a_busy_port_is_an_error_at_once_that_names_it(server):
     port = port_of(server)
     with pytest.raises(ConfigError, match=rf"127\.0\.0\.1:{port}; stop it or choose another"):
         start_guarded(port=port)
 
 
-def test_where_no_port_was_asked_for_the_next_free_one_is_taken(server: GuardedServer) -> None:
+def test_where_no_port_was_asked_for_the_next_free_one_is_taken(server):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(guarded_server, "DEFAULT_PORT", port_of(server))
         second = start_guarded(label="test")
@@ -152,12 +142,12 @@ def test_where_no_port_was_asked_for_the_next_free_one_is_taken(server: GuardedS
             start_guarded()
 
 
-def test_other_machines_are_not_let_in_by_accident() -> None:
+def test_other_machines_are_not_let_in_by_accident():
     with pytest.raises(ConfigError, match="would let other machines move the arm"):
         start_guarded("0.0.0.0", 0)
 
 
-def test_when_other_machines_are_allowed_the_key_is_still_demanded() -> None:
+def test_when_other_machines_are_allowed_the_key_is_still_demanded():
     server = start_guarded("0.0.0.0", 0, allow_remote=True)
     try:
         host = urlsplit(server.url).hostname
@@ -170,17 +160,17 @@ def test_when_other_machines_are_allowed_the_key_is_still_demanded() -> None:
 
 
 @pytest.mark.parametrize("host", ["192.0.2.7", "no such host"])
-def test_an_unusable_host_is_an_error_at_once(host: str) -> None:
+def test_an_unusable_host_is_an_error_at_once(host):
     with pytest.raises(ConfigError, match="is not an address of this machine"):
         start_guarded(host, 0, allow_remote=True)
 
 
-def test_a_port_that_is_none_is_an_error() -> None:
+def test_a_port_that_is_none_is_an_error():
     with pytest.raises(ConfigError, match="between 1 and 65535"):
         start_guarded(port=99999)
 
 
-def test_a_server_that_lets_strangers_in_is_found_out() -> None:
+def test_a_server_that_lets_strangers_in_is_found_out():
     stock = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
         with pytest.raises(GuardError, match="200 instead of 401"):
@@ -189,12 +179,10 @@ def test_a_server_that_lets_strangers_in_is_found_out() -> None:
         stock.stop()
 
 
-def test_if_websockets_did_not_ask_the_policy_the_server_refuses_to_run(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_if_websockets_did_not_ask_the_policy_the_server_refuses_to_run(monkeypatch):
     stock = websockets.asyncio.server.serve
 
-    def another_version(*args: Any, process_request: object, **rest: Any) -> object:
+    def another_version(*args, process_request, **rest):
         return stock(*args, **rest)
 
     monkeypatch.setattr(websockets.asyncio.server, "serve", another_version)
@@ -202,18 +190,16 @@ def test_if_websockets_did_not_ask_the_policy_the_server_refuses_to_run(
         start_guarded(port=0)
 
 
-def test_nothing_of_websockets_stays_replaced(server: GuardedServer) -> None:
+def test_nothing_of_websockets_stays_replaced(server):
     assert websockets.asyncio.server.serve.__module__ == "websockets.asyncio.server"
 
 
-def test_starting_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+def test_starting_prints_nothing(capfd):
     start_guarded(port=0).close()
     assert capfd.readouterr().out == ""
 
 
-def test_a_broken_request_leaves_no_traceback(
-    server: GuardedServer, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_broken_request_leaves_no_traceback(server, caplog):
     with (
         caplog.at_level(logging.WARNING),
         socket.create_connection(("127.0.0.1", port_of(server))) as link,

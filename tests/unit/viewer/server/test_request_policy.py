@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 from so101_viewer.server.request_policy import RequestPolicy, harden
 from websockets.datastructures import Headers
@@ -10,12 +8,12 @@ COOKIE = ("Cookie", "so101_8080=s3cret")
 HOST = ("Host", "127.0.0.1:8080")
 
 
-def ask(*headers: tuple[str, str], path: str = "/", policy: RequestPolicy = DOOR) -> int | None:
+def ask(*headers, path="/", policy=DOOR):
     response = policy.answer(Request(path, Headers(list(headers))))
     return None if response is None else response.status_code
 
 
-def test_a_request_with_our_host_and_the_cookie_passes() -> None:
+def test_a_request_with_our_host_and_the_cookie_passes():
     assert ask(HOST, COOKIE) is None
     assert ask(("Host", "localhost:8080"), COOKIE) is None
 
@@ -41,11 +39,11 @@ def test_the_link_is_answered_with_the_cookie_for_this_port_only_and_out_of_reac
         (HOST, ("Cookie", "schlüssel=größe; so101_8080=sécret")),
     ],
 )
-def test_without_the_right_key_there_is_no_entrance(headers: tuple[tuple[str, str], ...]) -> None:
+def test_without_the_right_key_there_is_no_entrance(headers):
     assert ask(*headers) == 401
 
 
-def test_a_cookie_of_bytes_that_are_no_text_is_a_wrong_one() -> None:
+def test_a_cookie_of_bytes_that_are_no_text_is_a_wrong_one():
     headers = Headers([HOST])  # as websockets makes them of what came in
     headers.set_insecure("Cookie", b"so101_8080=\xff".decode("ascii", "surrogateescape"))
     response = DOOR.answer(Request("/", headers))
@@ -54,22 +52,22 @@ def test_a_cookie_of_bytes_that_are_no_text_is_a_wrong_one() -> None:
 
 
 @pytest.mark.parametrize("path", ["/?key=wrong", "/?key=", "/?key=s3cre", "/?Key=s3cret"])
-def test_a_wrong_key_in_the_link_is_refused(path: str) -> None:
+def test_a_wrong_key_in_the_link_is_refused(path):
     assert ask(HOST, path=path) == 401
 
 
-def test_the_key_in_the_address_does_not_open_a_websocket() -> None:
+def test_the_key_in_the_address_does_not_open_a_websocket():
     assert ask(HOST, ("Upgrade", "websocket"), path="/?key=s3cret") == 401
 
 
 @pytest.mark.parametrize(
     "host", ["evil.example:8080", "127.0.0.1", "127.0.0.1:8081", "localhost.evil.example:8080", ""]
 )
-def test_a_page_that_rebinds_its_name_is_refused_even_with_the_cookie(host: str) -> None:
+def test_a_page_that_rebinds_its_name_is_refused_even_with_the_cookie(host):
     assert ask(("Host", host), COOKIE) == 403
 
 
-def test_a_request_without_a_host_or_with_two_is_refused() -> None:
+def test_a_request_without_a_host_or_with_two_is_refused():
     assert ask(COOKIE) == 403
     assert ask(HOST, ("Host", "evil.example:8080"), COOKIE) == 403
 
@@ -85,26 +83,26 @@ def test_a_request_without_a_host_or_with_two_is_refused() -> None:
         "http://127.0.0.1:8080.evil.example",
     ],
 )
-def test_a_foreign_origin_is_refused_even_with_the_cookie(origin: str) -> None:
+def test_a_foreign_origin_is_refused_even_with_the_cookie(origin):
     assert ask(HOST, COOKIE, ("Upgrade", "websocket"), ("Origin", origin)) == 403
 
 
-def test_our_own_origin_passes() -> None:
+def test_our_own_origin_passes():
     assert ask(HOST, COOKIE, ("Upgrade", "websocket"), ("Origin", "http://127.0.0.1:8080")) is None
 
 
-def test_odd_cookies_of_other_programs_do_not_lock_the_owner_out() -> None:
+def test_odd_cookies_of_other_programs_do_not_lock_the_owner_out():
     assert ask(HOST, ("Cookie", 'a={"b":[1,2]}; @x; so101_8080=s3cret; =y')) is None
 
 
-def test_on_port_80_browsers_leave_the_port_out_of_the_host() -> None:
+def test_on_port_80_browsers_leave_the_port_out_of_the_host():
     policy = RequestPolicy(key="s3cret", port=80, names=frozenset({"localhost", "[::1]"}))
     cookie = ("Cookie", "so101_80=s3cret")
     assert ask(("Host", "localhost"), cookie, policy=policy) is None
     assert ask(("Host", "[::1]"), cookie, policy=policy) is None
 
 
-def test_listening_everywhere_accepts_addresses_but_not_unknown_names() -> None:
+def test_listening_everywhere_accepts_addresses_but_not_unknown_names():
     policy = RequestPolicy(
         key="s3cret", port=8080, names=frozenset({"workbench"}), any_address=True
     )
@@ -114,7 +112,7 @@ def test_listening_everywhere_accepts_addresses_but_not_unknown_names() -> None:
     assert ask(("Host", "evil.example:8080"), COOKIE, policy=policy) == 403
 
 
-def test_pages_are_confined_to_talk_to_us() -> None:
+def test_pages_are_confined_to_talk_to_us():
     reply = harden(Response(200, "OK", Headers()), Request("/", Headers([HOST])))
     policy = reply.headers["Content-Security-Policy"]
     assert "connect-src 'self' ws://127.0.0.1:8080 blob: data:;" in policy
@@ -122,13 +120,13 @@ def test_pages_are_confined_to_talk_to_us() -> None:
     assert reply.headers["Referrer-Policy"] == "no-referrer"
 
 
-def test_refusals_are_confined_too() -> None:
+def test_refusals_are_confined_too():
     response = DOOR.answer(Request("/", Headers([("Host", "evil.example")])))
     assert response is not None
     assert "connect-src 'none'" in response.headers["Content-Security-Policy"]
 
 
-def test_a_ticket_opens_once_and_brings_the_cookie() -> None:
+def test_a_ticket_opens_once_and_brings_the_cookie():
     policy = RequestPolicy(key="s3cret", port=8080, names=frozenset({"127.0.0.1"}))
     path = f"/?key={policy.ticket()}"
     first = policy.answer(Request(path, Headers([HOST])))

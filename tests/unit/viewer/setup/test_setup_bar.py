@@ -35,7 +35,7 @@ class Arm:
     is_connected: bool = True
     has_rig: bool = True
 
-    def target(self) -> SetupTarget:
+    def target(self):
         situation = SimpleNamespace(
             is_connected=self.is_connected,
             holds=self.holds,
@@ -75,19 +75,17 @@ CALIBRATED = "A calibration is under way"
         (Arm(has_rig=False), *("The machine has no arm yet",) * 3),
     ],
 )  # fmt: skip
-def test_each_grey_button_says_why(
-    arm: Arm, hold: str | None, guide: str | None, let_go: str | None
-) -> None:
+def test_each_grey_button_says_why(arm, hold, guide, let_go):
     for said, wanted in zip(reasons(arm.target(), ""), (hold, guide, let_go), strict=True):
         assert (said is None) is (wanted is None), said
         assert (wanted or "") in (said or "")
 
 
-def test_without_an_arm_nothing_can_be_pressed() -> None:
+def test_without_an_arm_nothing_can_be_pressed():
     assert reasons(None, "") == ("No arm is connected yet.",) * 3
 
 
-def test_letting_go_waits_for_nothing() -> None:
+def test_letting_go_waits_for_nothing():
     hold, guide, let_go = reasons(Arm().target(), "planning the test")
     assert hold == guide == "Wait for the end of this: planning the test."
     assert let_go is None

@@ -1,11 +1,7 @@
 """Whose scene the World tab edits: an arm's, or that of several arms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,12 +25,12 @@ SCENE = Scene(
 RAISED = SE3.from_rpy((0.0, 0.0, np.pi), (0.4, 0.0, 0.05))
 
 
-def rig(*attached: Attached) -> Any:
+def rig(*attached):
     """The scene of an arm; nothing else of it is needed here."""
     return SimpleNamespace(arm=SimpleNamespace(scene=Scene(attached=attached)))
 
 
-def cell(T_right: SE3 = RAISED) -> CellFile:
+def cell(T_right=RAISED):
     arms = (
         CellArm(name="left", T_cell_base=SE3.identity()),
         CellArm(name="right", T_cell_base=T_right, attached=(STICK,)),
@@ -42,9 +38,7 @@ def cell(T_right: SE3 = RAISED) -> CellFile:
     return CellFile(arms=arms, scene=Scene())
 
 
-def test_each_arm_of_a_cell_sees_the_scene_from_its_base_and_keeps_what_it_holds(
-    tmp_path: Path,
-) -> None:
+def test_each_arm_of_a_cell_sees_the_scene_from_its_base_and_keeps_what_it_holds(tmp_path):
     left, right = rig(), rig(STICK)
     user = ArmsOfCell({"left": left, "right": right}, cell())
     [stick] = user.scene.attached
@@ -65,7 +59,7 @@ def test_each_arm_of_a_cell_sees_the_scene_from_its_base_and_keeps_what_it_holds
     assert [each.name for each in read.arms[1].attached] == ["stick"]
 
 
-def test_a_scene_that_one_arm_cannot_have_is_given_to_none() -> None:
+def test_a_scene_that_one_arm_cannot_have_is_given_to_none():
     left, right = rig(), rig()
     leaning = SE3.from_rpy((0.3, 0.0, 0.0), (0.4, 0.0, 0.0))
     user = ArmsOfCell({"left": left, "right": right}, cell(leaning))
@@ -82,9 +76,7 @@ def test_a_scene_that_one_arm_cannot_have_is_given_to_none() -> None:
         assert user.scene == Scene()
 
 
-def test_what_an_arm_of_a_cell_holds_is_passed_on_put_down_and_taken_by_another(
-    tmp_path: Path,
-) -> None:
+def test_what_an_arm_of_a_cell_holds_is_passed_on_put_down_and_taken_by_another(tmp_path):
     T_tool = SE3.from_translation((0.2, 0.0, 0.1))
     left, right = rig(), rig()
     for each in (left, right):
@@ -111,7 +103,7 @@ def test_what_an_arm_of_a_cell_holds_is_passed_on_put_down_and_taken_by_another(
     assert left.arm.scene.attached == ()
 
 
-def test_a_single_arm_has_the_scene_as_it_is(tmp_path: Path) -> None:
+def test_a_single_arm_has_the_scene_as_it_is(tmp_path):
     only = rig()
     user = OneArm(only)
     user.use(SCENE)
