@@ -1,7 +1,5 @@
 from collections import deque
-from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
 
 from so101_viewer.page.page_context import PageContext
 from so101_viewer.page.shared_fields import SharedField, Unit

@@ -1,27 +1,18 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from harness.fake_page import STILL
 from hypothesis import given
 from hypothesis import strategies as st
 from so101_viewer.page import texts
 from so101_viewer.page.tracking import MotionTracker
 from so101_viewer.panels.plots import nearest_limit
 
-from so101_motion.common.modes import Mode
-from so101_motion.common.state import JointReading, JointState
-
 
 def state(t, q, q_ref, qd_ref, *, moving=True):
-    return JointState(
-        t=t,
-        mode=Mode.MOVING,
-        reading=JointReading(q=q, qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0),
-        q_ref=q_ref,
-        qd_ref=qd_ref,
-        q_jaw_ref=0.0,
-        arm_moving=moving,
-        jaw_moving=False,
-        late_ticks=0,
-    )
+    reading = replace(STILL.reading, q=q)
+    return replace(STILL, t=t, reading=reading, q_ref=q_ref, qd_ref=qd_ref, arm_moving=moving)
 
 
 @given(lag=st.floats(0.0, 0.2), bias=st.floats(0.0, 0.01))
