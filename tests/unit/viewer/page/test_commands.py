@@ -3,34 +3,19 @@ import threading
 from so101_viewer.server.host import Commands
 
 
-def test_commands_run_in_order_and_once():
-    done = []
-    commands = Commands(lambda _error: None)
-    for k in range(3):
-        commands.post(lambda k=k: done.append(k))
-    assert commands.run()
-    assert not commands.run()
-    assert done == [0, 1, 2]
-
-
-def test_a_command_that_fails_is_reported_and_the_next_runs():
-    done = []
-    errors = []
+def test_commands_run_in_order_and_once_and_one_that_fails_is_reported():
+    done, errors = [], []
     commands = Commands(errors.append)
-    commands.post(lambda: 1 / 0)
-    commands.post(lambda: done.append("next"))
-    assert commands.run()
-    assert done == ["next"]
-    assert isinstance(errors[0], ZeroDivisionError)
-
-
-def test_nothing_that_waited_happens_after_a_drop():
-    done = []
-    commands = Commands(lambda _error: None)
-    commands.post(lambda: done.append("execute"))
+    commands.post(lambda: done.append("dropped"))
     commands.drop()
     assert not commands.run()
-    assert done == []
+    commands.post(lambda: done.append(0))
+    commands.post(lambda: 1 / 0)
+    commands.post(lambda: done.append(1))
+    assert commands.run()
+    assert not commands.run()
+    assert done == [0, 1]
+    assert isinstance(errors[0], ZeroDivisionError)
 
 
 def test_a_drop_waits_for_the_command_under_way_and_forgets_the_rest():

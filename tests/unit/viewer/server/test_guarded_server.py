@@ -142,11 +142,6 @@ def test_where_no_port_was_asked_for_the_next_free_one_is_taken(server):
             start_guarded()
 
 
-def test_other_machines_are_not_let_in_by_accident():
-    with pytest.raises(ConfigError, match="would let other machines move the arm"):
-        start_guarded("0.0.0.0", 0)
-
-
 def test_when_other_machines_are_allowed_the_key_is_still_demanded():
     server = start_guarded("0.0.0.0", 0, allow_remote=True)
     try:
@@ -159,15 +154,18 @@ def test_when_other_machines_are_allowed_the_key_is_still_demanded():
         server.close()
 
 
-@pytest.mark.parametrize("host", ["192.0.2.7", "no such host"])
-def test_an_unusable_host_is_an_error_at_once(host):
-    with pytest.raises(ConfigError, match="is not an address of this machine"):
-        start_guarded(host, 0, allow_remote=True)
-
-
-def test_a_port_that_is_none_is_an_error():
-    with pytest.raises(ConfigError, match="between 1 and 65535"):
-        start_guarded(port=99999)
+@pytest.mark.parametrize(
+    ("host", "port", "allow_remote", "says"),
+    [
+        ("0.0.0.0", 0, False, "would let other machines move the arm"),
+        ("192.0.2.7", 0, True, "is not an address of this machine"),
+        ("no such host", 0, True, "is not an address of this machine"),
+        ("127.0.0.1", 99999, False, "between 1 and 65535"),
+    ],
+)
+def test_a_place_that_cannot_be_served_at_is_an_error_at_once(host, port, allow_remote, says):
+    with pytest.raises(ConfigError, match=says):
+        start_guarded(host, port, allow_remote=allow_remote)
 
 
 def test_a_server_that_lets_strangers_in_is_found_out():
