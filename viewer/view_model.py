@@ -1,32 +1,37 @@
-"""State and commands of the Move tab, without viser.
+"""State and commands of the Move tab, of one arm or of several that share a space, without viser.
 
-A target is chosen, planned, executed and reached. A plan is dropped as soon as the arm, the
-gripper, the speed limits, the surroundings or the target differ from those it was made for.
-Nothing here waits: slow calls are futures that ``refresh`` collects. One thread owns a
-``ViewModel``.
+A ``ViewModel`` has the target of one arm and its part of the plan, a ``MoveModel`` what all arms
+have in common: one plan, one place on its timeline, one motion. The plan is dropped for all as soon
+as an arm, a gripper, the speed limits, the surroundings or a target differ from those it was made
+for. Nothing here waits: slow calls are futures that ``refresh`` collects. One thread owns them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from so101_motion.arm.arm import START_TOLERANCE, Arm
+from so101_motion.arm.cell import Cell
 from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import Interrupted
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
+from so101_motion.planning.collision.apart import clearance_over_time
 from so101_motion.planning.goals import LeaveContactGoal
 from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 
 from .page import texts
-from .page.plan_view import PathLine, PlanView, Playback, plan_view
+from .page.plan_view import Between, CommonPlan, PathLine, PlanView, Playback, plan_view
 from .page.screen_state import Sentence, Tone
 from .page.target_editor import TargetEditor
 from .page.target_ik import Surroundings, Target, TargetSolver
@@ -41,16 +46,25 @@ SAME_PICTURE = to_rad(0.005)
 HINT_POINTS = 25
 """Points of the dashed line before there is a plan; chosen: it looks smooth."""
 
+LOOKS = 80
+"""Instants at which the clearance between two arms is computed; chosen: takes about 10 ms."""
+
+Submit = Callable[[Callable[[], Any]], Future[Any]]
+"""Runs a slow call on another thread."""
+
 
 class ViewModel(TargetEditor):
-    """State and commands of the Move tab.
+    """The target of one arm, and its part of the plan.
 
     Attributes:
         plan_view: The newest plan and what is drawn of it; None before the first.
         plan_is_current: Whether that plan can still be executed.
-        replans: Whether ``execute`` plans again while the arm moves, when the scene changes.
-        drops: How often a plan was dropped because something has changed.
+        is_planned_for: Whether a plan is being made.
+        motion: Follows the plan; None at rest.
+        t: How far into the plan the ghost stands [s].
+        replans: Whether the arm plans again while it moves, when the scene changes.
         ran: The newest plan that was executed and how it was followed; None before.
+        dropped: Called with why the plan is dropped, also one that is being made.
     """
 
     def __init__(
@@ -59,30 +73,24 @@ class ViewModel(TargetEditor):
         arm: Arm,
         gripper: GripperLike,
         load_solver: Callable[[Surroundings], TargetSolver],
-        submit: Callable[[Callable[[], Any]], Future[Any]],
+        submit: Submit,
         now: Callable[[], float],
-        welcome: str,
     ) -> None:
-        self.arm, self.gripper, self._submit, self._now = arm, gripper, submit, now
+        self.arm, self.gripper, self._submit = arm, gripper, submit
         self._load_solver = load_solver
         self._around = Surroundings(arm.scene, arm.range)
-        self._caps = (arm.speed, arm.acceleration)  # of the plan that is shown or being made
+        self._caps = self.caps  # of the plan that is shown or being made
         super().__init__(load_solver(self._around), arm.state, now)
         self._loading: Future[TargetSolver] | None = None
         self._shown = arm.state
-        self._sentence = Sentence(welcome)
         self.plan_view: PlanView | None = None
-        self.plan_is_current = False
-        self._planning: Future[Plan] | None = None
-        self._motion: Motion | None = None
-        self._backs_out = False
+        self.plan_is_current = self.is_planned_for = False
+        self.motion: Motion | None = None
         self._in_contact: tuple[object, bytes, bool] = (None, b"", False)  # where it was looked
-        self.sweeps, self.replans = True, False
-        self._playback = Playback()
+        self.sweeps, self.replans, self.t = True, False, 0.0
         self.tracker = MotionTracker()
-        self._count = 0  # plans that were shown
-        self.drops = 0
         self.ran: tuple[PlanView, Tracking] | None = None
+        self.dropped: Callable[[Sentence], None] = lambda _why: self.leave_plan()
         self.path = self._hint()
 
     # Commands
@@ -97,96 +105,54 @@ class ViewModel(TargetEditor):
         self.arm.set_acceleration(acceleration)
         self._follow_caps()
 
-    def plan(self) -> None:
-        if self.can_plan:
-            goal = self._target.goal
-            self._planning = self._submit(lambda: self.arm.plan(goal))
-            self._backs_out, self._sentence = False, texts.PLANNING
-
-    def plan_back_out(self) -> None:
-        """Plan slowly out of the contact in which the arm stands; it stays where it is."""
-        if self._may_plan():
-            self._planning = self._submit(lambda: self.arm.plan(LeaveContactGoal()))
-            self._backs_out, self._sentence = True, texts.PLANNING
-
-    def show(self, plan: Plan) -> None:
+    def aim_as(self, plan: Plan) -> None:
+        """Take the end of a plan as the target."""
         self._target = self._at_joints(plan.q_goal, self._target.frame)
         self.history.add((self._target, self._kind))
-        self.take_plan(plan)
 
-    def take_plan(self, plan: Plan, name: str = "") -> None:
-        """Show a plan to the target that is set, under a name or its number."""
-        newest, self._count = self.arm.newest, self._count + 1
+    def take_plan(self, plan: Plan, name: str) -> None:
+        """Show a plan to the target that is set."""
+        newest = self.arm.newest
         made_for = newest[0] if newest is not None and newest[1] is plan else None
-        view = plan_view(
+        self.plan_view = plan_view(
             plan,
             self._solver,
             self._target.frame,
             scene=self.arm.scene if made_for is None else made_for.scene,
             q_jaw=self.state.q_jaw_ref if made_for is None else made_for.q_jaw,
-            name=name or f"Plan {self._count}",
+            name=name,
         )
-        self.plan_view, self.plan_is_current = view, True
-        self.path = view.path
-        self._playback.load(plan.duration)
-        self._sentence = texts.PLANNED
+        self.plan_is_current, self.is_planned_for = True, False
+        self.path, self.t = self.plan_view.path, plan.duration
 
-    def drop_plan(self, sentence: Sentence) -> None:
-        """Forget the plan, also one that is being made, and say why."""
-        self.drops += 1
-        self._planning = None
-        self.plan_is_current = False
+    def leave_plan(self) -> None:
+        """Forget the plan, also one that is being made."""
+        self.plan_is_current = self.is_planned_for = False
         self.path = self._hint()
-        if self._motion is None:
-            self._sentence = sentence
 
     def preview(self, t: float) -> None:
-        if self.plan_is_current:
-            self._playback.seek(t)
-
-    def play(self, rate: float) -> None:
-        if self.plan_is_current:
-            self._playback.play(rate)
-
-    def show_sweep(self, shown: bool) -> None:
-        self.sweeps = shown
+        """Show the ghost ``t`` [s] into the plan, or at its end."""
+        self.t = 0.0 if self.plan_view is None else min(t, self.plan_view.duration)
 
     def set_replan(self, replans: bool) -> None:
-        """Let the next motion be planned again while it moves, or not."""
         self.replans = replans
 
-    def execute(self) -> None:
-        """Move the arm along the plan that is shown, or with such plans to the target."""
-        if self.plan_view is None or not self.can_execute:
-            return
-        if self.replans and not self._backs_out:
-            self.follow(self.arm.move(self._target.goal, replan=True, wait=False))
-        else:
-            self.follow(self.arm.move(self.plan_view.plan, wait=False))
-
     def follow(self, motion: Motion) -> None:
-        if self.plan_view is not None:
-            self._motion = motion
-            self.tracker.began = None
-            self._playback.seek(self.plan_view.plan.duration)
-            self._sentence = texts.MOVING
+        """Show how the arm moves along the plan that is shown."""
+        self.motion, self.tracker.began = motion, None
 
     def move_jaw(self, aperture: float) -> None:
         """Move the gripper at once: 0 closed, 1 open."""
         self.gripper.move(aperture, wait=False)
-        if self.plan_is_current and self._motion is None:
-            self.drop_plan(texts.JAW_MOVED)
+        if self.plan_is_current and self.motion is None:
+            self._drop_plan(texts.JAW_MOVED)
 
     def set_force(self, force: float) -> None:
         """Set how hard a grip presses, as a share of what the servo can keep up."""
         if isinstance(self.gripper, Gripper):
             self.gripper.set_force(force)
 
-    def report(self, error: BaseException) -> None:
-        self._sentence = texts.ended(error)
-
-    def tell(self, sentence: Sentence) -> None:
-        self._sentence = sentence
+    # What is shown
 
     @property
     def q_arm(self) -> Array:
@@ -198,74 +164,37 @@ class ViewModel(TargetEditor):
         """How far the arm is from the end of the newest plan [m]; 0 before the first."""
         if self.plan_view is None:
             return 0.0
-        goal, here = (
-            self._solver.point(q, self._target.frame)
-            for q in (self.plan_view.plan.q_goal, self.state.q)
-        )
+        ends = (self.plan_view.plan.q_goal, self.state.q)
+        goal, here = (self._solver.point(q, self._target.frame) for q in ends)
         return float(np.linalg.norm(here - goal))
 
-    # Updates
-
-    def refresh(self) -> bool:
-        """Take in changes since the last call; return whether there is anything new to show."""
-        self.state = self.arm.state
-        if self._motion is None and texts.blocked(self.state) is not None:
-            self._sentence = texts.HOLDS_AGAIN  # for later: where it arrived is no longer true
-        own = None if self._motion is None else self.plan_view
-        events = (
-            self._follow_surroundings(),
-            self._follow_caps(),
-            self._track("another motion" if own is None else own.name),
-            self._collect_plan(),
-            self._show_plan_under_way(),
-            self._collect_motion(),
-            self._notice_departure(),
-            self._playback.advance(self._now()),
-        )
-        if not any(events) and not _looks_different(self.state, self._shown):
-            return False
-        self._shown = self.state
-        if not self.plan_is_current:
-            self.path = self._hint()
-        return True
-
-    # What is shown
-
     @property
-    def arms(self) -> dict[str, ViewModel]:
-        return {"": self}
-
-    @property
-    def sentence(self) -> Sentence:
-        sentence = self._sentence
-        if self._target.problem is not None and self._motion is None:
-            sentence = Sentence(self._target.problem, Tone.BAD)
-        return texts.blocked(self.state) or sentence
+    def problem(self) -> Sentence | None:
+        """Why the arm cannot be moved, or not to its target."""
+        blocked, problem = texts.blocked(self.state), self._target.problem
+        if blocked is None and problem is not None and self.motion is None:
+            return Sentence(problem, Tone.BAD)
+        return blocked
 
     @property
     def q_ghost(self) -> Array | None:
         """Where the ghost stands, shape (5,), [rad]; None when it is hidden."""
         q = self._target.q
         if self.plan_view is not None and self.plan_is_current:
-            q = self.plan_view.plan.trajectory.sample(self._playback.t).q
+            q = self.plan_view.plan.trajectory.sample(self.t).q
         return None if _apart(q, self.state.q) < SAME_POSE else q
 
     @property
     def sweep(self) -> Array | None:
         """Configurations along the path to be shown, shape (k, 5), [rad], or None."""
-        has_plan = self.plan_view is not None and self.plan_is_current and self.sweeps
-        return self.plan_view.sweep if self.plan_view is not None and has_plan else None
-
-    @property
-    def preview_time(self) -> float:
-        """How far into the plan the ghost stands [s]."""
-        return self._playback.t
+        is_shown = self.plan_is_current and self.sweeps
+        return self.plan_view.sweep if self.plan_view is not None and is_shown else None
 
     @property
     def progress(self) -> float:
         """Share of the motion that is done, 0 to 1."""
         began = self.tracker.began
-        if self._motion is None or self.plan_view is None or began is None:
+        if self.motion is None or self.plan_view is None or began is None:
             return 0.0
         return min((self.state.t - began) / max(self.plan_view.duration, 1e-9), 1.0)
 
@@ -279,16 +208,19 @@ class ViewModel(TargetEditor):
         return self.gripper.force if isinstance(self.gripper, Gripper) else None
 
     @property
-    def can_plan(self) -> bool:
-        return (
-            self._may_plan()
-            and self._target.problem is None
-            and _apart(self._target.q, self.state.q_ref) > START_TOLERANCE
-        )
+    def may_plan(self) -> bool:
+        """Whether the arm holds still, and no plan is being made for it."""
+        rests = self.motion is None and self.state.mode is Mode.HOLDING
+        return rests and not self.is_planned_for
+
+    @property
+    def is_at_target(self) -> bool:
+        return _apart(self._target.q, self.state.q_ref) <= START_TOLERANCE
 
     @property
     def can_back_out(self) -> bool:
-        if not self._may_plan():
+        """Whether the arm is in contact where it stands and may leave it."""
+        if not self.may_plan:
             return False
         place = np.append(self.state.q_ref, self.state.q_jaw_ref)
         if self._in_contact[:2] != (self._solver, place.tobytes()):
@@ -298,20 +230,43 @@ class ViewModel(TargetEditor):
 
     @property
     def can_execute(self) -> bool:
+        """Whether the plan is still true and the arm may move."""
         return (
             self.plan_is_current
-            and self._motion is None
+            and self.motion is None
             and self.state.mode is Mode.HOLDING
             and Surroundings(self.arm.scene, self.arm.range).same_as(self._around)
             and self.caps == self._caps
         )
 
+    def refresh(self) -> bool:
+        """Take in changes since the last call; return whether there is anything new to show."""
+        self.state = self.arm.state
+        own = None if self.motion is None else self.plan_view
+        events = (
+            self._follow_surroundings(),
+            self._follow_caps(),
+            self._track("another motion" if own is None else own.name),
+            self._notice_departure(),
+        )
+        if not any(events) and not _looks_different(self.state, self._shown):
+            return False
+        self._shown = self.state
+        if not self.plan_is_current:
+            self.path = self._hint()
+        return True
+
     # Helpers
 
     def _aim(self, target: Target) -> None:
         self._target = target
-        there = _apart(target.q, self.state.q_ref) <= START_TOLERANCE
-        self.drop_plan(texts.ALREADY_THERE if there else texts.PRESS_PLAN)
+        self._drop_plan(texts.ALREADY_THERE if self.is_at_target else texts.PRESS_PLAN)
+
+    def _drop_plan(self, why: Sentence) -> None:
+        if self.motion is None:
+            self.dropped(why)
+        else:
+            self.leave_plan()
 
     def _follow_caps(self) -> bool:
         """Drop a plan that was made with other caps, whoever has set the new ones."""
@@ -319,8 +274,8 @@ class ViewModel(TargetEditor):
         if caps == self._caps:
             return False
         self._caps = caps
-        if self.plan_is_current or self._planning is not None:
-            self.drop_plan(texts.CAPS_CHANGED)
+        if self.plan_is_current or self.is_planned_for:
+            self._drop_plan(texts.CAPS_CHANGED)
         return True
 
     def _hint(self) -> PathLine | None:
@@ -332,21 +287,21 @@ class ViewModel(TargetEditor):
         return PathLine(points=points, planned=False)
 
     def _follow_surroundings(self) -> bool:
-        """Use a changed scene or joint range, on a worker thread."""
+        """Use a changed scene or joint range, on a worker thread; raises if that has failed."""
         around = Surroundings(self.arm.scene, self.arm.range)
         if self._loading is None and not around.same_as(self._around):
             self._around = around
             self._loading = self._submit(lambda: self._load_solver(around))
-            moves_on = self.replans and self._motion is not None
-            if (self.plan_is_current or self._planning is not None) and not moves_on:
-                self.drop_plan(texts.SURROUNDINGS_CHANGED)
+            moves_on = self.replans and self.motion is not None
+            if (self.plan_is_current or self.is_planned_for) and not moves_on:
+                self._drop_plan(texts.SURROUNDINGS_CHANGED)
             return True
         if self._loading is None or not self._loading.done():
             return False
         loading, self._loading = self._loading, None
         error = loading.exception()
         if error is not None:
-            self.report(error)
+            self.dropped(texts.ended(error))
             return True
         self._solver = loading.result()
         self._target = self._again(self._target)
@@ -360,51 +315,260 @@ class ViewModel(TargetEditor):
             self.ran = plan, tracker.newest
         return ended
 
+    def _notice_departure(self) -> bool:
+        """Drop a plan whose start the arm has left."""
+        if self.plan_view is None or not self.plan_is_current or self.motion is not None:
+            return False
+        if _apart(self.plan_view.plan.q_start, self.state.q_ref) <= START_TOLERANCE:
+            return False
+        self._drop_plan(texts.ARM_MOVED)
+        return True
+
+
+class MoveModel:
+    """What the arms on the Move tab have in common.
+
+    Args:
+        cell: Keeps several arms apart; None for a single one.
+        arms: Target and picture of each arm; the name of a single one is empty.
+        now: The time [s].
+    """
+
+    def __init__(
+        self,
+        cell: Cell | None,
+        arms: Mapping[str, ViewModel],
+        *,
+        submit: Submit,
+        now: Callable[[], float],
+        welcome: str,
+    ) -> None:
+        self._cell, self.arms, self._submit, self._now = cell, dict(arms), submit, now
+        self._sentence = Sentence(welcome)
+        self.common_plan: CommonPlan | None = None
+        self._planning: Future[CommonPlan] | None = None
+        self._backs_out = False
+        self._motions: dict[str, Motion] = {}
+        self._playback = Playback()
+        self._count = 0  # plans that were shown
+        for name, arm in self.arms.items():
+            arm.dropped = partial(self._drop_plan, name)
+
+    # Commands
+
+    def plan(self) -> None:
+        """Plan one motion that brings every arm to its target; the arms stay where they are."""
+        if self.can_plan:
+            self._plan({name: arm.target.goal for name, arm in self.arms.items()})
+
+    def plan_back_out(self) -> None:
+        """Plan slowly out of the contact in which a single arm stands; it stays where it is."""
+        if all(arm.may_plan for arm in self.arms.values()):
+            self._plan({"": LeaveContactGoal()}, backs_out=True)
+
+    def show(self, plan: Plan) -> None:
+        """Show a plan of a single arm that was made elsewhere."""
+        self.arms[""].aim_as(plan)
+        self._take_plan({"": plan})
+
+    def execute(self) -> None:
+        """Move all arms along the plan that is shown, or a single one with such plans."""
+        if self.common_plan is None or not self.can_execute:
+            return
+        if self._cell is not None:
+            self._follow(self._cell.move(self.common_plan.plans, wait=False))
+            return
+        one = self.arms[""]
+        if one.replans and not self._backs_out:
+            motion = one.arm.move(one.target.goal, replan=True, wait=False)
+        else:
+            motion = one.arm.move(self.common_plan.plans[""], wait=False)
+        self._follow({"": motion})
+
+    def preview(self, t: float) -> None:
+        """Show the ghosts ``t`` seconds into the plan."""
+        if self.plan_is_current:
+            self._playback.seek(t)
+            self._place_ghosts()
+
+    def play(self, rate: float) -> None:
+        """Play the plan with the ghosts at ``rate`` times real time, or pause."""
+        if self.plan_is_current:
+            self._playback.play(rate)
+
+    def set_speed(self, speed: float) -> None:
+        for arm in self.arms.values():
+            arm.set_speed(speed)
+
+    def set_acceleration(self, acceleration: float) -> None:
+        for arm in self.arms.values():
+            arm.set_acceleration(acceleration)
+
+    def show_sweep(self, shown: bool) -> None:
+        for arm in self.arms.values():
+            arm.sweeps = shown
+
+    def report(self, error: BaseException) -> None:
+        self._sentence = texts.ended(error)
+
+    def tell(self, sentence: Sentence) -> None:
+        self._sentence = sentence
+
+    # What is shown
+
+    @property
+    def sentence(self) -> Sentence:
+        for name, arm in self.arms.items():
+            problem = arm.problem
+            if problem is not None:
+                return texts.named(name, problem)
+        return self._sentence
+
+    @property
+    def plan_is_current(self) -> bool:
+        return all(arm.plan_is_current for arm in self.arms.values())
+
+    @property
+    def can_plan(self) -> bool:
+        """Whether all arms can be planned for, and one of them is not at its target."""
+        ready = all(arm.may_plan and arm.target.problem is None for arm in self.arms.values())
+        return ready and not all(arm.is_at_target for arm in self.arms.values())
+
+    @property
+    def can_execute(self) -> bool:
+        return all(arm.can_execute for arm in self.arms.values())
+
+    @property
+    def preview_time(self) -> float:
+        """How far into the plan the ghosts stand [s]."""
+        return self._playback.t
+
+    @property
+    def progress(self) -> float:
+        """Share of the motion that is done, 0 to 1."""
+        return max(each.progress for each in self.arms.values())
+
+    @property
+    def caps(self) -> tuple[float, float]:
+        """Speed [rad/s] and acceleration cap [rad/s^2] of the next plan, of the slowest arm."""
+        speeds, accelerations = zip(*(each.caps for each in self.arms.values()), strict=True)
+        return min(speeds), min(accelerations)
+
+    @property
+    def sweeps(self) -> bool:
+        return all(each.sweeps for each in self.arms.values())
+
+    def refresh(self) -> bool:
+        """Take in changes since the last call; return whether there is anything new to show."""
+        news = [arm.refresh() for arm in self.arms.values()]
+        is_blocked = any(texts.blocked(arm.state) is not None for arm in self.arms.values())
+        if is_blocked and not self._motions:
+            self._sentence = texts.HOLDS_AGAIN  # for later: where it arrived is no longer true
+        news += [self._collect_plan(), self._show_plan_under_way(), self._collect_motions()]
+        if self._playback.advance(self._now()):
+            self._place_ghosts()
+            news.append(True)
+        return any(news)
+
+    # Helpers
+
+    def _plan(self, goals: dict[str, Any], *, backs_out: bool = False) -> None:
+        def made() -> CommonPlan:
+            if self._cell is None:
+                return CommonPlan(plans={"": self.arms[""].arm.plan(goals[""])})
+            plans = self._cell.plan_together(goals)
+            return CommonPlan(plans=plans, clearances=_clearances(self._cell, plans))
+
+        for arm in self.arms.values():
+            arm.is_planned_for = True
+        self._planning, self._backs_out = self._submit(made), backs_out
+        self._sentence = texts.PLANNING
+
+    def _take_plan(
+        self, plans: Mapping[str, Plan], clearances: tuple[Between, ...] = (), name: str = ""
+    ) -> None:
+        self._count += 1
+        name = name or f"Plan {self._count}"
+        self.common_plan = CommonPlan(plans=plans, clearances=clearances, name=name)
+        for each, arm in self.arms.items():
+            arm.take_plan(plans[each], name)
+        self._playback.load(self.common_plan.duration)
+        self._sentence = texts.PLANNED if self._cell is None else texts.ALL_PLANNED
+
+    def _drop_plan(self, name: str, why: Sentence) -> None:
+        self._planning = None
+        for arm in self.arms.values():
+            arm.leave_plan()
+        self._sentence = texts.named(name, why)
+
+    def _follow(self, motions: Mapping[str, Motion]) -> None:
+        self._motions = dict(motions)
+        for name, motion in motions.items():
+            self.arms[name].follow(motion)
+        self._playback.seek(np.inf)
+        self._place_ghosts()
+        self._sentence = texts.MOVING
+
     def _collect_plan(self) -> bool:
         if self._planning is None or not self._planning.done():
             return False
         future, self._planning = self._planning, None
+        for arm in self.arms.values():
+            arm.is_planned_for = False
         error = future.exception()
         if error is not None:
             self._sentence = texts.ended(error)
-        elif self._backs_out:
-            self.show(future.result())
-        else:
-            self.take_plan(future.result())
+            return True
+        made = future.result()
+        if self._backs_out:
+            self.arms[""].aim_as(made.plans[""])
+        self._take_plan(made.plans, made.clearances)
         return True
 
     def _show_plan_under_way(self) -> bool:
-        """Show the plan that the arm follows, if that is another one than before."""
-        motion, shown = self._motion, self.plan_view
-        if motion is None or shown is None or motion.plan in (None, shown.plan):
+        """Show the plan that a single arm follows, if that is another one than before."""
+        motion, shown = self._motions.get(""), self.common_plan
+        if motion is None or shown is None or motion.plan in (None, shown.plans[""]):
             return False
-        self.take_plan(motion.plan, shown.name)
-        self.follow(motion)
+        self._take_plan({"": motion.plan}, name=shown.name)
+        self._follow({"": motion})
         return True
 
-    def _collect_motion(self) -> bool:
-        if self._motion is None or not self._motion.future.done():
+    def _collect_motions(self) -> bool:
+        motions = self._motions
+        if not motions or not all(each.future.done() for each in motions.values()):
             return False
-        motion, self._motion = self._motion, None
-        self.plan_is_current = False
-        error = motion.future.exception()
-        if error is not None:
-            self._sentence = texts.ended(error)
+        self._motions = {}
+        for arm in self.arms.values():
+            arm.motion = None
+            arm.leave_plan()
+        errors = [each.future.exception() for each in motions.values()]
+        failed = [error for error in errors if error is not None]
+        first = next((error for error in failed if not isinstance(error, Interrupted)), None)
+        if first is not None or (failed and self._cell is None):
+            self._sentence = texts.ended(first or failed[0])
+        elif failed:
+            self._sentence = texts.ALL_STOPPED
         else:
-            self._sentence = texts.arrived(self.distance_to_goal())
+            off = max(arm.distance_to_goal() for arm in self.arms.values())
+            self._sentence = texts.arrived(off)
         return True
 
-    def _notice_departure(self) -> bool:
-        """Drop a plan whose start the arm has left."""
-        if self.plan_view is None or not self.plan_is_current or self._motion is not None:
-            return False
-        if _apart(self.plan_view.plan.q_start, self.state.q_ref) <= START_TOLERANCE:
-            return False
-        self.drop_plan(texts.ARM_MOVED)
-        return True
+    def _place_ghosts(self) -> None:
+        for arm in self.arms.values():
+            arm.preview(self._playback.t)
 
-    def _may_plan(self) -> bool:
-        return self._planning is None and self._motion is None and self.state.mode is Mode.HOLDING
+
+def _clearances(cell: Cell, plans: Mapping[str, Plan]) -> tuple[Between, ...]:
+    """The clearance of every two arms over the time of their plans."""
+    members, found = cell.members, []
+    times = np.linspace(0.0, max(each.duration for each in plans.values()), LOOKS)
+    courses = {name: members[name].along(plan.trajectory, 0.0) for name, plan in plans.items()}
+    for a, b in combinations(plans, 2):
+        T = members[a].T_cell_base.inverse @ members[b].T_cell_base
+        pair = (members[a].bodies, courses[a]), (members[b].bodies, courses[b])
+        found.append(Between(a, b, tuple(clearance_over_time(*pair, T, times))))
+    return tuple(found)
 
 
 def _apart(q: Array, other: Array) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from so101_viewer.page.target_ik import TargetSolver
-from so101_viewer.view_model import ViewModel
+from so101_viewer.view_model import MoveModel, ViewModel
 
 from so101_motion.common.errors import OutsideLimits, Unreachable
 from so101_motion.common.geometry import Array
@@ -173,7 +173,6 @@ def pages_of(opened, clock):
             load_solver=TargetSolver,
             submit=run_at_once,
             now=clock.now,
-            welcome="",
         )
         for name, rig in opened.rigs.items()
     }
@@ -212,6 +211,16 @@ class FakeSolver(TargetSolver):
         )
         self._collisions = SimpleNamespace(clearance=clearance, first_contact=contact)
         self._ik = SimpleNamespace(candidates=candidates)
+
+
+class OnePage(MoveModel):
+    """The Move tab of one arm, and that arm."""
+
+    def __init__(self, page, inputs):
+        super().__init__(None, {"": page}, submit=run_at_once, now=inputs.now, welcome=WELCOME)
+
+    def __getattr__(self, name):
+        return getattr(self.arms[""], name)
 
 
 def planned(page):

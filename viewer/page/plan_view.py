@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import NamedTuple
 
 import numpy as np
 
 from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.apart import Meeting
 from so101_motion.planning.collision.collision import Clearance
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.request import Plan
@@ -61,6 +64,31 @@ class PlanView:
     @property
     def duration(self) -> float:
         return self.plan.duration
+
+
+class Between(NamedTuple):
+    """The clearance between two arms over the time of their plans: their closest bodies at each."""
+
+    first: str
+    second: str
+    closest: tuple[Meeting, ...]
+
+    @property
+    def least(self) -> Meeting:
+        return min(self.closest, key=lambda each: each.distance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CommonPlan:
+    """A plan for all arms, by their names, with the clearance of every two arms."""
+
+    plans: Mapping[str, Plan]
+    clearances: tuple[Between, ...] = ()
+    name: str = ""
+
+    @property
+    def duration(self) -> float:
+        return max(each.duration for each in self.plans.values())
 
 
 def plan_view(

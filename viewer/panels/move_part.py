@@ -17,7 +17,6 @@ from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import RigLike
 from so101_motion.tasks.sweeps.atlas import Atlas
 
-from ..cell_model import CellModel
 from ..page import markup
 from ..page.bar import add_stop
 from ..page.page_context import Drawn, PageContext, Part
@@ -26,7 +25,7 @@ from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, Views, set_up_view
 from ..scene.reach_view import ReachView
 from ..scene.scene_view import hit
-from ..view_model import ViewModel
+from ..view_model import MoveModel, ViewModel
 from .plan_panel import SELECTS, PlanPanel
 from .poses import PoseList
 from .stage import Stage
@@ -83,28 +82,24 @@ class MovePart(Part):
         plan: Plan | None = None,
         atlas: Atlas | None = None,
     ) -> None:
-        now = next(iter(rigs.values())).clock.now
-        of_each = "" if cell is None else " of each arm"
-        welcome = f"{title}. Drag the arrows{of_each}, then press Plan."
+        now, submit = next(iter(rigs.values())).clock.now, context.in_background
         self.pages = {
             name: ViewModel(
                 arm=rig.arm,
                 gripper=rig.gripper,
                 load_solver=TargetSolver,
-                submit=context.in_background,
+                submit=submit,
                 now=now,
-                welcome=welcome,
             )
             for name, rig in rigs.items()
         }
         self._context, self._first = context, next(iter(self.pages.values()))
         self._arm = next(iter(rigs.values())).arm
-        self.model: ViewModel | CellModel = self._first
-        if cell is not None:
-            submit = context.in_background
-            self.model = CellModel(cell, self.pages, submit=submit, now=now, welcome=welcome)
+        of_each = "" if cell is None else " of each arm"
+        welcome = f"{title}. Drag the arrows{of_each}, then press Plan."
+        self.model = MoveModel(cell, self.pages, submit=submit, now=now, welcome=welcome)
         if plan is not None:
-            self._first.show(plan)
+            self.model.show(plan)
         self._set_up_scene(bases, atlas, is_one=cell is None)
         self.stop_button = add_stop(context.gui, *stops)
         self.panel = context.gui.add_panel()
@@ -112,7 +107,7 @@ class MovePart(Part):
         self.panel.set_width(_WIDTH)
         self._joints = {name: ArmPanel(context.gui, self.panel, name or "Arm") for name in rigs}
         poses = None
-        if isinstance(self.model, ViewModel):
+        if cell is None:
             (rig,) = rigs.values()
             poses = PoseList(SavedPoses(zeros=lambda: rig.connection.encoder_zeros), self.model)
         self._words = PlanPanel(context, self.model, poses, on_click=self._set_click)

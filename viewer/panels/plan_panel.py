@@ -16,11 +16,10 @@ from so101_motion.common.named_poses import POSES
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 
-from ..cell_model import CellModel, CommonPlan
 from ..page import markup, texts
 from ..page.bar import board, uuid_of
 from ..page.page_context import PageContext
-from ..page.plan_view import RATES
+from ..page.plan_view import RATES, CommonPlan
 from ..page.shared_fields import (
     DEGREES,
     HUNDREDTHS,
@@ -35,7 +34,7 @@ from ..page.shared_fields import (
 )
 from ..page.target_editor import DIRECTIONS
 from ..page.target_ik import FRAMES
-from ..view_model import ViewModel
+from ..view_model import MoveModel, ViewModel
 from .plots import PlanPlots
 from .poses import PoseFolder, PoseList
 
@@ -62,7 +61,7 @@ class PlanPanel:
     def __init__(
         self,
         context: PageContext,
-        model: ViewModel | CellModel,
+        model: MoveModel,
         poses: PoseList | None,
         *,
         on_click: Callable[[str], None],
@@ -96,7 +95,7 @@ class PlanPanel:
         self._add_buttons()
         self._back_out = context.button(
             "Back out slowly",
-            page.plan_back_out,
+            self._model.plan_back_out,
             visible=False,
             hint="Plans a slow straight motion out of the contact; Execute runs it. In a surface"
             " whose inside is not known it may lead deeper.",
@@ -162,20 +161,21 @@ class PlanPanel:
             self._own_poses.show()
         self._plots.show(model)
         self._show_plan()
-        if isinstance(model, CellModel):
-            common = model.plan_view if model.plan_is_current else None
+        one = model.arms.get("")
+        if one is None:
+            common = model.common_plan if model.plan_is_current else None
             self._facts.content = markup.facts(plan_facts(common))
         else:
-            self._back_out.visible = model.can_back_out
-            self._replans.show(model.replans)
-            plan = model.plan_view if model.plan_is_current else None
+            self._back_out.visible = one.can_back_out
+            self._replans.show(one.replans)
+            plan = one.plan_view if one.plan_is_current else None
             figures = texts.NO_FACTS if plan is None else texts.plan_facts(plan)
             self._facts.content = markup.facts(figures, lines=_LINES)
 
     def _show_plan(self) -> None:
         model = self._model
-        if model.plan_view is not None:
-            self._preview.max = math.ceil(100.0 * model.plan_view.duration) / 100.0
+        if model.common_plan is not None:
+            self._preview.max = math.ceil(100.0 * model.common_plan.duration) / 100.0
         self.plan_button.disabled = not model.can_plan
         self._execute.disabled = not model.can_execute
         put(self._progress, round(100.0 * model.progress, 1))

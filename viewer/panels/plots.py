@@ -16,12 +16,11 @@ from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.request import Plan
 
-from ..cell_model import CellModel, CommonPlan
 from ..page import markup, texts
 from ..page.bar import uuid_of
-from ..page.plan_view import PlanView
+from ..page.plan_view import CommonPlan, PlanView
 from ..page.tracking import Tracking
-from ..view_model import ViewModel
+from ..view_model import MoveModel
 
 _COLORS = ("#e03131", "#2f9e44", "#1c7ed6", "#f08c00", "#9c36b5")
 _GRAY = "#868e96"
@@ -96,7 +95,7 @@ class PlanPlots:
     def uuids(self) -> list[str]:
         return [uuid_of(plot) or "" for plot in self._plots]
 
-    def show(self, model: ViewModel | CellModel) -> None:
+    def show(self, model: MoveModel) -> None:
         for name, arm in model.arms.items():
             view = arm.plan_view
             if view is not None:
@@ -112,8 +111,8 @@ class PlanPlots:
             if name == self._only and tracking is not None and tracking is not self._tracking:
                 self._tracking = tracking
                 self._show_tracking(tracking, arm.tracker.newest_name)
-        if isinstance(model, CellModel) and self._only is None:
-            self._show_clearance(model)
+        if self._only is None and model.common_plan is not None:
+            self._show_clearance(model.common_plan, is_current=model.plan_is_current)
 
     def _draw(self, name: str, plan: Plan, bounds: tuple[Array, Array]) -> None:
         trajectory, limits = plan.trajectory, plan.limits
@@ -125,10 +124,7 @@ class PlanPlots:
             self._acceleration.data = _columns(t, trajectory.qdd[keep], push, -push)
             self._position.data = _columns(t, q, nearest_limit(q, bounds))
 
-    def _show_clearance(self, model: CellModel) -> None:
-        plan, is_current = model.plan_view, model.plan_is_current
-        if plan is None:
-            return
+    def _show_clearance(self, plan: CommonPlan, *, is_current: bool) -> None:
         said = texts.common_plotted(plan.name, plan.duration, is_current=is_current)
         self._caption.content = markup.caption(said, not is_current)
         if plan is not self._common:

@@ -12,14 +12,14 @@ from ..page.history import SavedFiles
 from ..page.page_context import PageContext
 from ..page.screen_state import Sentence
 from ..page.shared_fields import SharedField, UndoButtons
-from ..view_model import ViewModel
+from ..view_model import MoveModel
 
 
 class PoseList:
     """The user's own poses. For the page's thread."""
 
-    def __init__(self, book: SavedPoses, page: ViewModel) -> None:
-        self._book, self._page = book, page
+    def __init__(self, book: SavedPoses, model: MoveModel) -> None:
+        self._book, self._model, self._page = book, model, model.arms[""]
         self.saved_files = SavedFiles(lambda _name: book.file(), lambda: (), self._put_back)
         self.poses: tuple[NamedPose, ...] = ()
         self.chosen: str | None = None
@@ -27,7 +27,7 @@ class PoseList:
         try:
             self.poses = book.own()
         except So101Error as error:
-            page.report(error)
+            model.report(error)
 
     def choose(self, name: str) -> None:
         if any(pose.name == name for pose in self.poses):
@@ -71,7 +71,7 @@ class PoseList:
         names = [pose.name for pose in self.poses]
         self.chosen = chosen if chosen in names else next(iter(names), None)
         self.name = self.chosen or ""
-        self._page.tell(sentence)
+        self._model.tell(sentence)
 
     def _chosen(self) -> str:
         if self.chosen is None:

@@ -20,7 +20,7 @@ from so101_motion.tasks.program import ARM, Arms, Rehearsal
 from so101_motion.tasks.program.loops import Visit
 from so101_motion.tasks.program.rehearsal import Arrival, Leg
 
-from ..cell_model import Between
+from ..page.plan_view import Between
 
 SHOWN_PAUSE = 2.0
 """Longer pauses are shown for this long [s]; chosen."""

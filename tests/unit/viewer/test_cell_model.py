@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from harness.fake_page import aside, pages_of, run_at_once
-from so101_viewer.cell_model import CellModel
 from so101_viewer.panels.plan_panel import plan_facts
+from so101_viewer.view_model import MoveModel
 
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
@@ -25,7 +25,7 @@ class Bench:
     def __init__(self, opened, clock):
         self.opened, self.clock = opened, clock
         self.arms = pages_of(opened, clock)
-        self.model = CellModel(
+        self.model = MoveModel(
             opened.cell, self.arms, submit=run_at_once, now=clock.now, welcome="Welcome."
         )
 
@@ -63,11 +63,11 @@ def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):
     bench.aim(first=aside(55.0), second=aside(50.0))
     assert bench.plan().plan_is_current
     assert bench.model.can_execute
-    common = bench.model.plan_view
+    common = bench.model.common_plan
     assert len(common.clearances) == 3
     assert all(each.least.distance > 0.7 * ROOM for each in common.clearances)
     bench.model.preview(common.duration)
-    ghosts = [each.preview_time for each in bench.model.arms.values()]
+    ghosts = [each.t for each in bench.model.arms.values()]
     assert ghosts == [plan.duration for plan in common.plans.values()]
     bench.model.execute()
     bench.move(lambda: bench.says("Arrived"))
@@ -79,7 +79,7 @@ def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):
 
 def test_an_arm_that_waits_for_another_is_among_the_figures_of_the_plan(bench):
     bench.aim(first=aside(55.0), second=aside(50.0))
-    plan = bench.plan().plan_view
+    plan = bench.plan().common_plan
     first, *others = plan.plans
     assert not {first, *others} & dict(plan_facts(plan)).keys()
     report = replace(plan.plans[first].report, waits=0.4, waits_for=(others[0],))

@@ -8,6 +8,7 @@ from harness.fake_page import (
     WELCOME,
     FakeArm,
     FakeGripper,
+    OnePage,
     PageInputs,
     planned,
     run_at_once,
@@ -39,14 +40,14 @@ def inputs():
 
 @pytest.fixture
 def page(arm, gripper, inputs):
-    return ViewModel(
+    page = ViewModel(
         arm=arm,
         gripper=gripper,
         load_solver=inputs.load_solver,
         submit=run_at_once,
         now=inputs.now,
-        welcome=WELCOME,
     )
+    return OnePage(page, inputs)
 
 
 def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_path(page, arm):

@@ -12,6 +12,7 @@ class FakePage:
     def __init__(self):
         self.q_arm = np.full(5, 0.1)
         self.target = self
+        self.arms = {"": self}
         self.q = np.full(5, 0.2)
         self.aimed = []
         self.sentence = []
