@@ -134,7 +134,7 @@ class Preview(ServedPage):
         host.say = move.model.report
         panel = host.gui.add_panel()
         about: list[Part] = [
-            HealthPart(context, rig, panel, mark=partial(move.mark, name), name=name)
+            HealthPart(context, rig, panel, mark=move.stages[name].mark, name=name)
             for name, rig in rigs.items()
         ]
         about.append(EventsPart(context, panel))
@@ -162,8 +162,9 @@ class Preview(ServedPage):
             )
             for name, each in self._tab_for_each("Teach", rigs)
         ]
+        fade = {name: stage.fade for name, stage in move.stages.items()}
         hold = HoldButtons(
-            context, title=source.title, rigs=rigs, guide=program.model.guide, fade=move.fade
+            context, title=source.title, rigs=rigs, guide=program.model.guide, fade=fade
         )
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
         host.add_parts(move, program, world, share, *about, hold, *logs, *self._teaches)

@@ -98,9 +98,9 @@ def add_stop(gui: viser.GuiApi, *stops: Callable[[], None]) -> viser.GuiButtonHa
     """
     button = gui.add_button("STOP", color="red", visible=False)
     for stop in stops:
-        button.on_click(_ignoring_event(stop))
+
+        def pressed(_event: object, stop: Callable[[], None] = stop) -> None:
+            stop()
+
+        button.on_click(pressed)
     return button
-
-
-def _ignoring_event(call: Callable[[], None]) -> Callable[[object], None]:
-    return lambda _event: call()

@@ -31,10 +31,6 @@ def instruction(title: str, text: str) -> str:
     )
 
 
-def good(text: str) -> str:
-    return marked("✓", GOOD, text, "")
-
-
 def going_on(text: str) -> str:
     return marked("…", DIM, text, "")
 

@@ -226,7 +226,8 @@ class Jogging:
                 lead.motion.future.result()
                 return
             now = self._clock.now()
-            held = self._still_held(now)
+            last = self._held
+            held = None if last is None or now - last[1] >= DEADMAN else last[0]
             lead.move(held, SPEEDS[self.speed], min(now - before, 2.0 * PERIOD))
             self._turn_jaw(0.0 if held is None else float(np.sign(held[6])))
             before = now
@@ -236,10 +237,6 @@ class Jogging:
         held, due = self._held, before + PERIOD
         ends = due if held is None else held[1] + DEADMAN
         return min(due, ends) if ends > before else due
-
-    def _still_held(self, now: float) -> Array | None:
-        held = self._held
-        return None if held is None or now - held[1] >= DEADMAN else held[0]
 
     def _turn_jaw(self, way: float) -> None:
         if way == self._jaw:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from http.client import HTTPException
 from socket import gaierror
@@ -122,16 +122,12 @@ class CameraFeed:
         request = Request(self._camera, headers={"User-Agent": "so101_motion"})
         with urlopen(request, timeout=PATIENCE) as reply:
             if "multipart" in reply.headers.get("Content-Type", ""):
-                self._take_each(_jpegs(reply))
-            else:
-                self._take(reply.read(LARGEST + 1))
-
-    def _take_each(self, pictures: Iterable[bytes]) -> None:
-        for data in pictures:
-            self._take(data)
-            if self._closing.is_set() or not self._wanted():
-                return
-        raise ValueError("the stream has ended")
+                for data in _jpegs(reply):
+                    self._take(data)
+                    if self._closing.is_set() or not self._wanted():
+                        return
+                raise ValueError("the stream has ended")
+            self._take(reply.read(LARGEST + 1))
 
     def _take(self, data: bytes) -> None:
         kind = _KINDS.get(data[:2])

@@ -75,15 +75,12 @@ class ArmEvents(Part):
             self._tell(
                 f"{what} at ({x:.0f}, {y:.0f}, {z:.0f}) mm {after} {lasted:.1f} s", Tone.PLAIN
             )
+        moved = before.mode in (Mode.MOVING, Mode.STOPPING)
         if now.fault != before.fault and now.fault is not None:
             if self._problem is None:
                 self._tell(f"Fault: {now.fault}", Tone.BAD)
-        elif now.mode is not before.mode and now.mode in _MODES and not _in_motion(before):
+        elif now.mode is not before.mode and now.mode in _MODES and not moved:
             self._tell(_MODES[now.mode], Tone.PLAIN)
-
-
-def _in_motion(state: JointState) -> bool:
-    return state.mode in (Mode.MOVING, Mode.STOPPING)
 
 
 def _newest(rig: RigLike) -> Plan | None:

@@ -7,7 +7,7 @@ connections. viser records what a server sends, so a server without clients is s
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
@@ -214,10 +214,12 @@ def _dressed(player: str, film: Film) -> str:
     player = player.replace(_LIGHT, _AS_WISHED, 1)
     head = player.index("<head>") + len("<head>")
     body = player.rindex("</body>")
+    facts = film.facts()
+    rows = "".join(f"<i>{escape(name)}</i><span>{escape(value)}</span>" for name, value in facts)
     return (
         f"{player[:head]}{policy}<title>{title}</title><script>{script(NOTICE)}</script>"
-        f"{player[head:body]}"
-        f"{_card(title, film.facts())}{player[body:]}"
+        f"{player[head:body]}{_CARD_STYLE}"
+        f'<div id="so101-card"><b>{title}</b><div>{rows}</div></div>{player[body:]}'
     )
 
 
@@ -246,11 +248,6 @@ _CARD_STYLE = """<style>
   .mantine-Notifications-root { top: 12px !important; bottom: auto !important }
 }
 </style>"""
-
-
-def _card(title: str, facts: Iterable[tuple[str, str]]) -> str:
-    rows = "".join(f"<i>{escape(name)}</i><span>{escape(value)}</span>" for name, value in facts)
-    return f'{_CARD_STYLE}<div id="so101-card"><b>{title}</b><div>{rows}</div></div>'
 
 
 def _at(t: Array, known: Array, values: Array) -> Array:

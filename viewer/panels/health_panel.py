@@ -162,16 +162,13 @@ def figures(found: Health) -> str:
         )
         lines.append(("Bus", f"{retries} retries, {lost} lost, {corrupt} garbled"))
     if found.port_losses is not None:
-        lines.append(("Disconnected", _times(found.port_losses)))
+        times = {0: "never", 1: "once"}.get(found.port_losses, f"{found.port_losses} times")
+        lines.append(("Disconnected", times))
     if found.last_failure is not None:
         lines.append(("Before the last failure", found.last_failure))
     return (
         f'<div style="padding:.5em .7em .2em;font-size:.82em">{servos}</div>{markup.facts(lines)}'
     )
-
-
-def _times(count: int) -> str:
-    return {0: "never", 1: "once"}.get(count, f"{count} times")
 
 
 def _servo(servo: JointHealth) -> str:

@@ -83,7 +83,7 @@ class HoldButtons(Part):
         title: str,
         rigs: Mapping[str, RigLike],
         guide: Callable[[], None],
-        fade: Callable[[str, bool], None],
+        fade: Mapping[str, Callable[[bool], None]],
     ) -> None:
         self._context, self._rigs, self._fade = context, dict(rigs), fade
         self._lost_at: dict[str, datetime] = {}
@@ -110,7 +110,7 @@ class HoldButtons(Part):
             connection, state = rig.connection, rig.arm.state
             lost = connection.problem is not None
             if lost is not (name in self._lost_at):
-                self._fade(name, lost)
+                self._fade[name](lost)
                 if lost:
                     self._lost_at[name] = datetime.now()
                 else:
@@ -147,23 +147,20 @@ class HoldButtons(Part):
         return name if len(self._rigs) > 1 else ""
 
     def _each(self, what: str, call: Callable[[RigLike], None]) -> None:
-        for name, rig in self._rigs.items():
-            if call is not _accept or name in self._refused:
-                self._in_background(f"{what} {self._called(name)}".strip(), name, call, rig)
-
-    def _in_background(
-        self, what: str, name: str, call: Callable[[RigLike], None], rig: RigLike
-    ) -> None:
-        def ended(done: Future[Any]) -> None:
+        def ended(name: str, done: Future[Any]) -> None:
             error = done.exception()
             if isinstance(error, OtherCalibration):
                 self._refused[name] = error
             elif error is None and call is not _release:
                 self._refused.pop(name, None)
             if error is not None:
-                self._context.events.add(f"Could not {what}: {error}", Tone.BAD)
+                doing = f"{what} {self._called(name)}".strip()
+                self._context.events.add(f"Could not {doing}: {error}", Tone.BAD)
 
-        self._context.in_background(partial(call, rig)).add_done_callback(ended)
+        for name, rig in self._rigs.items():
+            if call is not _accept or name in self._refused:
+                done = self._context.in_background(partial(call, rig))
+                done.add_done_callback(partial(ended, name))
 
 
 def _why_not(modes: list[Mode], cannot: Mapping[Mode, str]) -> str | None:

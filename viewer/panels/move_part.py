@@ -20,7 +20,6 @@ from so101_motion.tasks.sweeps.atlas import Atlas
 from ..page import markup
 from ..page.bar import add_stop
 from ..page.page_context import Drawn, PageContext, Part
-from ..page.screen_state import Tone
 from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, Views, set_up_view
 from ..scene.reach_view import ReachView
@@ -123,7 +122,7 @@ class MovePart(Part):
         context.bar.views = views.buttons
         context.leave_open(*(button for _, button in views.buttons))
         self.nodes = {name: "" if is_one else f"/arms/{k}" for k, name in enumerate(self.pages)}
-        self._stages = {}
+        self.stages = {}
         for name, page in self.pages.items():
             if not is_one:
                 T, node = bases[name], self.nodes[name]
@@ -131,7 +130,7 @@ class MovePart(Part):
                     node, show_axes=False, position=T.p, wxyz=T.quaternion_wxyz()
                 )
                 context.server.scene.add_label(f"{node}/name", name, position=(-0.08, 0.0, 0.0))
-            self._stages[name] = Stage(
+            self.stages[name] = Stage(
                 context,
                 page,
                 model=robot,
@@ -142,7 +141,7 @@ class MovePart(Part):
             )
 
     def _set_click(self, does: str) -> None:
-        for stage in self._stages.values():
+        for stage in self.stages.values():
             stage.set_clickable(does != SELECTS)
 
     def _clicked(self, p_from: Array, along: Array) -> None:
@@ -151,18 +150,12 @@ class MovePart(Part):
             self._first.set_target_above(met)
 
     def set_visible(self, visible: bool) -> None:
-        for stage in self._stages.values():
+        for stage in self.stages.values():
             stage.set_visible(visible)
 
     def set_handles(self, shown: bool) -> None:
-        for stage in self._stages.values():
+        for stage in self.stages.values():
             stage.set_handles(shown)
-
-    def fade(self, name: str, faded: bool) -> None:
-        self._stages[name].fade(faded)
-
-    def mark(self, name: str, joints: Mapping[str, Tone]) -> None:
-        self._stages[name].mark(joints)
 
     def refresh(self) -> bool:
         is_other = self._context.front.drawn is not self._drawn
@@ -171,7 +164,7 @@ class MovePart(Part):
     def show(self) -> None:
         self._pictures += 1
         self._drawn = self._context.front.drawn
-        for stage in self._stages.values():
+        for stage in self.stages.values():
             stage.show()
         moves = any(each.state.arm_moving for each in self.pages.values())
         if not moves or self._pictures % _WORDS_EVERY == 0:

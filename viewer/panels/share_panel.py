@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass
 from datetime import datetime
 from operator import is_not
 
@@ -33,15 +32,6 @@ PLAN, RUN = "The plan", "The last run"
 
 NOTHING = Sentence("Nothing to share yet: plan a motion first.")
 READY = "Choose a file type. The file goes to this browser's downloads."
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _PendingFile:
-    """A file that is being made for a browser."""
-
-    client: viser.ClientHandle
-    name: str
-    file: Future[bytes]
 
 
 def file_name(arm: MovedArm, kind: str, now: datetime, *, chosen: str = "") -> str:
@@ -75,7 +65,7 @@ class SharePart(Part):
         self._pages, self._bases = pages, bases
         self._seen: tuple[object, ...] = ()
         self._is_current = False
-        self._orders: list[_PendingFile] = []
+        self._orders: list[tuple[viser.ClientHandle, str, Future[bytes]]] = []
         self._status: Sentence | None = None
         gui = context.gui
         with context.tabs.add_tab("Share"):
@@ -100,10 +90,10 @@ class SharePart(Part):
         is_news = len(before) != len(self._seen) or any(map(is_not, self._seen, before))
         if is_news:
             self._status = None
-        done = [order for order in self._orders if order.file.done()]
+        done = [order for order in self._orders if order[-1].done()]
         for order in done:
             self._orders.remove(order)
-            self._hand_over(order)
+            self._hand_over(*order)
         is_current, self._is_current = self._is_current, self._has_current_plan()
         return is_news or bool(done) or is_current is not self._is_current
 
@@ -144,24 +134,20 @@ class SharePart(Part):
         self._status = Sentence("Making the file …")
         arm = arms[chosen]
         film = Film(title=self._title, arms=arms)
-        self._orders.append(
-            _PendingFile(
-                client=client,
-                name=file_name(arm, kind, datetime.now(), chosen=chosen),
-                file=self._context.in_background(
-                    lambda: recording(film) if kind == FILM else content(arm, kind)
-                ),
-            )
+        name = file_name(arm, kind, datetime.now(), chosen=chosen)
+        file = self._context.in_background(
+            lambda: recording(film) if kind == FILM else content(arm, kind)
         )
+        self._orders.append((client, name, file))
 
-    def _hand_over(self, order: _PendingFile) -> None:
-        error = order.file.exception()
+    def _hand_over(self, client: viser.ClientHandle, name: str, file: Future[bytes]) -> None:
+        error = file.exception()
         if error is not None:
             self._status = texts.ended(error)
             return
-        data = order.file.result()
-        order.client.send_file_download(order.name, data, save_immediately=True)
-        self._status = Sentence(f"{order.name}, {_size(len(data))}.", Tone.GOOD)
+        data = file.result()
+        client.send_file_download(name, data, save_immediately=True)
+        self._status = Sentence(f"{name}, {_size(len(data))}.", Tone.GOOD)
 
 
 def _size(count: int) -> str:

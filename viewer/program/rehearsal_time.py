@@ -85,7 +85,12 @@ class RehearsalTime:
             if each.visit.round > 0:
                 break
         self._begins = [each.begins for each in self._spans]
-        times = self._instants()
+        looks = [  # instants at which arms move [s], and the end
+            np.linspace(each.begins, each.arrived, _LOOKS * len(each.leg.at), endpoint=False)
+            for each in self._spans
+            if each.leg.plans
+        ]
+        times = np.concatenate([*looks, [self.duration]])
         stands = [self.at(t)[1] for t in times]
         self.between = _between(arms, times, stands) if isinstance(arms, Cell) else ()
         closest = [(each.t, each.distance) for pair in self.between for each in pair.closest]
@@ -134,15 +139,6 @@ class RehearsalTime:
                 visit=arrival.visit, leg=leg, begins=begins, arrived=arrived, ends=ends, jaws=jaws
             )
         )
-
-    def _instants(self) -> Array:
-        """Instants at which arms move [s], and the end."""
-        moving = [each for each in self._spans if each.leg.plans]
-        looks = [
-            np.linspace(each.begins, each.arrived, _LOOKS * len(each.leg.at), endpoint=False)
-            for each in moving
-        ]
-        return np.concatenate([*looks, [self.duration]])
 
 
 def _between(arms: Cell, times: Array, stands: list[dict[str, Stand]]) -> tuple[Between, ...]:

@@ -113,8 +113,10 @@ def start_guarded(
     url = f"http://{name}:{bound_port}/?key={policy.key}"
     guarded = GuardedServer(viser=server, url=url, policy=policy)
     try:
-        _forbid_tunnel(server)
-        check_locked(_loopback_like(address) if everywhere else address, bound_port)
+        for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+            server._websock_server.unregister_handler(message)
+        loopback = "::1" if ":" in address else "127.0.0.1"
+        check_locked(loopback if everywhere else address, bound_port)
     except BaseException:
         guarded.close()
         raise
@@ -222,11 +224,6 @@ def _served_through(policy: RequestPolicy, listener: socket.socket) -> Iterator[
             websockets.asyncio.server.serve = stock  # type: ignore[misc]  # as it was
 
 
-def _forbid_tunnel(server: viser.ViserServer) -> None:
-    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
-        server._websock_server.unregister_handler(message)
-
-
 def reached_at() -> str | None:
     """The address at which others reach this computer; None without a network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -241,10 +238,6 @@ def reached_at() -> str | None:
 
 def _bracketed(host: str) -> str:
     return f"[{host}]" if ":" in host else host.lower()
-
-
-def _loopback_like(address: str) -> str:
-    return "::1" if ":" in address else "127.0.0.1"
 
 
 @contextmanager

@@ -93,7 +93,8 @@ class RequestPolicy:
             return _reply(403, "Requests from other pages are refused.\n")
         if self._holds_cookie(headers):
             return None
-        if "Upgrade" not in headers and self._admits(_key_in(request.path)):
+        key = parse_qs(urlsplit(request.path).query).get("key", [""])[0]
+        if "Upgrade" not in headers and self._admits(key):
             return self._greet()
         return _reply(401, _EXPIRED, content_type=_HTML)
 
@@ -154,10 +155,6 @@ def _reply(status: int, body: str, *, content_type: str = "text/plain; charset=u
     reply = Response(status, http.client.responses[status], headers, data)
     _confine(reply, connect="'none'")
     return reply
-
-
-def _key_in(path: str) -> str:
-    return parse_qs(urlsplit(path).query).get("key", [""])[0]
 
 
 def _single(headers: Headers, name: str) -> str | None:

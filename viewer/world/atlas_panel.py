@@ -61,7 +61,7 @@ class AtlasPart(Part):
             self._words = gui.add_html("")
         context.on_entry(figure, self._set_figure)
         context.on_entry(self._least, self._set_least)
-        context.on_entry(axis, self._set_axis)
+        context.on_entry(axis, lambda at: self._set(axis=None if at == _ALL else at[-1]))
         context.on_entry(at, lambda value: self._set(at=to_m(float(value))))
         context.on_entry(visible, self._set_visible)
 
@@ -76,9 +76,6 @@ class AtlasPart(Part):
     def _set_least(self, percent: float) -> None:
         of = FIGURES[self._shown.figure]
         self._set(at_least=of.low + 0.01 * float(percent) * (of.high - of.low))
-
-    def _set_axis(self, name: str) -> None:
-        self._set(axis=None if name == _ALL else name[-1])
 
     def _set_visible(self, visible: bool) -> None:
         if self._cubes is not None:

@@ -37,8 +37,7 @@ class OneArm:
     def use(self, scene: Scene) -> None:
         self._arm.scene = scene
 
-    def write(self, scene: Scene, file: Path) -> None:
-        write_scene(scene, file)
+    write = staticmethod(write_scene)
 
 
 class ArmsOfCell:

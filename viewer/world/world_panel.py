@@ -206,7 +206,8 @@ class WorldPart(Part):
     # Commands
 
     def _add(self, kind: str) -> None:
-        self.world.add(kind, self._held_at())
+        held = self.world.scene.attached
+        self.world.add(kind, [(self._T_of(each) @ pose_of(each)).p for each in held])
 
     def _load(self, file: viser.UploadedFile) -> None:
         self.world.load(file.name, file.content)
@@ -284,10 +285,6 @@ class WorldPart(Part):
         """Where all arms are, a row for each, [rad]."""
         return np.array([arm.state.q for arm in self._user.arms.values()])
 
-    def _held_at(self) -> list[Array]:
-        """Where the things are that a gripper holds."""
-        return [(self._T_of(each) @ pose_of(each)).p for each in self.world.scene.attached]
-
     def _T_of(self, thing: Thing | None) -> SE3:
         """What carries a thing, if anything does."""
         return self._tools[holder_of(thing)] if isinstance(thing, Attached) else SE3.identity()
@@ -315,26 +312,19 @@ class WorldPart(Part):
         if self._inside is not None and sentence.tone is not Tone.BAD:
             sentence = self._inside
         self._sentence.content = markup.sentence(sentence)
-        self._show_list()
+        names, nothing = world.names, _nothing(world.names)
+        if self._list.options != (nothing, *names):
+            self._list.options = (nothing, *names)
+        self._selected.show(world.selected or nothing)
         floor_z = world.scene.floor_z
         self._floor.show(floor_z is not None)
         self._floor_z = self._floor_z if floor_z is None else floor_z
         self._height.offer(floor_z)
         self._for_viam.visible = self._viam_scene is world.scene
-        self._tell_of_handles()
-        self._show_thing(world.thing)
-
-    def _tell_of_handles(self) -> None:
-        if self.world.selected != self._handled:
-            self._handled = self.world.selected
+        if world.selected != self._handled:
+            self._handled = world.selected
             self._on_handles(self._handled is not None)
-
-    def _show_list(self) -> None:
-        names = self.world.names
-        nothing = _nothing(names)
-        if self._list.options != (nothing, *names):
-            self._list.options = (nothing, *names)
-        self._selected.show(self.world.selected or nothing)
+        self._show_thing(world.thing)
 
     def _show_thing(self, thing: Thing | None) -> None:
         shape, is_held = None if thing is None else thing.shape, isinstance(thing, Attached)

@@ -140,7 +140,7 @@ def said(**modes):
         title="Two arms",
         rigs={name: rig(mode) for name, mode in modes.items()},
         guide=lambda: None,
-        fade=lambda *_: None,
+        fade={},
     ).refresh()
     return [each.text for sentences in bar._alerts.values() for each in sentences]
 
