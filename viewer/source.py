@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-LOOK_AGAIN = 2.0
-"""How long until an arm that was not found is looked for again [s]; chosen."""
+LOOK_AGAIN = 2.0  # how long until an arm that was not found is looked for again [s]; chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

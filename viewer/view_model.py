@@ -43,14 +43,12 @@ SAME_POSE = to_rad(0.5)
 SAME_PICTURE = to_rad(0.005)
 """A joint that turned less than this is not drawn anew [rad]; chosen: 0.04 mm at full stretch."""
 
-HINT_POINTS = 25
-"""Points of the dashed line before there is a plan; chosen: it looks smooth."""
+HINT_POINTS = 25  # points of the dashed line before there is a plan; chosen: it looks smooth
 
 LOOKS = 80
 """Instants at which the clearance between two arms is computed; chosen: takes about 10 ms."""
 
-Submit = Callable[[Callable[[], Any]], Future[Any]]
-"""Runs a slow call on another thread."""
+Submit = Callable[[Callable[[], Any]], Future[Any]]  # runs a slow call on another thread
 
 
 class ViewModel(TargetEditor):

@@ -1,8 +1,7 @@
 """The content of the bar at the top of the page, which our own front end shows.
 
-It says what the arm does and what is wrong, and has the buttons that must always be in the same
-place: Stop and those of ``hold_buttons.py``. The browser gets it as JSON in an invisible piece of
-HTML, and presses the buttons by the ids of invisible widgets (``server/front/bar.js``).
+The browser gets it as JSON in an invisible piece of HTML, and presses the buttons by the ids of
+invisible widgets (``server/front/bar.js``).
 """
 
 from __future__ import annotations
@@ -22,18 +21,13 @@ CONNECTION = "connection"
 
 @dataclass(slots=True, kw_only=True)
 class BarButton:
-    """A button of the bar.
-
-    Attributes:
-        button: The invisible widget that is pressed.
-        why_not: Why it cannot be pressed now, as a sentence; None if it can.
-        asks: What it asks before it does anything; None if it does not ask.
-    """
+    """A button of the bar."""
 
     label: str
-    button: viser.GuiButtonHandle
+    button: viser.GuiButtonHandle  # the invisible widget that is pressed
+    # why it cannot be pressed now, as a sentence; None if it can
     why_not: str | None = "Looking for the arm."
-    asks: str | None = None
+    asks: str | None = None  # what it asks before it does anything; None if it does not ask
 
 
 class Bar:

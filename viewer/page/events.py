@@ -9,8 +9,7 @@ from datetime import datetime
 
 from .screen_state import Tone
 
-KEPT = 500
-"""How many events are remembered; chosen: a day of work."""
+KEPT = 500  # how many events are remembered; chosen: a day of work
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,8 +10,7 @@ from so101_motion.arm.arm import Arm
 from so101_motion.common.clock import Clock
 from so101_motion.common.modes import Mode
 
-GUIDED_FOR = 180.0
-"""How long the arm yields to a hand before it holds again by itself [s]; chosen."""
+GUIDED_FOR = 180.0  # how long the arm yields to a hand before it holds again by itself [s]; chosen
 
 
 class Guiding:

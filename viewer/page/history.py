@@ -16,8 +16,7 @@ from .screen_state import Sentence
 
 T = TypeVar("T")
 
-KEPT = 100
-"""How many values are remembered; chosen."""
+KEPT = 100  # how many values are remembered; chosen
 
 ONE_DRAG = 0.7
 """Values of one kind that follow each other faster than this are one change [s]; chosen: a drag, a
@@ -79,8 +78,7 @@ class History(Generic[T]):
         self._at, self._changed = self._at + by, -inf
 
 
-_KEPT_FILES = 20
-"""How many changes are remembered; chosen, a long path is a file of megabytes."""
+_KEPT_FILES = 20  # how many changes are remembered; chosen, a long path is a file of megabytes
 
 _LOOKS_EVERY = 1.0
 """How often the folder is read for files of other programs [s]; chosen, nobody waits for it."""

@@ -1,9 +1,8 @@
 """Jog the arm while somebody holds a button, a key or a gamepad's stick.
 
-The browser repeats what is held (``server/front/jog.js``). Without a repeat for ``DEADMAN`` it
-counts as let go: the window has lost its focus or its network, or the browser hangs. The thread
-``so101-viewer-jog`` leads the arm through the guarded motions of ``Arm.follow`` and
-``Arm.jog``. Stop and any other motion end it.
+The browser repeats what is held (``server/front/jog.js``). Without a repeat for ``DEADMAN`` it has
+been let go: the window has lost its focus or its network, or the browser hangs. A thread leads the
+arm through the guarded motions of ``Arm.follow`` and ``Arm.jog``; Stop and other motions end it.
 """
 
 from __future__ import annotations
@@ -27,8 +26,7 @@ from so101_motion.rig.protocols import RigLike
 DEADMAN = 0.065
 """How long something counts as held without a repeat [s]; chosen: three repeats of the browser."""
 
-PERIOD = 0.02
-"""Time between two updates of the jog [s]; chosen: two control cycles."""
+PERIOD = 0.02  # time between two updates of the jog [s]; chosen: two control cycles
 
 _AHEAD = 0.15
 """How far the target may be ahead of the joints [s]; chosen: else it would run away from joints

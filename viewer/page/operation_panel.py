@@ -1,7 +1,6 @@
 """Show any operation on the page: its view, and a button for each command that it offers.
 
-The panel gives commands that are due by itself. It keeps nothing in the browser, so a reload loses
-nothing, and it never waits: commands run on a worker.
+The panel gives commands that are due, on a worker. It keeps nothing in the browser.
 """
 
 from __future__ import annotations

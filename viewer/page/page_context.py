@@ -1,8 +1,7 @@
-"""Connect a part of the page to its server and its arm, and queue its events as commands.
+"""Connect a part of the page to its server, and queue its events as commands for the page's thread.
 
-viser calls handlers from threads of its own. The handlers made here only queue a command, and the
-page's one thread runs it, so parts need no locks. Only Stop bypasses the queue. Only the
-window in control reaches a handler; see ``server/windows.py``.
+viser calls handlers from threads of its own. Those made here only queue a command, so parts need no
+locks. Only Stop bypasses the queue; only the window in control reaches a handler.
 """
 
 from __future__ import annotations
@@ -25,8 +24,7 @@ T = TypeVar("T")
 
 Command = Callable[[], None]
 
-PROGRAM = "Program"
-"""The tab that has a plan of its own, besides the Move tab."""
+PROGRAM = "Program"  # the tab that has a plan of its own, besides the Move tab
 
 
 class Drawn(Enum):
@@ -89,18 +87,13 @@ class Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageContext:
-    """What parts of the page have in common.
-
-    Attributes:
-        post: Queues a command for the page's thread.
-        workers: Runs slow calls, one after the other.
-        leave_open: Lets every window press the given widgets, not only the one in control.
-    """
+    """What parts of the page have in common."""
 
     server: viser.ViserServer
     tabs: viser.GuiTabGroupHandle
-    post: Callable[[Command], None]
-    workers: ThreadPoolExecutor
+    post: Callable[[Command], None]  # queues a command for the page's thread
+    workers: ThreadPoolExecutor  # runs slow calls, one after the other
+    # lets every window press the given widgets, not only the one in control
     leave_open: Callable[..., None] = lambda *_: None
     events: EventLog = field(default_factory=EventLog)
     bar: Bar = field(default_factory=Bar)

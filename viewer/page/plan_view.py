@@ -17,17 +17,10 @@ from so101_motion.planning.request import Plan
 
 from .target_ik import TargetSolver
 
-_GHOSTS = 5
-"""Configurations that show the swept motion; chosen: more of them hide the arm."""
-
-_LOOKS = 40
-"""Configurations at which the clearance is computed; chosen: takes a few milliseconds."""
-
-_LINE = 60
-"""Points of the path of a frame other than the tool; chosen: it looks smooth."""
-
-RATES = (0.25, 0.5, 1.0, 2.0)
-"""How fast a plan can be played, against the time it takes the arm."""
+_GHOSTS = 5  # configurations that show the swept motion; chosen: more of them hide the arm
+_LOOKS = 40  # configurations at which the clearance is computed; chosen: takes a few milliseconds
+_LINE = 60  # points of the path of a frame other than the tool; chosen: it looks smooth
+RATES = (0.25, 0.5, 1.0, 2.0)  # how fast a plan can be played, against the time it takes the arm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,25 +33,17 @@ class PathLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanView:
-    """A plan and what is drawn of it.
-
-    Attributes:
-        path: The line of the frame that the target is for.
-        sweep: Configurations along the path, both ends left out, shape (k, 5), [rad].
-        closest: The closest approach of two bodies anywhere on the path, at ``t_closest`` [s].
-        scene: What was around the arm.
-        q_jaw: Jaw angle [rad].
-        name: What the page calls it, such as ``"Plan 3"``.
-    """
+    """A plan and what is drawn of it."""
 
     plan: Plan
-    path: PathLine
-    sweep: Array
+    path: PathLine  # the line of the frame that the target is for
+    sweep: Array  # configurations along the path, both ends left out, shape (k, 5), [rad]
+    # the closest approach of two bodies anywhere on the path, at t_closest [s]
     closest: Clearance
     t_closest: float
-    scene: Scene
-    q_jaw: float
-    name: str = "Plan"
+    scene: Scene  # what was around the arm
+    q_jaw: float  # jaw angle [rad]
+    name: str = "Plan"  # what the page calls it, such as ``"Plan 3"``
     made_at: datetime = field(default_factory=datetime.now)
 
     @property

@@ -15,8 +15,7 @@ from .bar import board, uuid_of
 from .history import History, SavedFiles
 from .page_context import PageContext
 
-ASKED_FOR = 5.0
-"""How long the question stands [s]; chosen."""
+ASKED_FOR = 5.0  # how long the question stands [s]; chosen
 
 
 class Unit(NamedTuple):

@@ -33,8 +33,7 @@ _WAYS /= np.linalg.norm(_WAYS, axis=1, keepdims=True)
 """Directions in which it is looked for, shape (26, 3); up comes first."""
 
 ANY, TILT, TURN = "any", "tilt", "tilt and roll"
-DIRECTIONS = (ANY, TILT, TURN)
-"""How much of the gripper's direction is chosen with a target."""
+DIRECTIONS = (ANY, TILT, TURN)  # how much of the gripper's direction is chosen with a target
 
 
 class TargetEditor(ABC):

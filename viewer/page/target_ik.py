@@ -1,8 +1,4 @@
-"""Inverse kinematics for the ghost while the target is dragged.
-
-It follows the planner's rule (nearest solution without contact), so the ghost shows where a plan
-would end, or why there will be none.
-"""
+"""Inverse kinematics for the ghost while the target is dragged, by the planner's rule."""
 
 from __future__ import annotations
 
@@ -42,35 +38,23 @@ always, for the jaw's tip stands 20 mm beside the arm's plane."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Direction:
-    """Where the gripper shall point, in the plane in which the arm stands.
+    """Where the gripper shall point, in the plane in which the arm stands."""
 
-    Attributes:
-        tilt: How far up it points [rad]: 0 level, -pi/2 straight down.
-        roll: How far it is turned about that direction [rad], as wrist_roll; None if that is free.
-    """
-
-    tilt: float
+    tilt: float  # how far up it points [rad]: 0 level, -pi/2 straight down
+    # how far it is turned about that direction [rad], as wrist_roll; None if that is free
     roll: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Target:
-    """A target, and the joint angles that reach it or not.
-
-    Attributes:
-        frame: The frame that shall be at the target point, one of ``FRAMES``.
-        p_base: The target point in the base frame, shape (3,), [m].
-        q: Joint angles of the ghost, shape (5,), [rad]: at the target, or as near as it gets.
-        problem: Why the target cannot be had, as a sentence; None when it can.
-        direction: Where the gripper shall point; None where that is free.
-    """
+    """A target, and the joint angles that reach it or not."""
 
     goal: PoseGoal | JointGoal
-    frame: str
-    p_base: Array
-    q: Array
-    problem: str | None
-    direction: Direction | None = None
+    frame: str  # the frame that shall be at the target point, one of FRAMES
+    p_base: Array  # the target point in the base frame, shape (3,), [m]
+    q: Array  # joint angles of the ghost, shape (5,), [rad]: at the target, or as near as it gets
+    problem: str | None  # why the target cannot be had, as a sentence; None when it can
+    direction: Direction | None = None  # where the gripper shall point; None where that is free
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p_base", frozen_array(self.p_base, (3,)))

@@ -52,8 +52,7 @@ CANNOT_GUIDE = {
 }
 """Why an arm cannot be guided by hand."""
 
-CANNOT_LET_GO = {Mode.LIMP: LIMP_ALREADY, **_IN_USE}
-"""Why joints cannot be let go of."""
+CANNOT_LET_GO = {Mode.LIMP: LIMP_ALREADY, **_IN_USE}  # why joints cannot be let go of
 
 _MODES = {
     Mode.LIMP: "Limp",
@@ -187,8 +186,7 @@ def caps(limits: MotionLimits) -> str:
     return f"{to_deg(speed):.0f} °/s, {to_deg(push):.0f} °/s²"
 
 
-JAW_LENGTH = 0.082
-"""From the jaw's axis to its tip [m], in the robot description."""
+JAW_LENGTH = 0.082  # from the jaw's axis to its tip [m], in the robot description
 
 
 def aperture(q_jaw: float) -> float:

@@ -1,8 +1,7 @@
 """Measure how well the arm followed its setpoints during a motion.
 
 A joint that only lags has an error in proportion to its speed, so the lag is the least-squares
-fit of ``e = -lag * qd_ref`` over all joints. Results are the root mean square and the largest
-error.
+fit of ``e = -lag * qd_ref`` over all joints.
 """
 
 from __future__ import annotations
@@ -15,8 +14,7 @@ from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import JointState
 from so101_motion.files.trajectory_export import Run
 
-_MOST = 6000
-"""Snapshots that are kept [1]; three minutes of them. Chosen."""
+_MOST = 6000  # snapshots that are kept: three minutes of them; chosen
 
 _FAST_ENOUGH = 0.05
 """The lag is computed only if some joint was to be faster than this [rad/s]; chosen."""
@@ -24,19 +22,12 @@ _FAST_ENOUGH = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tracking:
-    """The measured states of one motion.
+    """The measured states of one motion."""
 
-    Attributes:
-        t: Since it began, shape (n,), [s].
-        q: Measured joint angles, shape (n, 5), [rad].
-        error: The same minus the wanted ones, shape (n, 5), [rad].
-        lag: How late the joints were on the whole [s]; None when they hardly moved.
-    """
-
-    t: Array
-    q: Array
-    error: Array
-    lag: float | None
+    t: Array  # since it began, shape (n,), [s]
+    q: Array  # measured joint angles, shape (n, 5), [rad]
+    error: Array  # the same minus the wanted ones, shape (n, 5), [rad]
+    lag: float | None  # how late the joints were on the whole [s]; None when they hardly moved
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", frozen_array(self.t, (-1,)))

@@ -1,8 +1,7 @@
 """A camera's picture over the scene, from the camera's address or the machine that has it.
 
-An address sends a JPEG or PNG for each request, or a stream of JPEG. The thread
-``so101-viewer-camera`` keeps the newest picture as the camera sent it; nothing is decoded here.
-After an error the thread keeps the reason in ``problem``, and tries again.
+An address sends a JPEG or PNG for each request, or a stream of JPEG. A thread keeps the newest
+picture as the camera sent it, or why there is none, and tries again.
 """
 
 from __future__ import annotations
@@ -31,14 +30,9 @@ PERIOD = 0.2
 """Least time between two pictures [s]; chosen: often enough to see what happens, and light on the
 network."""
 
-PATIENCE = 4.0
-"""How long to wait for the camera [s]; chosen."""
-
-RETRY = 2.0
-"""How long until it is tried again [s]; chosen."""
-
-LARGEST = 4_000_000
-"""Largest picture that is taken [byte]; chosen."""
+PATIENCE = 4.0  # how long to wait for the camera [s]; chosen
+RETRY = 2.0  # how long until it is tried again [s]; chosen
+LARGEST = 4_000_000  # largest picture that is taken [byte]; chosen
 
 _KINDS = {b"\xff\xd8": "image/jpeg", b"\x89P": "image/png"}
 _END = b"\xff\xd9"
@@ -168,11 +162,8 @@ def _jpegs(stream: BinaryIO) -> Iterator[bytes]:
             raise ValueError("what it sends is no stream of JPEG")
 
 
-OLD = 2.0
-"""A picture older than this is grey, and says so [s]; chosen."""
-
-_SIZE = (228, 225)
-"""Width and height of the panel [px]; chosen: a picture of 4:3 is not cut."""
+OLD = 2.0  # a picture older than this is grey, and says so [s]; chosen
+_SIZE = (228, 225)  # width and height of the panel [px]; chosen: a picture of 4:3 is not cut
 
 _ASIDE, _ABOVE = 12, 52
 """Distance from the right and from the lower edge of the scene [px]; chosen: over the floor, clear

@@ -22,8 +22,7 @@ from ..page import markup
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Tone
 
-_LINES = 60
-"""How many events the page shows; the saved file has all."""
+_LINES = 60  # how many events the page shows; the saved file has all
 
 _MODES = {
     Mode.LIMP: "The arm is limp",

@@ -1,7 +1,6 @@
-"""Record a motion as one HTML file that plays offline in any browser.
+"""Record a motion as one HTML file that plays offline in any browser, with viser's player.
 
-The file holds viser's player, the arm, the scene and the motion, and its content policy allows no
-connections. viser records what a server sends, so a server without clients is started to draw it.
+viser records what a server sends, so a server without clients is started to draw it.
 """
 
 from __future__ import annotations
@@ -33,11 +32,8 @@ from ..scene.scene_view import SceneView
 from ..server.guarded_server import start_guarded
 from ..server.head import NOTICE, script
 
-FRAMES = 30.0
-"""Pictures a second; chosen, it looks smooth and keeps the file small."""
-
-_PAUSE = 0.8
-"""How long the arm rests at both ends before the player begins again [s]; chosen."""
+FRAMES = 30.0  # pictures a second; chosen, it looks smooth and keeps the file small
+_PAUSE = 0.8  # how long the arm rests at both ends before the player begins again [s]; chosen
 
 _PATH = (240, 140, 0)
 _GHOST, _GHOST_OPACITY = (60, 130, 246), 0.3
@@ -51,15 +47,11 @@ _POLICY = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovedArm:
-    """How an arm moves by its plan, or has moved.
-
-    Attributes:
-        run: How the plan was carried out; None for the plan alone.
-        T_scene_base: Where its base stands in the frame of a scene that it shares with others.
-    """
+    """How an arm moves by its plan, or has moved."""
 
     view: PlanView
-    run: Run | None = None
+    run: Run | None = None  # how the plan was carried out; None for the plan alone
+    # where its base stands in the frame of a scene that it shares with others
     T_scene_base: SE3 = field(default_factory=SE3.identity)
 
     @property

@@ -1,8 +1,4 @@
-"""The tabs with servo and bus health and the event log; they raise the alarms.
-
-A rig on a serial port measures its servos; a machine sends the figures with its status. A simulated
-arm has none.
-"""
+"""The tab with servo and bus health; it raises the alarms."""
 
 from __future__ import annotations
 
@@ -29,11 +25,8 @@ from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 
-_EVERY = 0.5
-"""How often the figures are read anew [s]; nobody reads faster."""
-
-_HARD_WORK = 0.8
-"""Share of its drive from which a servo is near its end; chosen."""
+_EVERY = 0.5  # how often the figures are read anew [s]; nobody reads faster
+_HARD_WORK = 0.8  # share of its drive from which a servo is near its end; chosen
 
 
 def tones(servo: JointHealth) -> dict[str, Tone]:
@@ -51,25 +44,18 @@ def tones(servo: JointHealth) -> dict[str, Tone]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """The health of an arm's servos and its bus.
+    """The health of an arm's servos and its bus."""
 
-    Attributes:
-        servos: Base to jaw; empty when nothing is measured.
-        silence: Why nothing is measured; None when it is.
-        period: Of the control loop [s]; None when the source does not tell.
-        late_ticks: Setpoints that came more than half a period late since the start.
-        port_losses: How often the port went away; None when there is no port or it is unknown.
-        last_failure: The file with the second before the last failure; None when there is none.
-        not_ready: Why a machine does not drive its arm; empty when it does, or cannot be asked.
-    """
-
-    servos: tuple[JointHealth, ...]
-    silence: str | None
-    period: float | None
-    late_ticks: int
+    servos: tuple[JointHealth, ...]  # base to jaw; empty when nothing is measured
+    silence: str | None  # why nothing is measured; None when it is
+    period: float | None  # of the control loop [s]; None when the source does not tell
+    late_ticks: int  # setpoints that came more than half a period late since the start
+    # how often the port went away; None when there is no port or it is unknown
     port_losses: int | None
     uncalibrated: tuple[str, ...] = ()
+    # the file with the second before the last failure; None when there is none
     last_failure: str | None = None
+    # why a machine does not drive its arm; empty when it does, or cannot be asked
     not_ready: str = ""
 
 
@@ -201,8 +187,7 @@ def _figure(text: str, tone: Tone) -> str:
     return f'<span style="color:{markup.TONES[tone]};font-weight:{weight}">{text}</span>'
 
 
-SILENCE = "silence"
-"""The cause of an alarm about servos that do not answer."""
+SILENCE = "silence"  # the cause of an alarm about servos that do not answer
 
 LATE_WITHIN, LATE_MANY = 10.0, 10
 """So many late setpoints within this time [s] are worth an alarm. Chosen: a busy computer has one

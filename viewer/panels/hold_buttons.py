@@ -1,8 +1,7 @@
 """The buttons Hold, Guide by hand and Let go, and what the bar says about the arms.
 
-An arm that is disconnected keeps its last picture, in grey. When it is back nothing moves: it holds
-only after somebody presses Hold. If its servos hold another calibration than the file, Hold is
-refused, and a fourth button stores the file in them.
+When a lost arm is back nothing moves until somebody presses Hold. If its servos hold another
+calibration than the file, Hold is refused, and a fourth button stores the file in them.
 """
 
 from __future__ import annotations

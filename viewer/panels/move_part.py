@@ -32,8 +32,7 @@ from .stage import Stage
 _WIDTH = 290
 _KEYS = "Space or Esc stops, P plans."
 
-_WORDS_EVERY = 3
-"""Figures are updated every so many pictures of a motion; nobody reads 30 a second."""
+_WORDS_EVERY = 3  # figures are updated every so many pictures of a motion; nobody reads 30 a second
 
 
 class ArmPanel:

@@ -38,11 +38,8 @@ from ..view_model import MoveModel, ViewModel
 from .plots import PlanPlots
 from .poses import PoseFolder, PoseList
 
-_LINES = 7
-"""Lines reserved for six figures, and a clearance with long names."""
-
-SELECTS = "selects"
-"""What a click in the picture does unless it sets the target."""
+_LINES = 7  # lines reserved for six figures, and a clearance with long names
+SELECTS = "selects"  # what a click in the picture does unless it sets the target
 
 _FRAME = Unit(lambda frame: frame.replace("_", " "), lambda name: name.replace(" ", "_"))
 _ROUNDING = 1e-6  # 110 degrees, converted to radians and back, is not exactly 110

@@ -28,8 +28,7 @@ _HEIGHT = 150
 _NO_PLAN = "No plan yet."
 _SIZE = (390, 305)  # between the panels of the narrowest window that has both
 _MARGIN = 12
-_MOST_POINTS = 400
-"""Chosen: more samples than the plot has pixels would be wasted."""
+_MOST_POINTS = 400  # chosen: more samples than the plot has pixels would be wasted
 
 _LEAST_ERROR_DEG = 0.1
 """The plot of the tracking error shows at least this much to either side [deg]; chosen: else the

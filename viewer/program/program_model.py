@@ -1,7 +1,6 @@
 """State and commands of the Program tab, without viser.
 
-A program is edited, planned as a whole and run. A step says where each arm goes; they go at the
-same time. The plan is dropped when the steps, an arm's position, a gripper, the speed limits or the
+The plan is dropped when the steps, an arm's position, a gripper, the speed limits or the
 surroundings change. Nothing here waits: slow calls are futures that ``refresh`` collects. One
 thread owns a ``ProgramModel``.
 """
@@ -102,8 +101,7 @@ class ArmInStep:
         return waypoint is not None and waypoint.passes
 
 
-ALL, REST, STEP = "all", "from here", "this one"
-"""How much of a program is planned and run."""
+ALL, REST, STEP = "all", "from here", "this one"  # how much of a program is planned and run
 
 SAME_JAW = 0.05
 """A jaw that moved by less than this since the program was planned makes no difference [rad]."""

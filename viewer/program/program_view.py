@@ -22,8 +22,7 @@ from ..scene.robot_view import Line, RobotView, segments
 _COLOR = (147, 51, 234)
 _ABOVE = np.array([0.0, 0.0, 0.015])
 
-_POINTS = 32
-"""Points of the tool path that are drawn for each waypoint; chosen."""
+_POINTS = 32  # points of the tool path that are drawn for each waypoint; chosen
 
 _EMPTY = Program()
 

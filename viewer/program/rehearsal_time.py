@@ -22,8 +22,7 @@ from so101_motion.tasks.program.rehearsal import Arrival, Leg
 
 from ..page.plan_view import Between
 
-SHOWN_PAUSE = 2.0
-"""Longer pauses are shown for this long [s]; chosen."""
+SHOWN_PAUSE = 2.0  # longer pauses are shown for this long [s]; chosen
 
 _LOOKS = 15
 """Instants of a step at which the clearance is computed; chosen: takes a few milliseconds."""

@@ -40,15 +40,10 @@ _GROUND, _KEY_LIGHT = (160, 160, 160), (0.6, -1.0, 0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sight:
-    """What the camera shows.
+    """What the camera shows."""
 
-    Attributes:
-        middle: What it looks at, shape (3,), [m].
-        size: How large that is, as a multiple of one arm's workspace.
-    """
-
-    middle: Array
-    size: float = 1.0
+    middle: Array  # what it looks at, shape (3,), [m]
+    size: float = 1.0  # how large that is, as a multiple of one arm's workspace
 
     @classmethod
     def of_arms(cls, bases: Sequence[SE3]) -> Sight:

@@ -1,7 +1,6 @@
 """Draw the arm: one frame per link, with the link's meshes under it.
 
-The frames are siblings with absolute poses, so moving the arm takes seven small messages and no
-kinematics in the browser.
+The frames are siblings with absolute poses, so the browser needs no kinematics.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Draw obstacles and held objects, and find which of them, or the floor, a click hits.
 
-Nodes are numbered, so a name that a user typed never becomes part of a node's path. A shape is sent
-once; later only its pose.
+Nodes are numbered, so a name that a user typed never becomes part of a node's path.
 """
 
 from __future__ import annotations
@@ -38,8 +37,7 @@ _AIR, _CHOSEN_AIR = 0.25, 0.5
 
 _ROOT = "/world"
 
-FLOOR_SIZE = 1.2
-"""Edge of the floor that is drawn [m]; chosen: somewhat beyond the arm's reach."""
+FLOOR_SIZE = 1.2  # edge of the floor that is drawn [m]; chosen: somewhat beyond the arm's reach
 
 _AXES = 0.4  # how long X and Y are drawn on it [m]; chosen: their ends are in the first picture
 _ABOVE = np.array([0.0, 0.0, 0.012])  # else the floor's lines go through the words [m]
@@ -47,8 +45,7 @@ _AXIS_NAMES = (f"X {1000.0 * _AXES:.0f} mm", "Y")  # the arm may hide a part of 
 _AXIS_COLORS = np.array([(224, 49, 49), (47, 158, 68)])
 """Of X and Y, about as the arrows of the target have them."""
 
-_FURTHEST = 3.0
-"""Where the search along the ray ends [m]; chosen: the camera stands within two."""
+_FURTHEST = 3.0  # where the search along the ray ends [m]; chosen: the camera stands within two
 
 _EDGE = 1e-9
 """How far beside a triangle it is met too, as a share of it: no ray slips between two of them."""

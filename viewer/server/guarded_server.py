@@ -41,11 +41,8 @@ from .request_policy import RequestPolicy, harden
 _KNOCK_TIMEOUT = 10.0
 """How long the self-check waits for an answer [s]; generous, it comes within milliseconds."""
 
-DEFAULT_PORT = 8080
-"""The port of a page if none is chosen and this one is free."""
-
-PORTS_TRIED = 20
-"""How many ports are tried, counting up from that one."""
+DEFAULT_PORT = 8080  # the port of a page if none is chosen and this one is free
+PORTS_TRIED = 20  # how many ports are tried, counting up from that one
 
 
 class GuardError(So101Error):

@@ -1,8 +1,4 @@
-"""Add our front end to the ``<head>`` of viser's page.
-
-It is in ``front/``: the bar at the top with Stop and other buttons, colours and sizes, keys, and
-the message for a lost connection. Nothing is loaded from the network.
-"""
+"""Add our front end, in ``front/``, to the ``<head>`` of viser's page; no network is used."""
 
 from __future__ import annotations
 
@@ -13,8 +9,7 @@ from pathlib import Path
 from websockets.http11 import Response
 
 _FRONT = Path(__file__).with_name("front")
-NOTICE = "notice.js"
-"""The script that a film needs as well."""
+NOTICE = "notice.js"  # the script that a film needs as well
 
 _SCRIPTS = (
     "link.js", "double_click.js", "bar.js", "jog.js", "names.js", "plot.js", "row.js", "steps.js",

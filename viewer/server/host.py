@@ -1,8 +1,6 @@
-"""Run the parts of a page on one thread.
+"""Run the parts of a page on one thread, forty times a second, and slow calls on a worker.
 
-Forty times a second the thread ``so101-viewer`` runs the commands that browsers sent, refreshes
-each part, and shows what changed. Slow calls run on a worker. Stop does not wait for
-this thread: viser's own thread drops every waiting command and stops the arm.
+Stop does not wait for this thread: viser's own drops every waiting command and stops the arm.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""Keep a page's key from one start of the program to the next.
+"""Keep a page's key for the next start, so that a browser that was left open finds its page again.
 
-A browser that was left open finds its page again when the same command is started anew on the same
-port. The keys are in the user's data folder, in a file that nobody else can read.
+The keys are in the user's data folder, in a file that nobody else can read.
 """
 
 from __future__ import annotations
@@ -19,16 +18,14 @@ from so101_motion.files import user_storage
 
 SCHEMA = "so101/page-keys/1"
 
-LIFETIME = 30 * 86_400.0
-"""How long a key is used [s]; chosen: a month."""
+LIFETIME = 30 * 86_400.0  # how long a key is used [s]; chosen: a month
 
 _MOST = 50  # keys that are kept; chosen: nobody has more arms
 _LEAST_LENGTH = 40  # characters; shorter ones are not our keys
 
 log = logging.getLogger(__name__)
 
-KeyOf = Callable[[int], str]
-"""Makes the key of a page that is served on a port."""
+KeyOf = Callable[[int], str]  # makes the key of a page that is served on a port
 
 
 def new_key(_port: int = 0) -> str:

@@ -55,22 +55,15 @@ be valid again.</p></main></html>
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RequestPolicy:
-    """The rules of one running server.
+    """The rules of one running server."""
 
-    Attributes:
-        key: The secret in the link.
-        port: Where the server listens.
-        names: Host names by which it may be called, lower case, without port.
-        any_address: Whether any IP address will do as a host. Needed when listening on all
-            interfaces, and safe: rebinding takes a name.
-        tickets: Keys that open once, see ``ticket``.
-    """
-
-    key: str
-    port: int
-    names: frozenset[str]
+    key: str  # the secret in the link
+    port: int  # where the server listens
+    names: frozenset[str]  # host names by which it may be called, lower case, without port
+    # whether any IP address will do as a host. Needed when listening on all interfaces, and safe:
+    # rebinding takes a name
     any_address: bool = False
-    tickets: set[str] = field(default_factory=set)
+    tickets: set[str] = field(default_factory=set)  # keys that open once, see ticket
 
     def ticket(self) -> str:
         """A key that works once; for a link that others may read."""

@@ -21,8 +21,7 @@ from viser.infra import ClientId, Message, WebsockClientConnection
 
 from ..page.bar import board, uuid_of
 
-_QUIET = 3.0
-"""A window that is refused again within this time is not notified again [s]."""
+_QUIET = 3.0  # a window that is refused again within this time is not notified again [s]
 
 _TAKE = "Take control"
 _HOW = "You can take control below the bar at the top."

@@ -18,11 +18,8 @@ ENDINGS = (".json", ".pcd", ".xyz", *(f".{kind}" for kind in MESHES))
 MOST_TRIANGLES = 50_000
 """A mesh with more would make pages and plans slow; chosen: ten times a simplified part."""
 
-MOST_CUBES = 50_000
-"""The same for the cubes of a point cloud; chosen."""
-
-VOXEL = 0.01
-"""Edge of a cloud's cubes by default [m]; chosen, as for Viam's clouds."""
+MOST_CUBES = 50_000  # the same for the cubes of a point cloud; chosen
+VOXEL = 0.01  # edge of a cloud's cubes by default [m]; chosen, as for Viam's clouds
 
 
 def read_loaded(

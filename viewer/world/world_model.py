@@ -1,9 +1,7 @@
 """State and edits of the World tab, without viser.
 
-Each edit makes a new ``Scene``, with undo and redo. A drag counts as one edit. The scene for
-planning is updated when a drag ends and a few times a second during it (``due``), because planners
-start anew after each change. One thread owns a ``WorldModel``; it
-moves no arm.
+Each edit makes a new ``Scene``, with undo and redo. The scene for planning is updated when a drag
+ends and a few times a second during it (``due``), because planners start anew after each change.
 """
 
 from __future__ import annotations
@@ -41,8 +39,7 @@ from ..scene import scene_edits
 from ..scene.scene_edits import HeldBy, Thing
 from .loaded_files import VOXEL, read_loaded, thinned
 
-DRAG_PERIOD = 0.2
-"""How often the scene for planning is updated during a drag [s]; chosen."""
+DRAG_PERIOD = 0.2  # how often the scene for planning is updated during a drag [s]; chosen
 
 INVITATION = Sentence("Add an object, or click one to change it.")
 

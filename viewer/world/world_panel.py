@@ -1,8 +1,4 @@
-"""The World tab: widgets and handles for the obstacles around the arm.
-
-``world_model.py`` decides what an edit means. An edit never moves the arm; it changes the scene for
-later plans.
-"""
+"""The World tab: widgets and handles for the obstacles around the arm; an edit moves no arm."""
 
 from __future__ import annotations
 
@@ -51,8 +47,7 @@ from .world_model import OverlapCheck, WorldModel, in_each_other
 
 _GIZMO = "/world-handles"
 
-_MOVED = 1e-4
-"""Turns of a joint below this do not redraw what it carries [rad]; chosen."""
+_MOVED = 1e-4  # turns of a joint below this do not redraw what it carries [rad]; chosen
 
 _TURNED = 0.01
 """Turns of a joint below this do not repeat the overlap check [rad]; chosen: a real arm at rest
