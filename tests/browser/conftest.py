@@ -5,6 +5,8 @@ One browser, one arm and one page serve a module; before each test the arm is br
 
 import os
 import shutil
+import subprocess
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -53,6 +55,30 @@ def crawl_aside(rig):
     move_to(rig, HOME)
     rig.arm.set_speed(to_rad(3.0))
     rig.arm.move(JointGoal(q=ASIDE), wait=False)
+
+
+class Servos:
+    """``so101 emulate`` in a process of its own: its servos lag, brake, and press on things."""
+
+    def __init__(self, port):
+        command = (sys.executable, "-m", "so101_motion.cli", "emulate", "--realtime", "--link")
+        self._process = subprocess.Popen(
+            [*command, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self._process.stdout is not None
+        self._process.stdout.readline()
+
+    def type(self, line):
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+
+    def close(self):
+        self._process.terminate()
+        self._process.wait(10.0)
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            pipe.close()
 
 
 @pytest.fixture(autouse=True)

@@ -1,13 +1,11 @@
 """Gripper and programs on emulated servos: what they really do, and what the page says of it."""
 
-import subprocess
-import sys
-import threading
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import Servos
 from so101_viewer import Source, serve, serve_source
 
 from so101_motion.calib.record import store
@@ -20,55 +18,11 @@ from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.tasks.program import Loop, Program, Waypoint
-from so101_motion.tasks.program.files import file_of, write
 
 pytestmark = pytest.mark.browser
 
-SPEED, ACCELERATION = to_rad(90.0), to_rad(300.0)
 WIDTH_MM = 30.0
-PLACES = {
-    letter: np.radians(q)
-    for letter, q in (
-        ("A", (24.0, -10.0, 10.0, 10.0, 0.0)),
-        ("B", (-24.0, -10.0, 10.0, 10.0, 0.0)),
-        ("C", (0.0, -20.0, 10.0, 10.0, 0.0)),
-    )
-}
 NEAR = to_rad(2.0)
-PROGRAM = Program.of_waypoints(
-    (
-        Waypoint(name="A", q=PLACES["A"], aperture=1.0),
-        Waypoint(name="B", q=PLACES["B"], aperture=0.0, pause=0.6, speed=0.4),
-        Waypoint(name="C", q=PLACES["C"], pause=0.6),
-    ),
-    loops=(Loop(first=1, last=2, times=2),),
-)
-STEPS = ["open", "40 % speed, close, 0.6 s", "0.6 s, 2 to 3 run 2×"]
-
-
-class Servos:
-    """``so101 emulate`` in a process of its own: its servos lag, brake, and press on things."""
-
-    def __init__(self, port):
-        command = (sys.executable, "-m", "so101_motion.cli", "emulate", "--realtime", "--link")
-        self._process = subprocess.Popen(
-            [*command, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        assert self._process.stdout is not None
-        self._process.stdout.readline()
-
-    def type(self, line):
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{line}\n")
-        self._process.stdin.flush()
-
-    def close(self):
-        self._process.terminate()
-        self._process.wait(10.0)
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
-            pipe.close()
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +47,6 @@ def arm_on_port(servos, port):
                 rig.arm.set_torque(True)
                 break
         servos.type("end pose")
-        rig.arm.set_speed(SPEED)
-        rig.arm.set_acceleration(ACCELERATION)
         yield rig
 
 
@@ -122,7 +74,6 @@ def leader(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page_of_it(arm_on_port, leader):
-    write(PROGRAM, file_of("pick"))
     source = replace(Source.given(arm_on_port, "Arm"), open_leader=leader.open)
     with serve_source(source, port=0) as preview:
         yield preview
@@ -141,41 +92,6 @@ def guest(window, arm_on_port, servos):
     window.page.get_by_role("tab", name="Move", exact=True).click()
     yield window
     servos.type("end object")
-
-
-@contextmanager
-def watched(rig):
-    """What the servos say meanwhile, every 20 ms."""
-    seen = [rig.arm.state]
-    over = threading.Event()
-
-    def look():
-        while not over.wait(0.02):
-            if rig.arm.state.t > seen[-1].t:
-                seen.append(rig.arm.state)
-
-    thread = threading.Thread(target=look)
-    thread.start()
-    try:
-        yield seen
-    finally:
-        over.set()
-        thread.join()
-
-
-def steps_of(seen):
-    """Where the arm stood, in order, and the highest speed asked of a joint meanwhile [rad/s]."""
-    steps = []
-    fastest = 0.0
-    for before, state in zip(seen, seen[5:], strict=False):
-        fastest = max(fastest, float(np.abs(state.qd_ref).max()))
-        if np.abs(state.q - before.q).max() > to_rad(2.0) * (state.t - before.t):
-            continue
-        here = [name for name, q in PLACES.items() if np.abs(state.q - q).max() < NEAR]
-        if here and here != [name for name, _ in steps[-1:]]:
-            steps.append((here[0], fastest))
-            fastest = 0.0
-    return steps
 
 
 def test_what_the_jaw_holds_is_said_with_its_width_and_its_slider_sets_the_force(
@@ -204,66 +120,6 @@ def test_what_the_jaw_holds_is_said_with_its_width_and_its_slider_sets_the_force
     force.press("End")
     servos.type("end object")  # it slips out
     guest.until(lambda: guest.says("Holding nothing, "))
-
-
-def test_a_program_is_carried_out_step_by_step_as_its_list_says(guest, arm_on_port, servos):
-    rig, page = arm_on_port, guest.page
-    rig.gripper.move(0.4, wait=False).result(30.0)
-    page.get_by_role("tab", name="Program").click()
-    if not guest.button("load").is_visible():  # a second attempt finds them
-        page.get_by_text("Save and load").click()
-    guest.until(lambda: guest.button("load").is_enabled())
-    guest.press("load")
-
-    def lines():
-        return page.locator(".so101-steps small").all_inner_texts()
-
-    def choose(k):
-        row = page.locator(".so101-steps button").nth(k)
-        row.click()
-        guest.until(lambda: "chosen" in (row.get_attribute("class") or ""))
-
-    guest.until(lambda: lines() == STEPS)
-
-    def run(part):
-        """The steps; again where a busy machine kept setpoints or servos from what they do."""
-        for _ in range(3):
-            with suppress(pytest.fail.Exception):
-                return attempt(part)
-            late = any(map(guest.says, ("was held up", "from where it should be")))
-            assert late or guest.has_stalled(), guest.page.inner_text("body")
-        return attempt(part)
-
-    def attempt(part):
-        guest.press(part)
-        page.wait_for_timeout(300)
-        guest.until(lambda: guest.button("Run program").is_enabled())
-        near = [line for line in lines() if "mm clear" in line]
-        assert len(near) == {"Plan program": 3, "this one": 1, "from here": 2}[part], lines()
-        with watched(rig) as seen:
-            guest.press("Run program")
-            if part == "Plan program":
-                guest.until(lambda: rig.gripper.aperture > 0.9)
-                servos.type(f"object={WIDTH_MM / 1000.0}")
-                guest.until(lambda: guest.says("waypoint 3 (C). Time 2 of 2."))
-            guest.until(lambda: guest.says("Done."))
-            page.wait_for_timeout(200)
-        jaws.extend(state.q_jaw for state in seen if np.abs(state.q - PLACES["C"]).max() < NEAR)
-        return steps_of(seen)
-
-    jaws = []
-    steps = run("Plan program")
-    assert "".join(name for name, _ in steps).removeprefix("C") == "ABCBC"  # a repeat begins at C
-    fast, slow = (max(speed for name, speed in steps if name == to) for to in "AB")
-    assert slow < 1.001 * 0.4 * SPEED < 0.7 * SPEED < fast < 1.001 * SPEED, (slow, fast)
-
-    jaws.clear()
-    choose(1)
-    assert "".join(name for name, _ in run("this one")) == "CB"
-    assert "".join(name for name, _ in run("from here")) == "BCBC"
-    assert rig.gripper.is_holding  # C says nothing of the jaw, so it kept what it held
-    assert max(jaws) - min(jaws) < to_rad(5.0)
-    assert guest.problems == []
 
 
 def test_the_arm_follows_a_leader_on_a_second_port_until_stop(guest, arm_on_port, leader):

@@ -313,12 +313,6 @@ def test_the_gripper_moves_at_once(page, gripper):
     assert gripper.apertures == [1.0, 0.0]
 
 
-def test_at_the_target_there_is_nothing_to_plan(page):
-    page.set_target_joints(np.zeros(5))
-    assert page.sentence.text == "The arm is already there."
-    assert not page.can_plan
-
-
 def test_one_joint_turns_the_ghost_and_leaves_the_others(page):
     page.set_target_joints(np.full(5, 0.1))
     page.set_target_joint(3, 0.5)

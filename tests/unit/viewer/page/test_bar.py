@@ -22,22 +22,14 @@ def test_the_bar_names_its_buttons_by_their_widgets():
     assert told["buttons"] == [{"label": "Hold", "press": "h", "why_not": why, "asks": None}]
 
 
-def test_a_fault_is_said_first_and_what_only_warns_last():
+def test_a_fault_is_said_first_what_only_warns_last_and_all_until_its_source_takes_it_back():
     bar = Bar()
-    bar.alert(
-        "alarms", [Sentence(text="Late.", tone=Tone.WARM), Sentence(text="Hot.", tone=Tone.BAD)]
-    )
-    bar.alert("connection", [Sentence(text="Fault.", tone=Tone.BAD)])
-    assert [each["text"] for each in json.loads(bar.text())["alerts"]] == [
-        "Fault.",
-        "Hot.",
-        "Late.",
-    ]
 
+    def alerts():
+        return [each["text"] for each in json.loads(bar.text())["alerts"]]
 
-def test_what_is_wrong_stays_until_its_source_takes_it_back():
-    bar = Bar()
-    bar.alert("alarms", [Sentence(text="Hot.", tone=Tone.BAD)])
-    bar.alert("connection", [Sentence(text="Lost.", tone=Tone.BAD)])
+    bar.alert("alarms", [Sentence("Late.", Tone.WARM), Sentence("Hot.", Tone.BAD)])
+    bar.alert("connection", [Sentence("Fault.", Tone.BAD)])
+    assert alerts() == ["Fault.", "Hot.", "Late."]
     bar.alert("alarms")
-    assert json.loads(bar.text())["alerts"] == [{"tone": "bad", "text": "Lost."}]
+    assert json.loads(bar.text())["alerts"] == [{"tone": "bad", "text": "Fault."}]

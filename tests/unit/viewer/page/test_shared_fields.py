@@ -1,6 +1,9 @@
 from collections import deque
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+from so101_viewer.page import shared_fields
 from so101_viewer.page.page_context import PageContext
 from so101_viewer.page.shared_fields import SharedField, Unit
 
@@ -80,3 +83,19 @@ async def test_a_value_the_page_set_itself_is_not_a_command():
     widget, _, commands, _ = make()
     await widget.enter(8, client_id=None)
     assert not commands
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "shown"),
+    [
+        (shared_fields.DEGREES, np.radians(12.34), 12.3),
+        (shared_fields.WHOLE_DEGREES, np.radians(44.6), 45),
+        (shared_fields.MM, np.array([0.25, -0.00004, 0.15]), (250.0, 0.0, 150.0)),
+        (shared_fields.GRAMS, 0.0204, 20.4),
+        (shared_fields.PERCENT, 0.405, 40),
+    ],
+)
+def test_a_unit_shows_a_value_and_takes_what_is_shown(unit, value, shown):
+    assert unit.shown(value) == shown
+    assert unit.shown(unit.meant(shown)) == shown
+    np.testing.assert_allclose(unit.meant(shown), value, atol=0.01)

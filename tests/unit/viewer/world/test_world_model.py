@@ -121,16 +121,12 @@ def test_a_drag_is_one_entry_for_undo_and_is_handed_on_now_and_then(world):
     assert world.scene is before
 
 
-def test_taking_hold_without_moving_is_no_edit(world):
+def test_a_hold_without_a_move_is_no_edit_and_a_thing_that_went_away_is_let_alone(world):
     world.add("box")
     before = world.scene
     world.drag(world.thing.T_base_obstacle, TOOL)
     assert world.scene is before
     assert not world.dragging
-
-
-def test_a_thing_that_went_away_during_a_drag_is_let_alone(world):
-    world.add("box")
     world.remove()
     world.drag(SE3.identity(), TOOL)
     assert world.names == ()
