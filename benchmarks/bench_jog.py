@@ -207,7 +207,7 @@ def rows(presses: int, *, draws: bool) -> list[dict[str, Any]]:
         with open_hardware(settings) as rig, serve(rig, port=0) as page:
             widgets = {}
             while "Held" not in widgets:
-                gui = page.host.page_context().server.gui
+                gui = page.page_context().server.gui
                 for uuid, handle in list(gui._gui_input_handle_from_uuid.items()):
                     widgets[str(getattr(handle, "label", ""))] = str(uuid)
                 time.sleep(0.1)

@@ -65,14 +65,14 @@ class Preview(ServedPage):
         self._opened: RigLike | CellRigs | None = None
         self._search: SourceOpener | None = None
         self._waits: viser.GuiHtmlHandle | None = None
-        self.host.say = self._missed
+        self.say = self._missed
         if source.lasts:
             self._take(source.open())
         else:
-            waiting(self.host.bar, source.title)
+            waiting(self.bar, source.title)
             about = markup.sentence(_WAITS, is_whole=True) + markup.facts(_CHECK)
-            self._waits = self.host.gui.add_html(about)
-        self.host.start()
+            self._waits = self.gui.add_html(about)
+        self.start()
         if not source.lasts:
             self._search = SourceOpener(source.open, found=self._found, failed=self._missed)
 
@@ -80,28 +80,28 @@ class Preview(ServedPage):
         """Stop serving. What was passed in stays open; what was opened is closed."""
         if self._search is not None:
             self._search.close()
-        self.host.close()
+        super().close()
         opened, self._opened = self._opened, None
         if opened is not None and not self._source.lasts:
             opened.close()
 
     def _missed(self, error: Exception) -> None:
-        self.host.post(lambda: waiting(self.host.bar, self._source.title, error))
+        self.post(lambda: waiting(self.bar, self._source.title, error))
 
     def _found(self, opened: RigLike | CellRigs) -> None:
         self._opened = opened
-        self.host.post(lambda: self._take(opened))
+        self.post(lambda: self._take(opened))
 
     def _take(self, opened: RigLike | CellRigs) -> None:
         self._opened = opened
         if self._waits is not None:
             self._waits.remove()
         self._add_parts(opened)
-        self.host.events.add(f"{self._source.title}: connected")
+        self.events.add(f"{self._source.title}: connected")
 
     def stop(self) -> None:
         """Stop all arms and drop all waiting commands; returns when they are at rest."""
-        self.host.drop_commands()
+        self.drop_commands()
         if isinstance(self._opened, CellRigs):
             self._opened.cell.stop()
         elif self._opened is not None:
@@ -113,13 +113,13 @@ class Preview(ServedPage):
             each.end_following()
 
     def _add_parts(self, opened: RigLike | CellRigs) -> None:
-        host, source = self.host, self._source
+        source = self._source
         cell = opened if isinstance(opened, CellRigs) else None
         rigs: Mapping[str, RigLike] = cell.rigs if cell else {"": opened}  # type: ignore[dict-item]
         bases = {"": SE3.identity()}
         if cell is not None:
             bases = {each.name: each.T_cell_base for each in cell.file.arms}
-        context = host.page_context()
+        context = self.page_context()
         move = MovePart(
             context,
             rigs,
@@ -130,9 +130,9 @@ class Preview(ServedPage):
             plan=self._plan,
             atlas=source.atlas,
         )
-        host.windows.leave_open_as_stop(move.stop_button)
-        host.say = move.model.report
-        panel = host.gui.add_panel()
+        self.windows.leave_open_as_stop(move.stop_button)
+        self.say = move.model.report
+        panel = self.gui.add_panel()
         about: list[Part] = [
             HealthPart(context, rig, panel, mark=move.stages[name].mark, name=name)
             for name, rig in rigs.items()
@@ -167,18 +167,18 @@ class Preview(ServedPage):
             context, title=source.title, rigs=rigs, guide=program.model.guide, fade=fade
         )
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
-        host.add_parts(move, program, world, share, *about, hold, *logs, *self._teaches)
+        self.add_parts(move, program, world, share, *about, hold, *logs, *self._teaches)
         if cell is None:
-            host.add_parts(*setup_parts(context, rigs[""], on_stage=move.set_visible))
-        host.add_parts(*jogs)
+            self.add_parts(*setup_parts(context, rigs[""], on_stage=move.set_visible))
+        self.add_parts(*jogs)
         if source.atlas is not None:
-            host.add_parts(AtlasPart(context, source.atlas, move.pages[""].set_target_joints))
+            self.add_parts(AtlasPart(context, source.atlas, move.pages[""].set_target_joints))
         if source.camera is not None:
             machine = opened if isinstance(opened, MachineRig) else None
-            host.add_parts(CameraPart(context, source.camera, machine))
+            self.add_parts(CameraPart(context, source.camera, machine))
 
     def _program(self, opened: RigLike | CellRigs, move: MovePart) -> ProgramPart:
-        context = self.host.page_context()
+        context = self.page_context()
         if isinstance(opened, CellRigs):
             return ProgramPart(context, opened.cell, move.pages, move.nodes, opened.zeros)
         rig, page = opened, {ARM: move.pages[""]}
@@ -190,18 +190,18 @@ class Preview(ServedPage):
         self, title: str, rigs: Mapping[str, RigLike]
     ) -> Iterator[tuple[str, PageContext]]:
         """A tab with one tab in it for each arm, if there are several: their names and contexts."""
-        context = self.host.page_context()
+        context = self.page_context()
         if "" in rigs:
             yield "", context
             return
         with context.tabs.add_tab(title):
-            arms = self.host.gui.add_tab_group()
+            arms = self.gui.add_tab_group()
         for name in rigs:
             yield name, replace(context, tabs=arms)
 
     def _log(self, name: str, text: str, tone: Tone) -> None:
         said = texts.named(name, Sentence(text, tone=tone))
-        self.host.events.add(said.text, said.tone)
+        self.events.add(said.text, said.tone)
 
 
 def serve(

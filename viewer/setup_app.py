@@ -50,14 +50,14 @@ class SetupApp(ServedPage):
         progress: SetupProgress,
     ) -> None:
         super().__init__(server)
-        context = self.host.page_context()
+        context = self.page_context()
         set_up_view(context.server, _SIGHT)
         part = SetupPart(context, source=source, progress=progress, preview=serve, resumes=True)
         self._setup = part.setup
-        bar = SetupBar(context, self._setup, drop=self.host.drop_commands)
-        self.host.windows.leave_open_as_stop(bar.button)
-        self.host.add_parts(part, bar)
-        self.host.start()
+        bar = SetupBar(context, self._setup, drop=self.drop_commands)
+        self.windows.leave_open_as_stop(bar.button)
+        self.add_parts(part, bar)
+        self.start()
 
     @property
     def last_port(self) -> str | None:

@@ -66,11 +66,11 @@ def test_many_alerts_stand_above_the_picture_of_the_arm_on_tablets_and_in_small_
     for size in (TABLET, LOW):
         page.set_viewport_size({"width": size[0], "height": size[1]})
         for count in (1, 2, 3):
-            preview.host.bar.alert("test", said[:count])
+            preview.bar.alert("test", said[:count])
             lines = alerts.locator("p")
             window.until(lambda lines=lines, count=count: lines.count() == count)
             window.comes_to(count == 1, lambda: overlap() > 0.0)
-        preview.host.bar.alert("test")
+        preview.bar.alert("test")
     window.leave()
 
 
@@ -86,15 +86,15 @@ def test_of_many_alerts_the_first_is_whole_and_a_click_unfolds_another(visit, pr
         boxes = [line.bounding_box() for line in lines.all()]
         return [box is not None and box["height"] > 40.0 for box in boxes]
 
-    preview.host.bar.alert("test", said[:2])
+    preview.bar.alert("test", said[:2])
     window.comes_to([True, True], high)
-    preview.host.bar.alert("test", said)
+    preview.bar.alert("test", said)
     window.comes_to([True, False, False, False], high)
     lines.nth(2).click()
     window.comes_to([True, False, True, False], high)
     lines.nth(2).click()
     window.comes_to([True, False, False, False], high)
-    preview.host.bar.alert("test")
+    preview.bar.alert("test")
     window.leave()
 
 

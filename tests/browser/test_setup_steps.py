@@ -70,7 +70,7 @@ def hand_on(app: SetupApp) -> Hand:
 def set_up(hand: Hand, kit: Kit, joint: str) -> None:
 =======
 def hand_on(app):
-    return Hand(app.host.page_context().server)
+    return Hand(app.page_context().server)
 
 
 def set_up(hand, kit, joint):
@@ -213,7 +213,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path):
         open_hardware(settings, reply_timeout=PATIENCE) as rig,
         serve_preview(rig, port=0) as preview,
     ):
-        hand = Hand(preview.host.page_context().server)
+        hand = Hand(preview.page_context().server)
         hand.press("Calibration Only")
         hand.expect("Step 1 of 7")
         hand.expect("Torque not known: no arm yet")

@@ -1,4 +1,1 @@
-"""What all parts of the page share: context, commands, events, texts, markup, screen state.
-
-May import the package, and of the viewer nothing but itself.
-"""
+"""What all parts of the page share; may import the package, and of the viewer only itself."""

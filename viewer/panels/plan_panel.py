@@ -16,22 +16,11 @@ from so101_motion.common.named_poses import POSES
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 
-from ..page import markup, texts
+from ..page import markup, texts, units
 from ..page.bar import board, uuid_of
 from ..page.page_context import PageContext
 from ..page.plan_view import RATES, CommonPlan
-from ..page.shared_fields import (
-    DEGREES,
-    HUNDREDTHS,
-    MM,
-    PERCENT,
-    WHOLE_DEGREES,
-    SharedField,
-    UndoButtons,
-    Unit,
-    grey,
-    put,
-)
+from ..page.shared_fields import SharedField, UndoButtons, grey, put
 from ..page.target_editor import DIRECTIONS
 from ..page.target_ik import FRAMES
 from ..view_model import MoveModel, ViewModel
@@ -41,7 +30,7 @@ from .poses import PoseFolder, PoseList
 _LINES = 7  # lines reserved for six figures, and a clearance with long names
 SELECTS = "selects"  # what a click in the picture does unless it sets the target
 
-_FRAME = Unit(lambda frame: frame.replace("_", " "), lambda name: name.replace(" ", "_"))
+_FRAME = units.Unit(lambda frame: frame.replace("_", " "), lambda name: name.replace(" ", "_"))
 _ROUNDING = 1e-6  # 110 degrees, converted to radians and back, is not exactly 110
 _OFF = (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
 
@@ -130,7 +119,7 @@ class PlanPanel:
     def _add_plan(self) -> None:
         context, gui, model = self._context, self._context.gui, self._model
         self._preview = gui.add_slider("Preview (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
-        self._preview_time = SharedField(self._preview, model.preview, context, HUNDREDTHS)
+        self._preview_time = SharedField(self._preview, model.preview, context, units.HUNDREDTHS)
         self._play = context.buttons(
             "Play",
             {f"{rate:g}×": partial(model.play, rate) for rate in RATES},
@@ -145,7 +134,7 @@ class PlanPanel:
         ):
             least, most = map(round, range_deg)
             slider = gui.add_slider(label, least, most, 1, least)
-            self._caps.append(SharedField(slider, command, context, WHOLE_DEGREES))
+            self._caps.append(SharedField(slider, command, context, units.WHOLE_DEGREES))
         sweep = gui.add_checkbox("Swept motion", True)
         self._sweeps = SharedField(sweep, model.show_sweep, context)
 
@@ -213,7 +202,7 @@ class TargetControls:
         gui = self._context.gui
         target = gui.add_vector3("Target (mm)", (0.0, 0.0, 0.0), step=1.0)
         target.precision = 1
-        self._target = SharedField(target, self._page.set_target_point, self._context, MM)
+        self._target = SharedField(target, self._page.set_target_point, self._context, units.MM)
         self._nearest = self._context.buttons(
             "If unreachable",
             {"take the nearest": self._page.take_nearest},
@@ -234,12 +223,12 @@ class TargetControls:
             tilt = gui.add_slider("Tilt (°)", -90, 90, 1, 0, hint="-90 is straight down")
             roll = gui.add_slider("Roll (°)", -180, 180, 1, 0)
         self._kind = SharedField(kind, page.set_direction, context)
-        self._tilt = SharedField(tilt, page.set_tilt, context, WHOLE_DEGREES)
-        self._roll = SharedField(roll, page.set_roll, context, WHOLE_DEGREES)
+        self._tilt = SharedField(tilt, page.set_tilt, context, units.WHOLE_DEGREES)
+        self._roll = SharedField(roll, page.set_roll, context, units.WHOLE_DEGREES)
         with gui.add_folder("Joints (°)", expand_by_default=False):
             self._sliders = [gui.add_slider(name, -1.0, 1.0, 0.1, 0.0) for name in ARM_JOINTS]
         self._joints = [
-            SharedField(slider, partial(page.set_target_joint, i), context, DEGREES)
+            SharedField(slider, partial(page.set_target_joint, i), context, units.DEGREES)
             for i, slider in enumerate(self._sliders)
         ]
 
@@ -254,7 +243,7 @@ class TargetControls:
         self._opening = gui.add_slider(
             "Opening (%)", 0, 100, 1, 0, hint="The jaw follows at once, without a plan"
         )
-        self._opened = SharedField(self._opening, move, self._context, PERCENT)
+        self._opened = SharedField(self._opening, move, self._context, units.PERCENT)
         force = gui.add_slider(
             "Grip force (%)",
             round(100.0 * GENTLEST),
@@ -264,7 +253,7 @@ class TargetControls:
             hint="Share of the force that the servo can hold without getting hot",
             visible=False,
         )
-        self._force = SharedField(force, self._page.set_force, self._context, PERCENT)
+        self._force = SharedField(force, self._page.set_force, self._context, units.PERCENT)
         self._grip = gui.add_html("")
 
     def show(self) -> None:

@@ -1,4 +1,1 @@
-"""The Program tab: waypoints that are recorded, ordered, planned and run.
-
-May import ``page``, ``scene``, ``view_model`` and the package.
-"""
+"""The Program tab; may import page, scene, view_model and the package."""

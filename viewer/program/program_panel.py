@@ -16,19 +16,10 @@ from so101_motion.tasks.program.loops import MOST_TIMES, Loop
 from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST, SLOWEST, Waypoint
 from so101_motion.tasks.program.rehearsal import PASSING
 
-from ..page import markup
+from ..page import markup, units
 from ..page.bar import board, uuid_of
 from ..page.page_context import PROGRAM, PageContext, Part
-from ..page.shared_fields import (
-    HUNDREDTHS,
-    PERCENT,
-    TENTHS,
-    SharedField,
-    UndoButtons,
-    Unit,
-    grey,
-    put,
-)
+from ..page.shared_fields import SharedField, UndoButtons, grey, put
 from ..view_model import ViewModel
 from . import program_texts as words
 from .program_model import REST, STEP, ArmInStep, ProgramModel
@@ -253,7 +244,7 @@ class WaypointFields:
             100,
             hint="On the way to it, as a share of the speed on the Move tab",
         )
-        self._speed = SharedField(speed, editor.set_speed, context, PERCENT)
+        self._speed = SharedField(speed, editor.set_speed, context, units.PERCENT)
         passes = gui.add_checkbox(
             "Pass through",
             False,
@@ -261,11 +252,11 @@ class WaypointFields:
         )
         self._pass = SharedField(passes, editor.set_passes, context)
         pause = gui.add_number("Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1)
-        self._pause = SharedField(pause, editor.set_pause, context, TENTHS)
+        self._pause = SharedField(pause, editor.set_pause, context, units.TENTHS)
         jaw = gui.add_dropdown("Gripper", tuple(_JAW))
         self._jaw = SharedField(jaw, lambda name: editor.set_aperture(_JAW[name]), context)
         opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
-        self._opening = SharedField(opening, editor.set_aperture, context, PERCENT)
+        self._opening = SharedField(opening, editor.set_aperture, context, units.PERCENT)
 
     def show(self, waypoint: Waypoint | None, *, is_alone: bool) -> None:
         """Show a waypoint, or all fields grey; only an arm that moves alone may pass."""
@@ -326,7 +317,7 @@ class RehearsalFields:
         self._line = gui.add_html(markup.timeline(None, None))
         self._now = gui.add_html("", visible=False)
         self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
-        self._t = SharedField(self._slider, model.preview, context, HUNDREDTHS)
+        self._t = SharedField(self._slider, model.preview, context, units.HUNDREDTHS)
         rates = {f"{rate:g}×": partial(model.play, rate) for rate in (0.5, 1.0, 2.0)}
         self._play = context.buttons("Play", rates, _PLAYS)
         self._drawn: RehearsalTime | None = None
@@ -350,7 +341,7 @@ class RoundsFields:
 
     def __init__(self, context: PageContext, command: Callable[[int | None], None]) -> None:
         number = context.gui.add_number("Rounds", 1, min=1, max=MOST_TIMES, step=1)
-        self._rounds = SharedField(number, command, context, Unit(int, int))
+        self._rounds = SharedField(number, command, context, units.Unit(int, int))
         self._endless = SharedField(
             context.gui.add_checkbox("Until stopped", False),
             lambda on: command(None if on else int(number.value)),

@@ -1,4 +1,1 @@
-"""The 3D scene: the arm, its ghost, obstacles, the planned path, camera and lights.
-
-May import ``page`` and the package.
-"""
+"""The 3D scene; may import page and the package."""

@@ -1,4 +1,1 @@
-"""The web server of the page: who may connect, which window is in control, one thread.
-
-May import ``page`` and the package.
-"""
+"""The web server of the page; may import page and the package."""

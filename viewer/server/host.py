@@ -83,14 +83,15 @@ class Commands:
             self._waiting.clear()
 
 
-class Host:
-    """Runs parts on a server. Close it after use.
+class ServedPage:
+    """A served page, opened by its ``url``. Use it in a ``with`` block or call ``close``.
 
-    ``say`` is called with what a command raised; a part that can show it better may replace it.
+    It runs the page's parts. ``say`` is called with what a command raised; a part that can show it
+    better may replace it.
     """
 
     def __init__(self, server: GuardedServer) -> None:
-        self._server = server
+        self.url, self._server = server.url, server
         self.events = EventLog()
         self.say: Callable[[Exception], None] = self._note
         self.windows = Windows(server.viser, self.events.add)
@@ -154,6 +155,16 @@ class Host:
         """Drop all waiting commands; none has an effect after this."""
         self._commands.drop()
 
+    def url_for_once(self) -> str:
+        """A link that opens the page once; see ``GuardedServer.url_for_once``."""
+        return self._server.url_for_once()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def close(self) -> None:
         """Stop serving; may be called twice."""
         if self._closing.is_set():
@@ -210,25 +221,3 @@ class Host:
         with self._server.viser.atomic():
             for part in parts:
                 part.show()
-
-
-class ServedPage:
-    """A served page, opened by its ``url``. Use it in a ``with`` block or call ``close``."""
-
-    def __init__(self, server: GuardedServer) -> None:
-        self.url, self._server = server.url, server
-        self.host = Host(server)
-
-    def url_for_once(self) -> str:
-        """A link that opens the page once; see ``GuardedServer.url_for_once``."""
-        return self._server.url_for_once()
-
-    def close(self) -> None:
-        """Stop serving; may be called twice."""
-        self.host.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

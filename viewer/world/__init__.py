@@ -1,4 +1,1 @@
-"""The World tab: obstacles, held objects and keep-out zones, edited by hand.
-
-May import ``page``, ``scene`` and the package.
-"""
+"""The World tab; may import page, scene and the package."""

@@ -25,20 +25,10 @@ from so101_motion.planning.collision.scene import (
 )
 from so101_motion.planning.kinematics.model import RobotModel
 
-from ..page import markup, texts
+from ..page import markup, texts, units
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
-from ..page.shared_fields import (
-    DEGREES,
-    GRAMS,
-    MM,
-    PLAIN,
-    SharedField,
-    UndoButtons,
-    Unit,
-    grey,
-    put,
-)
+from ..page.shared_fields import SharedField, UndoButtons, grey, put
 from ..scene.scene_edits import NEW_SHAPES, Thing, holder_of, pose_of
 from ..scene.scene_view import SceneView
 from .loaded_files import ENDINGS
@@ -124,7 +114,7 @@ class WorldPart(Part):
             lambda on: world.set_floor(self._floor_z if on else None),
         )
         height = gui.add_number("Floor height (mm)", 0.0, step=0.1)
-        self._height = self._field(height, world.set_floor, MM)
+        self._height = self._field(height, world.set_floor, units.MM)
         self._floor_z = FLOOR_Z
         gui.add_divider()
         self._add_files(gui)
@@ -135,18 +125,20 @@ class WorldPart(Part):
         world = self.world
         self._name = self._field(gui.add_text("Name", ""), world.rename)
         size = gui.add_vector3("Size (mm)", (1.0, 1.0, 1.0), step=1.0)
-        self._size = self._field(size, lambda size: world.resize(size=size), MM)
+        self._size = self._field(size, lambda size: world.resize(size=size), units.MM)
         radius = gui.add_number("Radius (mm)", 1.0, step=1.0)
-        self._radius = self._field(radius, lambda radius: world.resize(radius=radius), MM)
+        self._radius = self._field(radius, lambda radius: world.resize(radius=radius), units.MM)
         length = gui.add_number("Length (mm)", 1.0, step=1.0)
-        self._length = self._field(length, lambda length: world.resize(length=length), MM)
+        self._length = self._field(length, lambda length: world.resize(length=length), units.MM)
         self._at = gui.add_vector3("Position (mm)", (0.0, 0.0, 0.0), step=1.0)
-        self._position = self._field(self._at, world.move_to, MM)
+        self._position = self._field(self._at, world.move_to, units.MM)
         turn = gui.add_vector3("Turn (°)", (0.0, 0.0, 0.0), step=1.0)
-        self._turn = self._field(turn, world.turn_to, DEGREES)
+        self._turn = self._field(turn, world.turn_to, units.DEGREES)
         for box in (size, self._at, turn):
             box.precision = 1
-        self._mass = self._field(gui.add_number("Mass (g)", 0.0, step=1.0), world.set_mass, GRAMS)
+        self._mass = self._field(
+            gui.add_number("Mass (g)", 0.0, step=1.0), world.set_mass, units.GRAMS
+        )
         zone = gui.add_checkbox("Keep-out zone", initial_value=False)
         self._zone = self._field(zone, world.set_keep_out)
 
@@ -187,14 +179,14 @@ class WorldPart(Part):
             hint="Factor for the lengths in the next file: 1000 for an STL file in metres",
         )
         self._scale = self._field(scale, partial(setattr, self.world, "scale"))
-        self._voxel = self._field(voxel, self.world.set_voxel, MM)
+        self._voxel = self._field(voxel, self.world.set_voxel, units.MM)
         gui.add_html(markup.small("Loaded points become cubes with edges of this length."))
         bring.on_upload(
             self._context.handler(lambda event: partial(self._load, event.target.value))
         )
 
     def _field(
-        self, widget: Any, command: Callable[[Any], None], unit: Unit = PLAIN
+        self, widget: Any, command: Callable[[Any], None], unit: units.Unit = units.PLAIN
     ) -> SharedField:
         return SharedField(widget, command, self._context, unit)
 

@@ -12,7 +12,7 @@ import pytest
 from harness.page_client import Hand
 from so101_viewer.page.operation_panel import OperationPanel
 from so101_viewer.server.guarded_server import start_guarded
-from so101_viewer.server.host import Host
+from so101_viewer.server.host import ServedPage
 
 from so101_motion.arm.stop_order import NUMBERS, is_older
 from so101_motion.cli.operation_terminal import OperationTerminal
@@ -183,7 +183,7 @@ def test_it_is_led_through_in_a_terminal(kettle, send, is_remote, monkeypatch):
 @pytest.mark.parametrize("is_remote", [False, True])
 def test_it_is_a_panel_of_the_page(kettle, send, is_remote):
     operation = RemoteOperation(send, "kettle") if is_remote else kettle
-    host = Host(start_guarded("127.0.0.1", 0, allow_remote=False, label="toy"))
+    host = ServedPage(start_guarded("127.0.0.1", 0, allow_remote=False, label="toy"))
     context = host.page_context()
     panel = OperationPanel(context, lambda: operation)
     with context.tabs.add_tab("Tea"):

@@ -3,9 +3,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from so101_viewer.page import shared_fields
+from so101_viewer.page import units
 from so101_viewer.page.page_context import PageContext
-from so101_viewer.page.shared_fields import SharedField, Unit
+from so101_viewer.page.shared_fields import SharedField
 
 
 class FakeWidget:
@@ -38,7 +38,7 @@ def make():
     widget, commands, done = FakeWidget(), deque(), []
     unused = None
     context = PageContext(server=unused, tabs=unused, workers=unused, post=commands.append)
-    return widget, SharedField(widget, done.append, context, Unit(round)), commands, done
+    return widget, SharedField(widget, done.append, context, units.Unit(round)), commands, done
 
 
 def test_a_field_shows_what_the_page_says_once():
@@ -88,11 +88,11 @@ async def test_a_value_the_page_set_itself_is_not_a_command():
 @pytest.mark.parametrize(
     ("unit", "value", "shown"),
     [
-        (shared_fields.DEGREES, np.radians(12.34), 12.3),
-        (shared_fields.WHOLE_DEGREES, np.radians(44.6), 45),
-        (shared_fields.MM, np.array([0.25, -0.00004, 0.15]), (250.0, 0.0, 150.0)),
-        (shared_fields.GRAMS, 0.0204, 20.4),
-        (shared_fields.PERCENT, 0.405, 40),
+        (units.DEGREES, np.radians(12.34), 12.3),
+        (units.WHOLE_DEGREES, np.radians(44.6), 45),
+        (units.MM, np.array([0.25, -0.00004, 0.15]), (250.0, 0.0, 150.0)),
+        (units.GRAMS, 0.0204, 20.4),
+        (units.PERCENT, 0.405, 40),
     ],
 )
 def test_a_unit_shows_a_value_and_takes_what_is_shown(unit, value, shown):
