@@ -42,8 +42,6 @@ class PlanPanel:
     scrolling. ``on_click`` is called with what clicks in the picture do, ``SELECTS`` or another.
     """
 
-    plan_button: viser.GuiButtonHandle
-
     def __init__(
         self,
         context: PageContext,

@@ -65,19 +65,10 @@ class ProgramPart(Part):
         self._fields: dict[str, WaypointFields] = {}
         self._chosen: list[viser.GuiButtonGroupHandle] = []  # for the chosen step
         with context.tabs.add_tab(PROGRAM):  # nothing comes and goes, so nothing changes places
-            self._add_recording(context.gui)
-            self._add_run(context.gui)  # above what is used less, for a phone shows little
-            self._add_order(context.gui)
-            self._add_rehearsal(context.gui)
-            self._add_arms(context.gui)
-            self._loops = LoopFields(self._context, self.model)
-            self._rounds = RoundsFields(self._context, self.model.set_rounds)
-            self._files = FileFields(self._context, self.model)
+            self._build(context.gui)
 
-    # Widgets
-
-    def _add_recording(self, gui: viser.GuiApi) -> None:
-        model = self.model
+    def _build(self, gui: viser.GuiApi) -> None:
+        model, button = self.model, self._context.button
         self._sentence = gui.add_html("")
         if self._is_one:
             self._context.buttons(
@@ -89,6 +80,22 @@ class ProgramPart(Part):
             self._add_record("Record arm", model.record_arms, "they go to where they stand now")
             self._add_record("Record target", model.record_targets, "they go to their targets")
         self._rows = RowList(self._context, model.choose, model.reorder)
+        # Above what is used less, for a phone shows little.
+        self._plan = button("Plan program", model.plan, icon=viser.Icon.ROUTE)
+        self._run = button("Run program", model.start, icon=viser.Icon.PLAYER_PLAY, color="green")
+        self._progress = gui.add_progress_bar(0.0, color="green")
+        self._add_order()
+        self._plan_part = self._context.buttons(
+            "Plan only",
+            {part: partial(model.plan, part) for part in (REST, STEP)},
+            "From the chosen row on, or only the way to it",
+        )
+        self._rehearsal = RehearsalFields(self._context, model)
+        self._facts = gui.add_html(markup.facts(model.texts.facts(None), lines=_LINES))
+        self._add_arms(gui)
+        self._loops = LoopFields(self._context, model)
+        self._rounds = RoundsFields(self._context, model.set_rounds)
+        self._files = FileFields(self._context, model)
 
     def _add_record(
         self, label: str, record: Callable[[Sequence[str] | None], None], what: str
@@ -97,13 +104,7 @@ class ProgramPart(Part):
         of_each = {name: partial(record, (name,)) for name in self._pages}
         self._context.buttons(label, {**of_each, _ALL: partial(record, None)}, hint)
 
-    def _add_run(self, gui: viser.GuiApi) -> None:
-        button, model = self._context.button, self.model
-        self._plan = button("Plan program", model.plan, icon=viser.Icon.ROUTE)
-        self._run = button("Run program", model.start, icon=viser.Icon.PLAYER_PLAY, color="green")
-        self._progress = gui.add_progress_bar(0.0, color="green")
-
-    def _add_order(self, gui: viser.GuiApi) -> None:
+    def _add_order(self) -> None:
         model = self.model
         does: dict[str, Callable[[], None]] = {
             "up": partial(model.move, -1),
@@ -117,20 +118,9 @@ class ProgramPart(Part):
         self._chosen.append(self._context.buttons(model.texts.step.capitalize(), does, hint))
         self._undo = UndoButtons(self._context, "Edits", model.history)
 
-    def _add_rehearsal(self, gui: viser.GuiApi) -> None:
-        self._plan_part = self._context.buttons(
-            "Plan only",
-            {part: partial(self.model.plan, part) for part in (REST, STEP)},
-            "From the chosen row on, or only the way to it",
-        )
-        self._rehearsal = RehearsalFields(self._context, self.model)
-        self._facts = gui.add_html(markup.facts(self.model.texts.facts(None), lines=_LINES))
-
     def _add_arms(self, gui: viser.GuiApi) -> None:
         if self._is_one:
-            self._fields = {
-                name: WaypointFields(self._context, each) for name, each in self.model.edit.items()
-            }
+            self._fields = {ARM: WaypointFields(self._context, self.model.edit[ARM])}
             return
         tabs = gui.add_tab_group()
         for name, edit in self.model.edit.items():
@@ -142,8 +132,6 @@ class ProgramPart(Part):
                 }
                 self._chosen.append(self._context.buttons("In this step", does, _USES))
                 self._fields[name] = WaypointFields(self._context, edit)
-
-    # The page
 
     def refresh(self) -> bool:
         model = self.model

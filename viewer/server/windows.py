@@ -92,8 +92,12 @@ class Windows:
         with self._lock:
             taken = {window.number for window in self._by_client.values()}
             number = next(n for n in range(1, len(taken) + 2) if n not in taken)
-            window = _made_for(client, number)
-            self._by_client[client.client_id] = window
+            window = self._by_client[client.client_id] = _Window(
+                number=number,
+                client=client,
+                board=client.gui.add_html("", visible=False),
+                take=client.gui.add_button(_TAKE, visible=False),
+            )
 
             async def take(_event: object) -> None:
                 self._give(number)
@@ -167,16 +171,6 @@ async def _count(connection: WebsockClientConnection) -> None:
         up_direction=(0.0, 0.0, 1.0),
     )  # any pose will do: the window sends its own with each picture
     await connection._handle_incoming_message(ClientId(connection.client_id), camera)
-
-
-def _made_for(client: viser.ClientHandle, number: int) -> _Window:
-    gui = client.gui
-    return _Window(
-        number=number,
-        client=client,
-        board=gui.add_html("", visible=False),
-        take=gui.add_button(_TAKE, visible=False),
-    )
 
 
 def words(number: int, holder: int | None) -> str | None:

@@ -6,6 +6,7 @@ Only the outer cubes are sent. A click moves nothing but the goal's ghost.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -66,8 +67,7 @@ class AtlasPart(Part):
         context.on_entry(visible, self._set_visible)
 
     def _set(self, **changed: Any) -> None:
-        fields = {name: getattr(self._shown, name) for name in Shown.__slots__}
-        self._shown, self._is_new = Shown(**{**fields, **changed}), True
+        self._shown, self._is_new = replace(self._shown, **changed), True
 
     def _set_figure(self, name: str) -> None:
         self._set(figure=name)
