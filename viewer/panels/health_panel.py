@@ -26,6 +26,7 @@ from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 
 _EVERY = 0.5  # how often the figures are read anew [s]; nobody reads faster
+_COUNTS = ("answers", "retries", "lost", "corrupt")  # of messages on the bus
 _HARD_WORK = 0.8  # share of its drive from which a servo is near its end; chosen
 
 
@@ -46,12 +47,12 @@ def tones(servo: JointHealth) -> dict[str, Tone]:
 class Health:
     """The health of an arm's servos and its bus."""
 
-    servos: tuple[JointHealth, ...]  # base to jaw; empty when nothing is measured
+    servos: tuple[JointHealth, ...] = ()  # base to jaw; empty when nothing is measured
     silence: str | None  # why nothing is measured; None when it is
-    period: float | None  # of the control loop [s]; None when the source does not tell
+    period: float | None = None  # of the control loop [s]; None when the source does not tell
     late_ticks: int  # setpoints that came more than half a period late since the start
     # how often the port went away; None when there is no port or it is unknown
-    port_losses: int | None
+    port_losses: int | None = None
     uncalibrated: tuple[str, ...] = ()
     # the file with the second before the last failure; None when there is none
     last_failure: str | None = None
@@ -61,37 +62,30 @@ class Health:
 
 def read_health(rig: RigLike) -> Health:
     """The newest figures of ``rig``; never waits."""
-    servos: tuple[JointHealth, ...]
-    silence, losses, failure = None, None, None
-    uncalibrated: tuple[str, ...] = ()
-    not_ready = ""
-    period = rig.executor.dt if isinstance(rig, Rig) else None
+    late_ticks = rig.arm.state.late_ticks
     if isinstance(rig, HardwareRig):
-        servos = rig.servos.health
-        losses = rig.servos.port_losses
-        uncalibrated = rig.uncalibrated
-        failure = rig.last_failure
-        if not servos:
-            silence = "No servo has answered yet."
-    elif isinstance(rig, Rig):
-        servos, silence = (), "Simulated: there are no servos to measure."
-    else:
-        status = getattr(rig, "status", {})
-        reported, unknown = status.get("health"), status.get("uncalibrated")
-        servos = tuple(_from_status(reported)) if isinstance(reported, Mapping) else ()
-        not_ready = str(status.get("not_ready") or "")
-        uncalibrated = tuple(map(str, unknown)) if isinstance(unknown, list) else ()
-        if not servos:
-            silence = "The machine's arm reports no servo health."
+        servos, failure = rig.servos.health, rig.last_failure
+        return Health(
+            servos=servos,
+            silence=None if servos else "No servo has answered yet.",
+            late_ticks=late_ticks,
+            period=rig.executor.dt,
+            port_losses=rig.servos.port_losses,
+            uncalibrated=rig.uncalibrated,
+            last_failure=None if failure is None else str(failure),
+        )
+    if isinstance(rig, Rig):
+        silence = "Simulated: there are no servos to measure."
+        return Health(silence=silence, late_ticks=late_ticks, period=rig.executor.dt)
+    status = getattr(rig, "status", {})
+    reported, unknown = status.get("health"), status.get("uncalibrated")
+    servos = tuple(_from_status(reported)) if isinstance(reported, Mapping) else ()
     return Health(
         servos=servos,
-        silence=silence,
-        period=period,
-        late_ticks=rig.arm.state.late_ticks,
-        port_losses=losses,
-        uncalibrated=uncalibrated,
-        last_failure=None if failure is None else str(failure),
-        not_ready=not_ready,
+        silence=None if servos else "The machine's arm reports no servo health.",
+        late_ticks=late_ticks,
+        uncalibrated=tuple(map(str, unknown)) if isinstance(unknown, list) else (),
+        not_ready=str(status.get("not_ready") or ""),
     )
 
 
@@ -114,13 +108,10 @@ def _from_status(reported: Mapping[str, Any]) -> list[JointHealth]:
                 temperature_c=int(figures["temperature_c"]),
                 load=0.01 * float(figures["load_percent"]),
                 faults=tuple(map(str, figures["faults"])),
-                answers=int(figures["answers"]),
-                lost=int(figures["lost"]),
-                corrupt=int(figures["corrupt"]),
-                retries=int(figures["retries"]),
                 is_silent=figures["silent"] is True,
+                **{name: int(figures[name]) for name in _COUNTS},
             )
-        except (KeyError, TypeError, ValueError):
+        except (AttributeError, KeyError, TypeError, ValueError):
             continue
         found.append(servo)
     return sorted(found, key=lambda servo: servo.servo_id)
@@ -142,9 +133,8 @@ def figures(found: Health) -> str:
         lines.append(("Control cycle", f"{1000.0 * found.period:.0f} ms"))
     lines.append(("Late cycles", f"{found.late_ticks}"))
     if found.servos:
-        retries, lost, corrupt = (
-            sum(getattr(servo, name) for servo in found.servos)
-            for name in ("retries", "lost", "corrupt")
+        _, retries, lost, corrupt = (
+            sum(getattr(servo, name) for servo in found.servos) for name in _COUNTS
         )
         lines.append(("Bus", f"{retries} retries, {lost} lost, {corrupt} garbled"))
     if found.port_losses is not None:

@@ -73,7 +73,14 @@ def test_a_machine_tells_which_joints_were_never_calibrated():
 
 
 @pytest.mark.parametrize(
-    "told", [{}, {"health": {}}, {"health": "fine"}, {"health": {"elbow_flex": {"volts": "x"}}}]
+    "told",
+    [
+        {},
+        {"health": {}},
+        {"health": "fine"},
+        {"health": {"elbow_flex": 3}},
+        {"health": {"elbow_flex": {"volts": "x"}}},
+    ],
 )
 def test_a_machine_that_tells_nothing_useful_is_said_to(told):
     health = read_health(machine(told))
