@@ -101,14 +101,6 @@ def named(arm: str, sentence: Sentence) -> Sentence:
     return replace(sentence, text=f"{arm}: {sentence.text}") if arm else sentence
 
 
-def saved(name: str) -> Sentence:
-    return Sentence(f"Saved as {name}.", Tone.GOOD)
-
-
-def renamed(name: str, new: str) -> Sentence:
-    return Sentence(f"{name} is now called {new}.", Tone.GOOD)
-
-
 def deleted(name: str) -> Sentence:
     return Sentence(f"Deleted {name}.")
 

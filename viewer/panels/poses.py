@@ -10,7 +10,7 @@ from so101_motion.files.saved_poses import SavedPoses
 from ..page import texts
 from ..page.history import SavedFiles
 from ..page.page_context import PageContext
-from ..page.screen_state import Sentence
+from ..page.screen_state import Sentence, Tone
 from ..page.shared_fields import SharedField, UndoButtons
 from ..view_model import MoveModel
 
@@ -50,7 +50,8 @@ class PoseList:
         chosen = self._chosen()
         with self.saved_files.changing(chosen):
             self._book.rename(chosen, self.name)
-        self._changed(self.name.strip(), texts.renamed(chosen, self.name.strip()))
+        new = self.name.strip()
+        self._changed(new, Sentence(f"{chosen} is now called {new}.", Tone.GOOD))
 
     def delete(self) -> None:
         chosen = self._chosen()
@@ -64,7 +65,7 @@ class PoseList:
     def _save(self, q: Array) -> None:
         with self.saved_files.changing(self.name):
             pose = self._book.save(self.name, q)
-        self._changed(pose.name, texts.saved(pose.name))
+        self._changed(pose.name, Sentence(f"Saved as {pose.name}.", Tone.GOOD))
 
     def _changed(self, chosen: str | None, sentence: Sentence) -> None:
         self.poses = self._book.own()
