@@ -65,7 +65,7 @@ from so101_motion.viam.conversion.planner_options import (
     to_goal_cloud,
 )
 from so101_motion.viam.conversion.world_state import MOST_THINGS
-from so101_motion.viam.models.configured import Configured, Dependencies
+from so101_motion.viam.models.configured import Configured, Dependencies, dependency
 from so101_motion.viam.models.gripper_resource import GripperResource
 from so101_motion.viam.requests import await_motion
 from so101_motion.viam.requests.commands import (
@@ -606,7 +606,7 @@ def motion_name(service: str) -> str:
 def motion_service(name: str | None, dependencies: Dependencies) -> MotionService | None:
     if name is None:
         return None
-    client: MotionService | None = _named("motion", name.rpartition("/")[2], dependencies)
+    client: MotionService | None = dependency(dependencies, "motion", name)
     if client is None:
         raise ConfigError("motion", name, "is not a motion service of this machine; check the name")
     return client
@@ -621,17 +621,10 @@ def sources(
     """
     found: list[Source] = []
     if senses.store is not None:
-        store = _named("world_state_store", senses.store, dependencies)
+        store = dependency(dependencies, "world_state_store", senses.store)
         found.append(StoreWatch(senses.store, store, logger))
     if senses.camera is not None:
-        camera = _named("camera", senses.camera, dependencies)
-        finder = _named("vision", senses.vision, dependencies)
+        camera = dependency(dependencies, "camera", senses.camera)
+        finder = dependency(dependencies, "vision", senses.vision)
         found.append(CameraView(senses.camera, camera, senses.vision, finder))
     return found
-
-
-def _named(subtype: str, name: str | None, dependencies: Dependencies) -> Any:
-    for resource, client in dependencies.items():
-        if (resource.subtype, resource.name) == (subtype, name):
-            return client
-    return None

@@ -68,6 +68,15 @@ class Configured:
         raise NotImplementedError
 
 
+def dependency(dependencies: Dependencies, subtype: str, name: str | None) -> Any:
+    """The client of a resource that a configuration names; None if the machine has none such."""
+    short = (name or "").rpartition("/")[2].rpartition(":")[2]
+    for resource, client in dependencies.items():
+        if (resource.subtype, resource.name) == (subtype, short):
+            return client
+    return None
+
+
 def without_ignored(
     attributes: Mapping[str, object], rows: tuple[Attribute, ...]
 ) -> tuple[Mapping[str, object], tuple[str, ...]]:

@@ -10,11 +10,8 @@ import asyncio
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
-from viam.components.arm import Arm
-from viam.components.gripper import Gripper
-from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 from viam.services.generic import Generic
 
@@ -32,7 +29,7 @@ from so101_motion.tasks.teleop.sides import Follower, Leader
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
-from so101_motion.viam.models.configured import Configured, Dependencies
+from so101_motion.viam.models.configured import Configured, Dependencies, dependency
 from so101_motion.viam.models.gripper_resource import GripperResource
 from so101_motion.viam.models.teleop_remote import (
     HORIZON,
@@ -200,12 +197,12 @@ class So101Teleop(Configured, Generic):
         ):
             reason = "is on the leader's port; give another arm"
             raise ConfigError("follower_arm", config.follower_arm, reason)
-        leader: Leader
         follower: Follower
-        if isinstance(leading, LocalArm):
-            leader = LocalLeader(leading, lets_go=config.lets_go)
-        else:
-            leader = RemoteLeader(leading, lets_go=config.lets_go)
+        leader: Leader = (
+            LocalLeader(leading, lets_go=config.lets_go)
+            if isinstance(leading, LocalArm)
+            else RemoteLeader(leading, lets_go=config.lets_go)
+        )
         if isinstance(following, LocalArm):
             follower = LocalFollower(following, guarded=config.guarded)
         elif config.guarded and config.asks_for_guard:
@@ -226,8 +223,8 @@ class So101Teleop(Configured, Generic):
         here = ArmResource.here.get(_short(arm))
         if here is None:
             return RemoteArm(
-                arm=cast("Arm", self._client(arm, "arm")),
-                gripper=cast("Gripper", self._client(jaw, "gripper")) if jaw else None,
+                arm=self._client(arm, "arm"),
+                gripper=self._client(jaw, "gripper") if jaw else None,
                 loop=asyncio.get_running_loop(),
                 clock=MonotonicClock(),
                 rate=self._config.rate,
@@ -238,11 +235,11 @@ class So101Teleop(Configured, Generic):
             raise ConfigError("grippers", jaw, reason)
         return LocalArm(station=here.rig, jaw=gripper.rig if gripper is not None else None)
 
-    def _client(self, name: str, subtype: str) -> ResourceBase:
-        for resource, client in self._dependencies.items():
-            if resource.subtype == subtype and resource.name == _short(name):
-                return client
-        raise ConfigError(f"{subtype}s", name, f"is not a {subtype} of this machine")
+    def _client(self, name: str, subtype: str) -> Any:
+        client = dependency(self._dependencies, subtype, name)
+        if client is None:
+            raise ConfigError(f"{subtype}s", name, f"is not a {subtype} of this machine")
+        return client
 
     def _recorder(self, file: Path, fps: float, clock: Clock) -> Recorder:
         here = ArmResource.here.get(_short(self._config.follower_arm))
@@ -257,9 +254,8 @@ def _file_of(record: str, *, replace: bool) -> Path:
         raise ConfigError("record", record, "must be a file name without folders")
     file = store.resolve(f"{RECORDINGS}/{record}")
     if not replace and file.exists():
-        raise ConfigError(
-            "record", record, 'is there already; choose another name, or send "replace": true'
-        )
+        reason = 'is there already; choose another name, or send "replace": true'
+        raise ConfigError("record", record, reason)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
