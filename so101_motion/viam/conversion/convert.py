@@ -150,11 +150,8 @@ def _caps(
     if len(values) == 0:
         key, values = scalar[0], [scalar[1]] * len(ARM_JOINTS)
     elif len(values) != len(ARM_JOINTS):
-        raise ConfigError(
-            key,
-            list(values),
-            f"has {len(values)} entries, but the arm has {len(ARM_JOINTS)} joints",
-        )
+        reason = f"has {len(values)} entries, but the arm has {len(ARM_JOINTS)} joints"
+        raise ConfigError(key, list(values), reason)
     caps = np.array(base)
     for i, value in enumerate(values):
         checked_number(key, value, lower=0.0, unit="deg")

@@ -151,10 +151,8 @@ class _Guard:
     async def _among_others(self, run: Callable[[], Awaitable[None]], on: Connection) -> None:
         """Begin a call when its turn comes, if its connection has not too many already."""
         if self._open.get(on, 0) >= MOST_OPEN:
-            raise GRPCError(
-                Status.RESOURCE_EXHAUSTED,
-                f"{MOST_OPEN} calls of this connection are open already; end some first",
-            )
+            reason = f"{MOST_OPEN} calls of this connection are open already; end some first"
+            raise GRPCError(Status.RESOURCE_EXHAUSTED, reason)
         self._open[on] = self._open.get(on, 0) + 1
         try:
             await self._turns.passed()

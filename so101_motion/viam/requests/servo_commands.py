@@ -377,11 +377,8 @@ class ServoCommands:
     def _check_jaw(self, given: Attributes) -> None:
         asked = given.required("servo_id", lower=1.0, upper=6.0)
         if asked != self._jaw_id:
-            raise ConfigError(
-                "servo_id",
-                asked,
-                f"moves the arm, not the jaw; give {self._jaw_id}, the jaw's servo",
-            )
+            reason = f"moves the arm, not the jaw; give {self._jaw_id}, the jaw's servo"
+            raise ConfigError("servo_id", asked, reason)
         if GRIPPER_JOINT not in self._rig.servos.setups:
             raise ConfigError(
                 "servo_id",
