@@ -102,7 +102,6 @@ def test_a_plan_made_here_moves_the_machines_arm(rig):
         return plan, time.monotonic() - begin
 
     plan, took = carried_out(execute)
-    assert rig.takes_streams
     np.testing.assert_allclose(rig.arm.state.q, LEFT, atol=np.radians(0.05))
     assert took >= plan.duration
     assert rig.arm.state.mode is Mode.HOLDING
@@ -341,7 +340,6 @@ def test_a_module_that_takes_no_trajectory_gets_the_corners_of_the_path(rig, mon
     corner = READY + np.radians([25.0, 0.0, -20.0, 0.0, 0.0])
     plan = rig.arm.plan(PathGoal(waypoints=np.array([corner, LEFT])))
     rig.arm.move(plan, wait=False).result(60.0)
-    assert not rig.takes_streams
     assert all(len(each) == 1 for each in sent)
     assert 2 <= len(sent) <= 8
     assert sent[-1][0] == pytest.approx(np.degrees(LEFT), abs=0.01)

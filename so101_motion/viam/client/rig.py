@@ -333,11 +333,6 @@ class MachineRig(Machine):
 
         return self.arm.start_series([run])
 
-    @property
-    def takes_streams(self) -> bool:
-        """Whether the machine can play our trajectories; if not, it gets the path's corners."""
-        return self._executor.takes_streams
-
     @interrupts.held()
     def close(self) -> None:
         """End our own motion, if one is under way, and disconnect. May be called twice."""
