@@ -2,22 +2,18 @@
 
 An arm with its weight is led fast by hand, limp and in manual mode, let fall, pushed while it
 holds and held fast in mid-motion. The driver asks again for each answer that it does not believe,
-which shows on the wire as a question to fewer than all six servos::
-
-    PYTHONPATH=tests python -m campaign.good_answers 100000 --seed 1
+which shows on the wire as a question to fewer than all six servos.
 """
 
 from __future__ import annotations
 
-import argparse
-import logging
 import math
 import random
 
-import click
 import numpy as np
+from harness.direct_port import DirectPort
 
-from campaign.torn_answers import DT, MAPS, SYNC_READ
+from campaign.torn_answers import DT, MAPS, POSITION, SYNC_READ
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import So101Error
@@ -36,8 +32,8 @@ from so101_motion.planning.timing.limits import MotionLimits
 GUIDED = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 
 
-class CountingPort:
-    """A port without a port.
+class CountingPort(DirectPort):
+    """Counts answers.
 
     Attributes:
         answers: Positions that servos have sent.
@@ -45,36 +41,24 @@ class CountingPort:
         fastest: The fastest a joint was between two answers [deg/s].
     """
 
-    name, baud = "/dev/clean", 1_000_000
+    name = "/dev/clean"
 
     def __init__(self, clock, gravity):
         self.world = build_world(EmulatorOptions(), t=clock.now(), gravity=gravity)
-        self._bus, self._clock = EmulatedBus(self.world), clock
-        self._arrived = b""
+        super().__init__(EmulatedBus(self.world), clock.now)
         self.answers = self.again = 0
         self.fastest, self._seen = 0.0, (0.0, np.zeros(6))
 
-    def write(self, data):
-        replies = self._bus.feed(data, self._clock.now())
-        self._arrived += b"".join(reply.data for reply in replies)
-        if data[4] == SYNC_READ and data[5] == 56:
+    def passed(self, request, replies):
+        if request[4] == SYNC_READ and request[5] == POSITION:
             self.answers += len(replies)
-            self.again += len(replies) if len(data) - 8 < 6 else 0
-            t, q = self._clock.now(), np.degrees(self.world.q)
+            self.again += len(replies) if len(request) - 8 < 6 else 0
+            t, q = self._now(), np.degrees(self.world.q)
             if t > self._seen[0]:
                 speed = np.max(np.abs(q - self._seen[1])) / (t - self._seen[0])
                 self.fastest = max(self.fastest, float(speed))
             self._seen = t, q
-
-    def read(self, until):
-        data, self._arrived = self._arrived, b""
-        return data
-
-    def discard(self):
-        self._arrived = b""
-
-    def close(self):
-        pass
+        return super().passed(request, replies)
 
 
 class RoughHandling:
@@ -174,19 +158,3 @@ def run(answers, seed=0):
         seen, again = seen + handling.port.answers, again + handling.port.again
         fastest, episode = max(fastest, handling.port.fastest), episode + 1
     return seen, again, fastest
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("answers", type=int)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    logging.disable(logging.ERROR)
-    seen, again, fastest = run(options.answers, options.seed)
-    click.echo(
-        f"seed {options.seed}: {seen} answers, {again} doubted, joints up to {fastest:.0f} deg/s"
-    )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,9 +1,10 @@
-"""A short share of ``torn_answers.py``, the attack with wrong answers on the bus."""
+"""A short share of ``torn_answers.py`` and ``good_answers.py``: answers on the bus."""
 
 import logging
 
 import pytest
 
+from campaign import good_answers
 from campaign.torn_answers import run
 
 
@@ -23,3 +24,10 @@ def test_on_a_clean_bus_no_answer_is_doubted():
     assert counter.broken == []
     assert counter.answers > 5_000
     assert counter.doubted == 0
+
+
+def test_right_answers_of_roughly_handled_joints_are_not_doubted():
+    answers, doubted, fastest = good_answers.run(2000, seed=1)
+    assert answers >= 2000
+    assert fastest > 100.0
+    assert doubted == 0

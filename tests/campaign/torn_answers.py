@@ -3,27 +3,22 @@
 The real driver and the real control of the modes talk to emulated servos through ``TornPort``,
 which spoils answers: it cuts them short, overwrites bytes, puts noise between them, and forges
 positions with a right checksum. Time is simulated and nothing waits, so an hour of an arm takes
-minutes. ``run`` plays episodes until so many answers were spoiled::
-
-    PYTHONPATH=tests python -m campaign.torn_answers 1000000 --seed 1
+minutes. ``run`` plays episodes until so many answers were spoiled.
 
 The laws are stated here once more, from the servo's data sheet and the caps, not from the driver.
 """
 
 from __future__ import annotations
 
-import argparse
-import logging
 import math
 import random
-import time
 from collections import Counter
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 
-import click
 import numpy as np
 from harness.clocks import TurnClock
+from harness.direct_port import DirectPort, waiting
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import So101Error
@@ -76,39 +71,20 @@ class ReplyCounter:
         return sum(self.spoiled.values())
 
 
-class TornPort:
-    """A port without a port whose answers are spoiled with a probability of ``share``."""
+class TornPort(DirectPort):
+    """A port whose answers are spoiled with a probability of ``share``."""
 
-    name, baud = "/dev/torn", 1_000_000
+    name = "/dev/torn"
 
     def __init__(self, clock, rng, counter):
         self.world = build_world(EmulatorOptions(), t=clock.now())
-        self.share = 0.0
-        self._bus, self._clock, self._rng, self._tally = (
-            EmulatedBus(self.world),
-            clock,
-            rng,
-            counter,
-        )
-        self._arrived = b""
+        super().__init__(EmulatedBus(self.world), clock.now, waiting(clock))
+        self.share, self._rng, self._tally = 0.0, rng, counter
 
-    def write(self, data):
-        offset = POSITION - data[5] if data[4] in (READ, SYNC_READ) else -1
-        for reply in self._bus.feed(data, self._clock.now()):
-            self._tally.answers += 1
-            self._arrived += self._spoil(reply.data, offset)
-
-    def read(self, until):
-        data, self._arrived = self._arrived, b""
-        if not data:  # it was waited for
-            self._clock.jump(max(until - self._clock.now(), 0.0))
-        return data
-
-    def discard(self):
-        self._arrived = b""
-
-    def close(self):
-        pass
+    def passed(self, request, replies):
+        offset = POSITION - request[5] if request[4] in (READ, SYNC_READ) else -1
+        self._tally.answers += len(replies)
+        return [self._spoil(reply.data, offset) for reply in replies]
 
     def _spoil(self, answer, offset):
         rng = self._rng
@@ -307,25 +283,3 @@ def run(spoiled, seed=0, share=0.15, episodes=0):
             Episode(seed * 1_000_000 + episode, share, counter, clock).play()
         episode += 1
     return counter
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("spoiled", type=int, help="how many answers to spoil")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--share", type=float, default=0.15, help="of the answers")
-    options = parser.parse_args()
-    logging.disable(logging.ERROR)  # faults are what is played here
-    began = time.monotonic()
-    counter = run(options.spoiled, options.seed, options.share)
-    click.echo(
-        f"seed {options.seed}: {counter.total} of {counter.answers} answers spoiled,"
-        f" {counter.cycles} cycles, {time.monotonic() - began:.0f} s\n"
-        f"spoiled: {dict(counter.spoiled)}\nerrors: {dict(counter.faults)}\n"
-        f"laws broken: {counter.broken}"
-    )
-    return bool(counter.broken)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

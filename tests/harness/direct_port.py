@@ -1,7 +1,6 @@
 """A port without a pseudo-terminal: what is written is answered at once, and nothing waits.
 
-``DirectPort`` is what a driver opens. An answer that does not come lets the simulated time pass for
-which it was waited. Subclasses spoil or count what passes through.
+Bytes and servos are the emulator's. Subclasses spoil or count what passes through.
 """
 
 from so101_motion.common.errors import PortUnavailable
@@ -12,20 +11,23 @@ class DirectPort:
 
     Args:
         bus: What answers.
-        clock: What time it is for the client, and passes while it waits; None to let none pass.
-        now: What time it is for the servos; the client's time if not given.
+        now: What time it is for the servos [s].
+        wait: Called with the time until which an answer was waited for that did not come.
+
+    Attributes:
+        unplugged: Set it to pull the plug.
     """
 
     name, baud = "/dev/direct", 1_000_000
 
-    def __init__(self, bus, clock, now=None):
-        self._bus, self._clock, self._now = bus, clock, now or clock.now
+    def __init__(self, bus, now, wait=lambda until: None):
+        self._bus, self._now, self._wait = bus, now, wait
         self._arrived = b""
-        self.is_gone = False
+        self.unplugged = False
 
     def write(self, data):
         self._look()
-        replies = self._bus.feed(data, self._now())
+        replies = self._bus.feed(data, self._now(), baud=self.baud)
         self._arrived += b"".join(self.passed(data, replies))
 
     def passed(self, request, replies):
@@ -36,7 +38,7 @@ class DirectPort:
         self._look()
         data, self._arrived = self._arrived, b""
         if not data:
-            self._clock.jump(max(until - self._clock.now(), 0.0))
+            self._wait(until)
         return data
 
     def discard(self):
@@ -44,11 +46,16 @@ class DirectPort:
         self._arrived = b""
 
     def close(self):
-        self.is_gone = True
+        pass
 
     def _look(self):
-        if self.is_gone:
-            raise PortUnavailable(self.name, "the port went away")
+        if self.unplugged:
+            raise PortUnavailable(self.name, "the port went away; check the USB cable")
+
+
+def waiting(clock):
+    """Lets time pass that is waited for an answer in vain."""
+    return lambda until: clock.jump(max(until - clock.now(), 0.0))
 
 
 class Socket:
@@ -64,7 +71,7 @@ class Socket:
     def open(self, baud=None):
         if not self._is_plugged:
             raise PortUnavailable(self.port, "it is not there")
-        self._opened = _Plugged(self._bus, self._clock, self._now)
+        self._opened = _Plugged(self._bus, self._now, waiting(self._clock))
         self._opened.on_write = lambda: self.on_write and self.on_write()
         return self._opened
 
@@ -77,7 +84,7 @@ class Socket:
 
     def close(self):
         if self._opened is not None:
-            self._opened.close()
+            self._opened.unplugged = True
 
 
 class _Plugged(DirectPort):
@@ -86,3 +93,6 @@ class _Plugged(DirectPort):
     def write(self, data):
         self.on_write()
         super().write(data)
+
+    def close(self):
+        self.unplugged = True

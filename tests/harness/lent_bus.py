@@ -7,8 +7,9 @@ from contextlib import nullcontext
 
 import pytest
 
+from harness.direct_port import DirectPort
 from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import MotorSetupError, PortUnavailable
+from so101_motion.common.errors import MotorSetupError
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as emulated
@@ -21,45 +22,22 @@ APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
 """Joint angles [rad] that differ, as those of loose servos do; twins are noticed by that."""
 
 
-class WirePort:
+class WirePort(DirectPort):
     """Fits ``Port``; a reply is there at once or not at all.
 
     Attributes:
         sent: Every packet, with the rate it was sent at.
-        unplugged: Set it to pull the plug.
     """
 
     name = "/dev/wired"
 
     def __init__(self, bus, now, baud):
-        self.sent = []
-        self.unplugged = False
-        self.baud = baud
-        self._bus, self._now = bus, now
-        self._arrived = bytearray()
+        super().__init__(bus, now)
+        self.sent, self.baud = [], baud
 
-    def write(self, data):
-        self._check()
-        self.sent.append((self.baud, bytes(data)))
-        for reply in self._bus.feed(data, self._now(), baud=self.baud):
-            self._arrived += reply.data
-
-    def read(self, until):
-        self._check()
-        data = bytes(self._arrived)
-        self._arrived.clear()
-        return data
-
-    def discard(self):
-        self._check()
-        self._arrived.clear()
-
-    def close(self):
-        pass
-
-    def _check(self):
-        if self.unplugged:
-            raise PortUnavailable(self.name, "the port went away; check the USB cable")
+    def passed(self, request, replies):
+        self.sent.append((self.baud, bytes(request)))
+        return super().passed(request, replies)
 
 
 class LentBus:
