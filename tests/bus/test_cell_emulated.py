@@ -5,9 +5,8 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from harness.cell_pair import FAST, in_time
 from harness.emulated_pair import Arm, mirroring, swaying, teleop_bench
-from harness.facing_arms import distance
+from harness.facing_arms import FAST, distance, in_time
 
 from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock

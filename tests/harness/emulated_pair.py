@@ -4,16 +4,13 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 
 import numpy as np
-from referee import CommandCaps, match_of
+from referee import CommandCaps
+from referee.official import WIDEST
 
-from harness.heard_port import HeardEmulator
+from harness.emulated_rig import HardwareBench
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
-from so101_motion.drivers.emulator.emulator import EmulatorOptions
 from so101_motion.drivers.emulator.hand import Hand, Waypoint
-from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.rig.hardware_rig import open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
 from so101_motion.tasks.teleop.pilot import Phase
 
@@ -112,44 +109,27 @@ def _best(leader, follower, dt, longest, cost):
     return (lags[k] + part) * dt, costs
 
 
-class Arm:
+class Arm(HardwareBench):
     """An emulated arm and its rig.
 
     Attributes:
-        emulator: The servos.
-        rig: Their rig.
+        rig: The rig.
     """
 
     def __init__(self, folder, name, clock, reply_timeout, **options):
-        self._clock = clock
-        self.emulator = HeardEmulator(
-            EmulatorOptions(link=folder / name, **options),
-            now=clock.now,
-            gravity=RobotModel.load().gravity_torque,
-        )
-        settings = ServoSettings(
-            port=str(folder / name), servo_ids=SERVOS, gripper_id=6, timeout=0.01
-        )
-        self.rig = open_hardware(
-            settings, clock=clock, reply_timeout=reply_timeout, open_port=self.emulator.opener()
-        )
-        match = match_of(self.emulator)
-        self.rig.servos.on_command = match.listen(lambda: MIRRORING, self._ticks)
-        self.rig.executor.requests.on_request = match.requested
+        super().__init__(folder, name=name, clock=clock, reply_timeout=reply_timeout, **options)
+        self.rig = self.open()
 
-    def _ticks(self, i, q):
-        joint = self.rig.servos.setups[JOINTS[i]].map
-        return joint.zero_ticks + joint.direction * q * 4096.0 / np.pi / 2.0
+    def _caps(self):
+        return WIDEST
 
-    @property
-    def world(self):
-        return self.emulator.world
+    def _command_caps(self):
+        return MIRRORING
 
     @property
     def q_deg(self):
         """True angles of the six joints [deg], with the zero of the calibration."""
-        self.emulator.advance()
-        true = np.degrees(self.world.q)
+        true = super().q_deg
         for i, joint in enumerate(JOINTS):
             servo, setup = self.world.servo(joint), self.rig.servos.setups[joint]
             off = setup.map.zero_ticks - servo.joint.zero_ticks
@@ -178,10 +158,6 @@ class Arm:
         u = np.linspace(0.0, 1.0, max(2, round(seconds / 0.02)))[:, None]
         way = here + (np.asarray(degrees) - here) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
         self.lead(way, dt=0.02)
-
-    def close(self):
-        self.rig.close()
-        self.emulator.close()
 
 
 class TeleopBench:

@@ -8,20 +8,16 @@ import asyncio
 import math
 import threading
 from concurrent.futures import wait
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import contextmanager
 
 import numpy as np
 from google.protobuf.struct_pb2 import Struct
-from grpclib.testing import ChannelFor
 from referee import STOP_JERK, Caps, CommandCaps, match_of
-from viam.components.arm import ArmClient
-from viam.components.arm.service import ArmRPCService
-from viam.components.gripper import GripperClient
-from viam.components.gripper.service import GripperRPCService
 from viam.proto.app.robot import ComponentConfig
-from viam.resource.manager import ResourceManager
 
 from harness.heard_port import HeardEmulator
+from harness.in_process_module import arm_client as arm_client
+from harness.in_process_module import gripper_client as gripper_client
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -56,7 +52,32 @@ def loaded(mass):
     return model if payload is None else model.with_payload(payload.mass, payload.com)
 
 
-class HardwareBench:
+class PortBench:
+    """The rigs on a port."""
+
+    def __init__(self, port):
+        self.port, self._rigs = port, []
+
+    def settings(self, **changes):
+        wanted = {"servo_ids": (1, 2, 3, 4, 5), "gripper_id": 6, **changes}
+        return ServoSettings(**{"port": str(self.port), **wanted})
+
+    def go(self, rig, *degrees):
+        """Begin to move to joint angles; the motion, once it is under way."""
+        goal = JointGoal(q=np.radians(np.array(degrees, dtype=float)))
+        return rig.arm.move(rig.arm.plan(goal), wait=False)
+
+    def shut(self, rig):
+        """Close a rig before the end."""
+        self._rigs.remove(rig)
+        rig.close()
+
+    def close(self):
+        for rig in self._rigs:
+            rig.close()
+
+
+class HardwareBench(PortBench):
     """Emulated servos on a port, and the rigs on it.
 
     Args:
@@ -65,6 +86,7 @@ class HardwareBench:
         held_kg: What the jaws hold, unknown to the rigs.
         clock: What time it is; a clock of its own by default.
         is_heard: Whether the rigs know when no servo will answer, see ``heard_port``.
+        name: Of the port.
         options: What else is emulated.
 
     Attributes:
@@ -82,16 +104,16 @@ class HardwareBench:
         held_kg=0.0,
         clock=None,
         is_heard=True,
+        name="arm",
         **options,
     ):
         self.clock, self.reply_timeout = clock or ManualClock(), reply_timeout
         self._is_heard = is_heard
-        self.port = folder / "arm"
+        super().__init__(folder / name)
         weight = loaded(held_kg).gravity_torque
         self.emulator = HeardEmulator(
             EmulatorOptions(link=self.port, **options), now=self.clock.now, gravity=weight
         )
-        self._rigs = []
         self._match = match_of(self.emulator)
         self._match.ask_caps(self._caps)
 
@@ -139,8 +161,7 @@ class HardwareBench:
         return self.q_deg[:5] - zeros
 
     def settings(self, **changes):
-        wanted = {"servo_ids": (1, 2, 3, 4, 5), "gripper_id": 6, "timeout": 0.01, **changes}
-        return ServoSettings(**{"port": str(self.port), **wanted})
+        return super().settings(**{"timeout": 0.01, **changes})
 
     def open(self, **changes):
         settings = self.settings(**changes)
@@ -174,12 +195,6 @@ class HardwareBench:
             wait([future], timeout=self.turn)
         return future.result(timeout=60.0)
 
-    def go(self, rig, *degrees):
-        """Begin to move to joint angles; the motion, once it is under way."""
-        goal = JointGoal(q=np.radians(np.array(degrees, dtype=float)))
-        plan = rig.arm.plan(goal)
-        return rig.arm.move(plan, wait=False)
-
     def under_way(self, motion, rig, seconds=0.3):
         """Let a motion get going."""
         for _ in range(10_000):
@@ -189,27 +204,13 @@ class HardwareBench:
             wait([motion.future], timeout=0.002)  # its thread may have to wait for the processor
         self.advance(seconds)
 
-    def shut(self, rig):
-        """Close a rig before the end."""
-        self._rigs.remove(rig)
-        rig.close()
-
     def close(self):
-        for rig in self._rigs:
-            rig.close()
+        super().close()
         self.emulator.close()
 
 
-class ArmBench:
-    """An arm on a real port: time is real, motions are slow, and nobody can touch its servos.
-
-    Attributes:
-        port: Its port.
-    """
-
-    def __init__(self, port):
-        self.port = port
-        self._rigs = []
+class ArmBench(PortBench):
+    """An arm on a real port: time is real, motions are slow, and nobody can touch its servos."""
 
     @property
     def q_deg(self):
@@ -229,10 +230,6 @@ class ArmBench:
         """Angles of the arm joints as the rig measures them [deg]."""
         return np.degrees(rig.arm.state.q)
 
-    def settings(self, **changes):
-        wanted = {"servo_ids": (1, 2, 3, 4, 5), "gripper_id": 6, **changes}
-        return ServoSettings(**{"port": self.port, **wanted})
-
     def open(self, **changes):
         rig = open_hardware(self.settings(**changes))
         rig.arm.set_speed(rad(15.0))
@@ -247,23 +244,10 @@ class ArmBench:
         """Wait until ``motion`` is over; raises what it ended with."""
         return getattr(motion, "future", motion).result(timeout=4.0 * at_most)
 
-    def go(self, rig, *degrees):
-        goal = JointGoal(q=np.radians(np.array(degrees, dtype=float)))
-        return rig.arm.move(rig.arm.plan(goal), wait=False)
-
     def under_way(self, motion, rig, seconds=0.3):
         while not (rig.arm.is_moving or motion.future.done()):
             self.advance(0.005)
         self.advance(seconds)
-
-    def shut(self, rig):
-        """Close a rig before the end."""
-        self._rigs.remove(rig)
-        rig.close()
-
-    def close(self):
-        for rig in self._rigs:
-            rig.close()
 
 
 def near(rig, *shares):
@@ -373,15 +357,3 @@ class ModelBench(HardwareBench):
         for component in self._built:
             await self.in_time(component.close())
         await self.in_time(asyncio.to_thread(self.close))
-
-
-@asynccontextmanager
-async def arm_client(arm):
-    async with ChannelFor([ArmRPCService(ResourceManager([arm]))]) as channel:
-        yield ArmClient(arm.name, channel)
-
-
-@asynccontextmanager
-async def gripper_client(gripper):
-    async with ChannelFor([GripperRPCService(ResourceManager([gripper]))]) as channel:
-        yield GripperClient(gripper.name, channel)

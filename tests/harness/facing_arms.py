@@ -1,6 +1,6 @@
 """Two arms that face each other, 350 mm apart, and configurations that bring them together."""
 
-from concurrent.futures import wait
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import coal
 import numpy as np
@@ -8,14 +8,17 @@ import numpy as np
 from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3, rot_z
-from so101_motion.planning.collision.apart import first_meeting
+from so101_motion.planning.collision.apart import GUARDED, first_meeting, nearness
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.simulated_rig import open_simulated
 
 T_LEFT_RIGHT = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
+HIGHEST = {"speed": np.pi, "acceleration": 8.0}
+FAST = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=150.0)
 ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
 
 
@@ -38,15 +41,21 @@ class FacingArms:
 
     Args:
         stack: Closes them.
+        clock: That clock.
+        q_starts: Where they begin.
+        caps: Their speed and acceleration; by default the highest.
         left: What else the left one is opened with.
     """
 
-    def __init__(self, stack, **left):
-        self.clock, self.cell, self.arms = ManualClock(), Cell(), {}
-        common = {"clock": self.clock, "q_start": ASIDE, "speed": np.pi, "acceleration": 8.0}
-        for name, T, own in (("left", SE3.identity(), left), ("right", T_LEFT_RIGHT, {})):
-            rig = stack.enter_context(open_simulated(**common, **own))
+    def __init__(self, stack, *, clock=None, q_starts=(ASIDE, ASIDE), caps=HIGHEST, **left):
+        self.clock, self.cell = clock or ManualClock(), Cell()
+        self.rigs, self.arms = [], {}
+        for (name, T, own), q in zip(
+            (("left", SE3.identity(), left), ("right", T_LEFT_RIGHT, {})), q_starts, strict=True
+        ):
+            rig = stack.enter_context(open_simulated(clock=self.clock, q_start=q, **caps, **own))
             self.cell.add(name, rig, T)
+            self.rigs.append(rig)
             self.arms[name] = rig.arm
 
     def pass_time(self, futures, until, look):
@@ -100,3 +109,56 @@ class Facing:
                 and self.are_apart(goals[0], starts[1])
             ):
                 return starts, goals
+
+
+def in_time(clock, call):
+    """Call what waits for an arm while time passes."""
+    with ThreadPoolExecutor(1) as threads:
+        done = threads.submit(call)
+        while not done.done():
+            clock.advance(0.01)
+    return done.result()
+
+
+class Pair(FacingArms):
+    """The same two arms; every advance looks whether they are apart."""
+
+    def __init__(self, clock, facing, q_left, q_right, stack):
+        super().__init__(stack, clock=clock, q_starts=(q_left, q_right), caps={})
+        self.facing = facing
+        self.left, self.right = self.arms.values()
+
+    def advance(self, seconds=0.01, room=0.7 * GUARDED):
+        self.clock.advance(seconds)
+        assert self.are_apart(room)
+
+    def are_apart(self, room):
+        return self.facing.are_apart(self.left.state.q_ref, self.right.state.q_ref, room)
+
+    def gap(self):
+        """How near they are, up to 30 mm [m]."""
+        left, right = (
+            Course.resting(each.state.q_ref, each.state.q_jaw_ref)
+            for each in (self.left, self.right)
+        )
+        pair = (self.facing.bodies, left), (self.facing.bodies, right)
+        found = nearness(*pair, T_LEFT_RIGHT, at=0.0, room=0.03)
+        return 0.03 if found is None else found
+
+    def finish(self, *motions, room=0.7 * GUARDED):
+        moving = 0  # cycles; how many pass while a plan is made depends on how busy the machine is
+        while moving < 3000:
+            if all(each.future.done() for each in motions):
+                return
+            self.advance(room=room)
+            moving += self.left.is_moving or self.right.is_moving
+        raise AssertionError("it goes on and on")
+
+
+def crossing_task(facing):
+    """A task in which the straight motions of both at once would meet."""
+    while True:
+        starts, goals = facing.task()
+        middles = [0.5 * (a + b) for a, b in zip(starts, goals, strict=True)]
+        if not facing.are_apart(*middles, room=0.005):
+            return starts, goals

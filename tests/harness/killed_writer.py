@@ -6,7 +6,6 @@ state before, and kills a child that does WHAT at its n-th step, until one gets 
 
 import itertools
 import os
-import signal
 import sys
 from pathlib import Path
 
@@ -18,8 +17,6 @@ ELBOW, JAW = "elbow_flex", "gripper"
 OLD = {ELBOW: JointCalibration(id=3, homing_offset=5, range_min=948, range_max=3146)}
 NEW = {ELBOW: JointCalibration(id=3, homing_offset=9, range_min=940, range_max=3150)}
 OLD_ZEROS, NEW_ZEROS = {ELBOW: Zero(by="stops", angle=-0.1)}, {ELBOW: Zero(by="pose", angle=0.2)}
-
-_STEPS = {"open", "os.rename", "os.remove", "os.mkdir", "os.listdir", "os.scandir"}
 
 
 def enter(folder):
@@ -47,17 +44,9 @@ def act(file, what):
         store.load(file)
 
 
-def die_at(step, folder):
-    steps = itertools.count()
-
-    def hook(event, arguments):
-        if event in _STEPS and str(folder) in str(arguments) and next(steps) == step:
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    sys.addaudithook(hook)
-
-
 def main(base, what):
+    from dying import dies_at  # it lies beside this script
+
     os.fsync = lambda _: None  # a process that dies takes nothing with it; only computers do
     for step in itertools.count():
         folder = base / str(step)
@@ -65,7 +54,7 @@ def main(base, what):
         prepare(file, what)
         child = os.fork()
         if child == 0:
-            die_at(step, folder)
+            dies_at(step, folder)
             act(file, what)
             os._exit(0)
         if os.WIFEXITED(os.waitpid(child, 0)[1]):

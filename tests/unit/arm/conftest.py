@@ -3,7 +3,7 @@
 from contextlib import ExitStack
 
 import pytest
-from harness.cell_pair import Pair
+from harness.facing_arms import Pair
 
 
 @pytest.fixture

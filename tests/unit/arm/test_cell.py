@@ -5,8 +5,7 @@ from concurrent.futures import Future, wait
 
 import numpy as np
 import pytest
-from harness.cell_pair import FAST, crossing_task
-from harness.facing_arms import T_LEFT_RIGHT, Facing
+from harness.facing_arms import FAST, T_LEFT_RIGHT, Facing, crossing_task
 
 from so101_motion.arm import cell_member as member_module
 from so101_motion.arm.cell import Cell

@@ -4,8 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from harness.cell_pair import FAST, crossing_task, in_time
-from harness.facing_arms import Facing
+from harness.facing_arms import FAST, Facing, crossing_task, in_time
 
 from so101_motion.common.errors import MotionError
 from so101_motion.control.streamed_trajectory import TimedPoint

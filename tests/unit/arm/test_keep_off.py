@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness.cell_pair import in_time
+from harness.facing_arms import in_time
 
 from so101_motion.common.errors import MotionError
 from so101_motion.common.geometry import SE3
