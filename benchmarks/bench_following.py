@@ -61,7 +61,7 @@ def hostile(count: int, seed: int, *, fast: bool) -> dict[str, Any]:
     return {
         "what": "hostile targets, fast" if fast else "hostile targets",
         "seed": seed,
-        "targets": sum(outcome.targets.values()),
+        "targets": sum(outcome.sent.values()),
         "refused": outcome.refused,
         "contacts": len(outcome.contacts),
         "objections": len(referee.findings),

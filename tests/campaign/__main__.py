@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,9 @@ RESULTS = Path(__file__).parents[2] / "benchmarks" / "results" / "campaign.json"
 MOST_TOLD = 50
 LARGEST = ("slowest_s", "lines_reached", "fastest_deg_per_s", "longest_call_s")
 """Of these figures the largest counts; all others add up."""
+
+
+model = cache(RobotModel.load)
 
 
 def attack_readers(seed, seconds, count):
@@ -66,75 +70,65 @@ def attack_readers(seed, seconds, count):
     return {"executions": total, "each": told, "failures": failed}
 
 
-def spoil_answers(seed, seconds, count):
-    """``count`` spoiled answers, now and then few of all, mostly half."""
-    told, end, piece = {}, time.monotonic() + seconds, 0
-    while told.get("spoiled", 0) < count and time.monotonic() < end:
-        share = 0.15 if piece % 8 == 0 else 0.5
-        name, left = f"{seed}{piece:03}", count - told.get("spoiled", 0)
-        tally = torn_answers.run(min(left, 5_000), seed=int(name), share=share)
-        figures = {
-            "spoiled": tally.total,
-            "each": dict(sorted(tally.spoiled.items())),
-            "answers": tally.answers,
-            "cycles": tally.cycles,
-            "errors": dict(sorted(tally.faults.items())),
-            "failures": [f"share {share}, {broken}" for broken in tally.broken],
-        }
-        told, piece = added(told, figures), piece + 1
-    return told
+def in_pieces(key, piece):
+    """``piece(name, k, left, end)`` again and again, until ``count`` of ``key`` are done."""
 
-
-def count_good_answers(seed, seconds, count):
-    """``count`` good answers of joints that are treated roughly."""
-    told, end, piece = {}, time.monotonic() + seconds, 0
-    while told.get("answers", 0) < count and time.monotonic() < end:
-        left = min(count - told.get("answers", 0), 20_000)
-        seen, again, fastest = good_answers.run(left, seed=int(f"{seed}{piece:03}"))
-        figures = {"answers": seen, "refused": again, "fastest_deg_per_s": round(fastest)}
-        told, piece = added(told, figures), piece + 1
-    too_many = told["refused"] * 100_000 > max(told["answers"], 100_000)
-    failures = [f"seed {seed}: {told['refused']} of {told['answers']} good answers refused"]
-    return told | {"failures": failures if too_many else []}
-
-
-def interleave(faulty):
     def run(seed, seconds, count):
-        told, end, first = {}, time.monotonic() + seconds, 0
-        key = "simulated_s" if faulty else "interleavings"
+        told, end, k = {}, time.monotonic() + seconds, 0
         while told.get(key, 0) < count and time.monotonic() < end:
-            left = 50 if faulty else min(50, count - told.get(key, 0))
-            done, passed, broken = interleavings.run(f"{seed}-{first}", count=left, faulty=faulty)
-            figures = {
-                "interleavings": left,
-                "simulated_s": round(passed),
-                "each": dict(sorted(done.items())),
-                "failures": broken,
-            }
-            told, first = added(told, figures), first + left
+            told = added(told, piece(f"{seed}{k:03}", k, count - told.get(key, 0), end))
+            k += 1
         return told
 
     return run
 
 
-def play_sessions(seed, seconds, count):
-    """``count`` sessions with a module process, ten of them with one."""
-    told, end, piece = {}, time.monotonic() + seconds, 0
-    while told.get("sessions", 0) < count and time.monotonic() < end:
-        left = min(count - told.get("sessions", 0), 10)
-        name = f"{seed}-{piece}"
-        told = added(told, sessions.run(name, seconds=end - time.monotonic(), sessions=left))
-        piece += 1
-    return told
+def spoil_answers(name, k, left, end):
+    """Spoiled answers, now and then few of all, mostly half."""
+    share = 0.15 if k % 8 == 0 else 0.5
+    tally = torn_answers.run(min(left, 5_000), seed=int(name), share=share)
+    return {
+        "spoiled": tally.total,
+        "each": dict(sorted(tally.spoiled.items())),
+        "answers": tally.answers,
+        "cycles": tally.cycles,
+        "errors": dict(sorted(tally.faults.items())),
+        "failures": [f"share {share}, {broken}" for broken in tally.broken],
+    }
 
 
-def compare_verdicts(seed, seconds, count):
-    """``count`` configurations, checked by the compiled library and by coal."""
-    told, end = {}, time.monotonic() + seconds
-    rng, model = np.random.default_rng(seed), RobotModel.load()
-    while told.get("configurations", 0) < count and time.monotonic() < end:
-        told = added(told, verdicts.compare(rng, model, verdicts.PER_SCENE))
-    return told
+def handle_roughly(name, k, left, end):
+    seen, again, fastest = good_answers.run(min(left, 20_000), seed=int(name))
+    return {"answers": seen, "refused": again, "fastest_deg_per_s": round(fastest)}
+
+
+def count_good_answers(seed, seconds, count):
+    """``count`` good answers of joints that are treated roughly."""
+    told = in_pieces("answers", handle_roughly)(seed, seconds, count)
+    too_many = told["refused"] * 100_000 > max(told["answers"], 100_000)
+    failures = [f"seed {seed}: {told['refused']} of {told['answers']} good answers refused"]
+    return told | {"failures": failures if too_many else []}
+
+
+def interleave(name, k, left, end, *, faulty=False):
+    count = 50 if faulty else min(50, left)
+    done, passed, broken = interleavings.run(name, count=count, faulty=faulty)
+    return {
+        "interleavings": count,
+        "simulated_s": round(passed),
+        "each": dict(sorted(done.items())),
+        "failures": broken,
+    }
+
+
+def play_sessions(name, k, left, end):
+    """Sessions with a module process, ten of them with one."""
+    return sessions.run(name, seconds=end - time.monotonic(), sessions=min(left, 10))
+
+
+def compare_verdicts(name, k, left, end):
+    """Configurations, checked by the compiled library and by coal."""
+    return verdicts.compare(np.random.default_rng(int(name)), model(), verdicts.PER_SCENE)
 
 
 def attack_files(seed, seconds, count):
@@ -150,29 +144,24 @@ def attack_files(seed, seconds, count):
     }
 
 
-def trouble_lerobot(seed, seconds, count):
-    """``count`` actions of every kind to LeRobot's robot, a new arm for each thousand."""
-    told, end, piece = {}, time.monotonic() + seconds, 0
-    while told.get("actions", 0) < count and time.monotonic() < end:
-        with tempfile.TemporaryDirectory() as folder:
-            part = min(count - told.get("actions", 0), 1_000)
-            name = int(f"{seed}{piece:03}")
-            try:
-                with refereed():
-                    outcome = lerobot_troubles.attack(Path(folder), seed=name, count=part)
-            except AssertionError as error:  # the referee's
-                told, piece = added(told, {"failures": [f"seed {name}: {error}"]}), piece + 1
-                continue
-        figures = {
-            "actions": outcome.troubles.total(),
-            "each": dict(sorted(outcome.troubles.items())),
-            "raised": outcome.raised,
-            "travelled_deg": round(outcome.travelled),
-            "longest_call_s": round(outcome.longest, 1),
-            "failures": [f"seed {name}: {text}" for text in outcome.contacts + outcome.broken],
-        }
-        told, piece = added(told, figures), piece + 1
-    return told
+def trouble_lerobot(name, k, left, end):
+    """Actions of every kind to LeRobot's robot, a new arm for each thousand."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            with refereed():
+                outcome = lerobot_troubles.attack(
+                    Path(folder), seed=int(name), count=min(left, 1_000)
+                )
+        except AssertionError as error:  # the referee's
+            return {"failures": [f"seed {name}: {error}"]}
+    return {
+        "actions": outcome.sent.total(),
+        "each": dict(sorted(outcome.sent.items())),
+        "raised": outcome.refused,
+        "travelled_deg": round(outcome.travelled),
+        "longest_call_s": round(outcome.longest, 1),
+        "failures": [f"seed {name}: {text}" for text in outcome.contacts + outcome.broken],
+    }
 
 
 def send_signals(seed, seconds, count):
@@ -182,15 +171,15 @@ def send_signals(seed, seconds, count):
 
 ENDLESS = 10**9
 PARTS = {
-    "verdicts": (0.05, compare_verdicts, ENDLESS, 10_000_000),
+    "verdicts": (0.05, in_pieces("configurations", compare_verdicts), ENDLESS, 10_000_000),
     "readers": (0.2, attack_readers, ENDLESS, 1_000_000),
-    "torn answers": (0.2, spoil_answers, ENDLESS, 1_000_000),
+    "torn answers": (0.2, in_pieces("spoiled", spoil_answers), ENDLESS, 1_000_000),
     "good answers": (0.05, count_good_answers, ENDLESS, 1_000_000),
-    "interleavings": (0.15, interleave(False), ENDLESS, 10_000),
-    "faults": (0.15, interleave(True), ENDLESS, 7_200),
-    "sessions": (0.2, play_sessions, ENDLESS, 200),
+    "interleavings": (0.15, in_pieces("interleavings", interleave), ENDLESS, 10_000),
+    "faults": (0.15, in_pieces("simulated_s", partial(interleave, faulty=True)), ENDLESS, 7_200),
+    "sessions": (0.2, in_pieces("sessions", play_sessions), ENDLESS, 200),
     "signals": (0.1, send_signals, ENDLESS, 200 * len(signals.VERBS)),
-    "lerobot": (0.05, trouble_lerobot, ENDLESS, 10_000),
+    "lerobot": (0.05, in_pieces("actions", trouble_lerobot), ENDLESS, 10_000),
     "spoilt arms": (0.05, spoilt_arms.run, ENDLESS, 2_000),
     "files": (0.0, attack_files, 100, 300),
 }

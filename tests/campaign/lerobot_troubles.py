@@ -10,41 +10,16 @@ The jaw stays as it is: its own motions are not checked for contact.
 
 import math
 import random
-from collections import Counter
-from dataclasses import dataclass, field
 
 import numpy as np
 from harness.emulated_rig import MIDDLES_DEG
 from harness.lerobot_bench import READY, action, lerobot_bench
 
+from campaign.targets import REST, Outcome
 from so101_motion.planning.collision.collision import CollisionModel
 
 LONGEST = 70.0  # [s] of the arm's time; a way to the park pose may take 60
-REST = 1.0  # [s], within which the arm must rest after the last action
 JAW = READY[5]
-
-
-@dataclass
-class Outcome:
-    """What came of it.
-
-    Attributes:
-        troubles: How many of each kind.
-        raised: How many calls said that the arm cannot follow.
-        contacts: What touched what.
-        broken: Other laws that were broken.
-        nearest: The smallest distance of two bodies, as commanded [m].
-        travelled: How far the joint that moved most has gone, over all cycles [deg].
-        longest: The longest call, in the arm's time [s].
-    """
-
-    troubles: Counter = field(default_factory=Counter)
-    raised: int = 0
-    contacts: list = field(default_factory=list)
-    broken: list = field(default_factory=list)
-    nearest: float = math.inf
-    travelled: float = 0.0
-    longest: float = 0.0
 
 
 class Client:
@@ -71,7 +46,7 @@ class Client:
         try:
             return what()
         except ConnectionError:
-            self.outcome.raised += 1
+            self.outcome.refused += 1
             self.anew()
         finally:
             took = self.bench.clock.now() - begin
@@ -145,7 +120,7 @@ def attack(folder, *, seed, count):
         robot = bench.connected()
         collision = CollisionModel(bench.rig.arm.model)
         client, q_before = Client(bench, robot, rng, outcome), bench.rig.arm.state.q_ref
-        while outcome.troubles.total() < count and not outcome.broken:
+        while outcome.sent.total() < count and not outcome.broken:
             kind = rng.choice(client.kinds)
             there = client.place()
             for k in range(rng.randint(1, 40)):
@@ -154,26 +129,12 @@ def attack(folder, *, seed, count):
                 except Exception as error:
                     outcome.broken.append(f"{kind.__name__}: {error!r}")
                     break
-                outcome.troubles[kind.__name__] += 1
+                outcome.sent[kind.__name__] += 1
                 bench.advance(rng.choice((0.01, 0.02, 0.03)))
-                q = bench.rig.arm.state.q_ref
-                outcome.travelled += math.degrees(np.abs(q - q_before).max())
-                q_before = q
-                _look(collision, bench, kind.__name__, outcome)
+                q_before = outcome.look(collision, bench, bench.rig, kind.__name__, q_before)
         bench.advance(REST + robot.config.stale_after_s)
         if np.any(bench.rig.arm.state.qd_ref):
             outcome.broken.append("it does not rest though nobody leads it")
         if outcome.longest > LONGEST:
             outcome.broken.append(f"a call took {outcome.longest:.1f} s")
     return outcome
-
-
-def _look(collision, bench, kind, outcome):
-    rig = bench.rig
-    state = rig.arm.state
-    nearest = float(collision.distances(state.q_ref, state.q_jaw).min())
-    outcome.nearest = min(outcome.nearest, nearest)
-    for how, q in (("commanded", state.q_ref), ("true", np.radians(bench.arm_deg(rig)))):
-        clearance = collision.clearance(q, state.q_jaw)
-        if clearance.distance <= 0.0:
-            outcome.contacts.append(f"{kind}, {how}: {clearance.message('is')}")

@@ -27,24 +27,37 @@ class Outcome:
     """What came of an attack.
 
     Attributes:
-        targets: How many of each kind were sent.
+        sent: How many targets or actions of each kind were sent.
         refused: How many were refused.
-        held_by: In how many cycles each thing held the arm back.
         contacts: What touched what.
         broken: Other laws that were broken.
         nearest: The smallest distance of two bodies, as commanded [m].
         travelled: How far the joint that moved most has gone, over all cycles [deg].
-        seconds: How much time passed for the arm.
+        seconds: How much time passed for the arm [s].
+        longest: The longest call, in the arm's time [s].
     """
 
-    targets: Counter = field(default_factory=Counter)
+    sent: Counter = field(default_factory=Counter)
     refused: int = 0
-    held_by: Counter = field(default_factory=Counter)
     contacts: list = field(default_factory=list)
     broken: list = field(default_factory=list)
     nearest: float = math.inf
     travelled: float = 0.0
     seconds: float = 0.0
+    longest: float = 0.0
+
+    def look(self, collision, bench, rig, kind, q_before):
+        """Note how far the arm has gone, and what touches what; where it is wanted now."""
+        state = rig.arm.state
+        self.travelled += math.degrees(np.abs(state.q_ref - q_before).max())
+        distances = collision.distances(state.q_ref, state.q_jaw)
+        self.nearest = min(self.nearest, float(distances.min()))
+        true = np.radians(bench.arm_deg(rig))
+        for how, q in (("commanded", state.q_ref), ("true", true)):
+            clearance = collision.clearance(q, state.q_jaw)
+            if clearance.distance <= 0.0:
+                self.contacts.append(f"{kind}, {how}: {clearance.message('is')}")
+        return state.q_ref
 
 
 class Leader:
@@ -132,18 +145,14 @@ def attack(folder, *, seed, count, fast=False):
             arm.set_speed(math.pi)
             arm.set_acceleration(math.radians(500.0))
         following = arm.follow(approach=arm.limits if fast else APPROACH)
-        begin, q_before = bench.clock.now(), READY
-        while sum(outcome.targets.values()) < count and not outcome.broken:
+        begin, q_before = bench.clock.now(), arm.state.q_ref
+        while sum(outcome.sent.values()) < count and not outcome.broken:
             kind, cycles, targets = leader.bout()
             for k in range(cycles):
-                q = arm.state.q_ref
-                for target in targets(k, q):
+                for target in targets(k, arm.state.q_ref):
                     _send(following, kind, target, outcome)
                 bench.advance(0.01)
-                outcome.held_by.update(following.held_by)
-                outcome.travelled += math.degrees(np.abs(q - q_before).max())
-                q_before = q
-                _look(collision, arm.state, bench, rig, kind, outcome)
+                q_before = outcome.look(collision, bench, rig, kind, q_before)
             if following.future.done():
                 outcome.broken.append(f"it ended: {following.future.exception()!r}")
         bench.advance(REST)
@@ -158,7 +167,7 @@ def attack(folder, *, seed, count, fast=False):
 
 
 def _send(following, kind, target, outcome):
-    outcome.targets[kind] += 1
+    outcome.sent[kind] += 1
     try:
         taken = following.aim(*target) if isinstance(target, tuple) else following.aim(target)
     except So101Error:
@@ -166,14 +175,3 @@ def _send(following, kind, target, outcome):
     else:
         if not np.all(np.isfinite(taken)):
             outcome.broken.append(f"{target} was taken as {taken}")
-
-
-def _look(collision, state, bench, rig, kind, outcome):
-    outcome.nearest = min(
-        outcome.nearest, float(collision.distances(state.q_ref, state.q_jaw).min())
-    )
-    true = np.radians(bench.arm_deg(rig))
-    for how, q in (("commanded", state.q_ref), ("true", true)):
-        clearance = collision.clearance(q, state.q_jaw)
-        if clearance.distance <= 0.0:
-            outcome.contacts.append(f"{kind}, {how}: {clearance.message('is')}")
