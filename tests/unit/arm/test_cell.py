@@ -112,20 +112,7 @@ def test_an_arm_that_is_stopped_in_the_way_stops_the_other_and_says_so(pair_of):
     assert arrived
 
 
-def test_an_unguarded_retarget_into_another_arm_is_stopped_and_names_it(pair_of):
-    facing = Facing(25)
-    while True:
-        q_left, q_right, q_goal = (facing.near() for _ in range(3))
-        if facing.are_apart(q_left, q_right, 0.05) and not facing.are_apart(q_goal, q_right, 0.005):
-            break
-    pair = pair_of(facing, q_left, q_right)
-    motion = pair.left.retarget(q_goal, guard=None)
-    pair.finish(motion)
-    with pytest.raises(MotionError, match="right's"):
-        motion.result()
-
-
-def test_a_plan_through_an_arm_that_stands_there_is_refused_with_its_name(pair_of):
+def test_a_way_into_another_arm_is_refused_by_a_plan_and_stopped_unguarded_by_its_name(pair_of):
     facing = Facing(25)
     while True:
         q_left, q_right, q_goal = (facing.near() for _ in range(3))
@@ -135,6 +122,10 @@ def test_a_plan_through_an_arm_that_stands_there_is_refused_with_its_name(pair_o
     with pytest.raises(InCollision) as caught:
         pair.left.plan(JointGoal(q=q_goal))
     assert caught.value.second.startswith("right's ")
+    motion = pair.left.retarget(q_goal, guard=None)
+    pair.finish(motion)
+    with pytest.raises(MotionError, match="right's"):
+        motion.result()
 
 
 def test_arms_that_are_too_near_already_may_part(pair_of):
@@ -196,6 +187,14 @@ def test_one_stop_brings_all_arms_to_rest(pair_of):
         motion.result()
 
 
+def task_of(pair_of, seed):
+    """Two arms, where they begin, and a common goal on the way to which they would meet."""
+    facing = Facing(seed)
+    starts, goals = crossing_task(facing)
+    wanted = {name: JointGoal(q=q) for name, q in zip(("left", "right"), goals, strict=True)}
+    return pair_of(facing, *starts), starts, wanted
+
+
 def until_both_move(pair, *motions):
     """They begin at one moment, some milliseconds after their plan."""
     while not (pair.left.is_moving and pair.right.is_moving):
@@ -206,10 +205,7 @@ def until_both_move(pair, *motions):
 
 @pytest.mark.parametrize("seed", [31, 33])
 def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
-    facing = Facing(seed)
-    starts, goals = crossing_task(facing)
-    pair = pair_of(facing, *starts)
-    wanted = {name: JointGoal(q=q) for name, q in zip(("left", "right"), goals, strict=True)}
+    pair, _, wanted = task_of(pair_of, seed)
     motions = pair.cell.start_together(wanted)
     until_both_move(pair, *motions.values())
     moving = []
@@ -219,8 +215,8 @@ def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
     for motion in motions.values():
         motion.result()
     assert sum(a != b for a, b in moving) <= 30, "one may take a little longer to settle"
-    np.testing.assert_allclose(pair.left.state.q_ref, goals[0], atol=1e-6)
-    np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
+    for name, goal in wanted.items():
+        np.testing.assert_allclose(pair.arms[name].state.q_ref, goal.q, atol=1e-6)
 
 
 def start_with_a_late_arm(pair_of, monkeypatch, seconds, *, overslept=0.0):
@@ -237,10 +233,7 @@ def start_with_a_late_arm(pair_of, monkeypatch, seconds, *, overslept=0.0):
         return own(member, trajectory, lambda wait: pause(wait + overslept))
 
     monkeypatch.setattr(CellMember, "entered", late)
-    facing = Facing(33)
-    starts, goals = crossing_task(facing)
-    pair = pair_of(facing, *starts)
-    wanted = {name: JointGoal(q=q) for name, q in zip(("left", "right"), goals, strict=True)}
+    pair, _, wanted = task_of(pair_of, 33)
     return pair, pair.cell.start_together(wanted)
 
 
@@ -302,11 +295,8 @@ def test_what_prevents_a_common_motion_is_told_to_all_its_arms():
 
 def planned_pair(pair_of):
     """Two arms and a common motion for them that has not begun."""
-    facing = Facing(31)
-    starts, goals = crossing_task(facing)
-    pair = pair_of(facing, *starts)
-    plans = pair.cell.plan_together({"left": JointGoal(q=goals[0]), "right": JointGoal(q=goals[1])})
-    return pair, plans
+    pair, _, wanted = task_of(pair_of, 31)
+    return pair, pair.cell.plan_together(wanted)
 
 
 def test_a_common_motion_that_was_looked_at_is_carried_out_as_it_is(pair_of):
@@ -347,10 +337,7 @@ def test_arms_that_are_not_there_cannot_be_moved_together(pair_of):
 
 @pytest.mark.parametrize("name", ["left", "right"])
 def test_stopping_one_arm_of_a_common_motion_stops_all(pair_of, name):
-    facing = Facing(31)
-    starts, goals = crossing_task(facing)
-    pair = pair_of(facing, *starts)
-    wanted = {each: JointGoal(q=q) for each, q in zip(("left", "right"), goals, strict=True)}
+    pair, _, wanted = task_of(pair_of, 31)
     motions = pair.cell.start_together(wanted)
     until_both_move(pair, *motions.values())
     for _ in range(20):
@@ -364,10 +351,7 @@ def test_stopping_one_arm_of_a_common_motion_stops_all(pair_of, name):
 
 
 def test_a_stop_while_arms_are_planned_for_together_leaves_all_where_they_are(pair_of):
-    facing = Facing(31)
-    starts, goals = crossing_task(facing)
-    pair = pair_of(facing, *starts)
-    wanted = {each: JointGoal(q=q) for each, q in zip(("left", "right"), goals, strict=True)}
+    pair, starts, wanted = task_of(pair_of, 31)
     motions = pair.cell.start_together(wanted)
     pair.right.start_stop()
     pair.finish(*motions.values())

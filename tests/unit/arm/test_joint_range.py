@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import so101_motion as so101
-from so101_motion.arm.joint_caps import TOLERANCE, JointRange
+from so101_motion.arm.joint_caps import JointRange
 from so101_motion.common.errors import OutsideLimits
 from so101_motion.common.units import range_deg, to_deg, to_rad
 from so101_motion.control.streamed_trajectory import TimedPoint
@@ -38,27 +38,12 @@ def test_it_is_narrowed_and_never_widened() -> None:
     np.testing.assert_array_equal(upper, [1.0, 1.0, 2.0, 1.0, 1.0])
 
 
-def test_its_arrays_cannot_be_changed_by_callers() -> None:
-    given_lower = np.full(5, -1.0)
-    bounds = WIDE.narrowed(given_lower, np.full(5, 1.0))
-    given_lower[0] = 0.5
-    assert bounds.lower[0] == -1.0
-    with pytest.raises(ValueError, match="read-only"):
-        bounds.lower[0] = 0.5
-
-
 def test_a_refusal_names_joint_value_and_range() -> None:
     says = r"wrist_flex at 68\.75 deg .* -57\.29 to 57\.29 deg"
     with pytest.raises(OutsideLimits, match=says) as caught:
         NARROW.check(np.array([0.0, 0.0, 0.0, 1.2, 0.0]))
     error = caught.value
     assert (error.joint, error.value, error.lower, error.upper) == ("wrist_flex", 1.2, -1.0, 1.0)
-
-
-@pytest.mark.parametrize(("beyond", "is_refused"), [(0.9, False), (1.1, True)])
-def test_two_ticks_beyond_are_let_pass(beyond: float, is_refused: bool) -> None:
-    q = np.array([0.0, 0.0, 0.0, 0.0, 1.0 + beyond * TOLERANCE])
-    assert refuses(NARROW.check, q) is is_refused
 
 
 def test_nan_is_outside() -> None:

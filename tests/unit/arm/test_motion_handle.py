@@ -25,13 +25,6 @@ def test_an_interrupted_motion_never_begins():
         pytest.fail("must not start")
 
 
-def test_waiting_for_a_plan_ends_with_the_interruption():
-    motion = Motion()
-    motion.interrupt("a newer motion")
-    with pytest.raises(Interrupted, match="a newer motion"):
-        motion.wait_for(Future())
-
-
 def test_interrupting_a_motion_that_is_over_does_nothing():
     motion, halted = Motion(), []
     motion.halt = halted.append
@@ -39,19 +32,6 @@ def test_interrupting_a_motion_that_is_over_does_nothing():
     motion.interrupt("stop")
     assert not halted
     motion.result()
-
-
-def test_outcome_is_taken_over():
-    good, bad = Motion(), Motion()
-    done: Future[None] = Future()
-    done.set_result(None)
-    good.take_outcome(done)
-    good.result()
-    failed: Future[None] = Future()
-    failed.set_exception(Interrupted("stop"))
-    bad.take_outcome(failed)
-    with pytest.raises(Interrupted):
-        bad.result()
 
 
 @pytest.mark.parametrize("interrupted", [False, True])

@@ -84,14 +84,6 @@ def test_a_newer_motion_ends_the_one_under_way_and_waits_for_its_end(motions, to
         first.result(60.0)
 
 
-def test_a_motions_error_reaches_its_caller(motions) -> None:
-    def fails(motion: Motion) -> None:
-        raise MotionError("it broke")
-
-    with pytest.raises(MotionError, match="it broke"):
-        motions.start(fails).result(60.0)
-
-
 def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> None:
     first = under_way(motions)
     running: Future[None] = Future()

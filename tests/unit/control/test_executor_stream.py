@@ -5,7 +5,6 @@ from harness.retarget import retarget
 from so101_motion.common.errors import Interrupted, MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.control.streamed_trajectory import TimedPoint
-from so101_motion.planning.timing import online
 
 TRAVEL = np.array([0.9, -0.6, 0.7, 0.4, -1.1])
 
@@ -40,14 +39,6 @@ def test_points_arriving_while_the_arm_moves_are_followed_to_the_end(sim):
     assert_within_limits(sim, sim.limits)
 
 
-def test_a_stream_pushed_whole_and_finished_at_once_is_played(sim):
-    stream = sim.stream()
-    for batch in batches():
-        stream.push(batch)
-    sim.after(4.0, stream.finish())
-    np.testing.assert_allclose(sim.state.q, TRAVEL, atol=1e-4)
-
-
 def test_an_opened_stream_holds_still_until_points_come(sim):
     stream = sim.stream()
     sim.clock.advance(1.0)
@@ -56,14 +47,6 @@ def test_an_opened_stream_holds_still_until_points_come(sim):
     sim.after(1.0, sim.executor.interrupt(stream.future, "cancelled"))
     with pytest.raises(Interrupted, match="cancelled"):
         stream.push(batches()[0])
-
-
-def test_two_points_are_enough(sim):
-    stream = sim.stream()
-    stream.push([TimedPoint(t=0.0, q=np.zeros(5)), TimedPoint(t=1.0, q=TRAVEL)])
-    sim.after(4.0, stream.finish())
-    np.testing.assert_allclose(sim.state.q, TRAVEL, atol=1e-4)
-    assert_within_limits(sim, sim.limits)
 
 
 def test_a_stream_that_runs_dry_slows_down_holds_and_says_so(sim):
@@ -99,14 +82,6 @@ def test_a_stream_can_be_superseded_without_stopping(sim):
     sim.after(4.0, retarget(sim.executor, np.zeros(5), sim.limits))
     assert stream.future.exception(timeout=0).by == "a newer motion"
     np.testing.assert_allclose(sim.state.q, np.zeros(5), atol=1e-4)
-
-
-def test_a_stream_is_refused_while_the_arm_moves(sim):
-    move = sim.executor.execute(online.point_to_point(np.zeros(5), TRAVEL, sim.limits, sim.dt))
-    stream = sim.stream()
-    with pytest.raises(MotionError, match="another motion of the arm is under way"):
-        sim.after(0.1, stream.future)
-    sim.after(5.0, move)
 
 
 def test_a_stream_that_ends_at_speed_comes_to_rest_at_its_last_point(sim):

@@ -141,16 +141,6 @@ def test_a_long_standstill_ends_the_motion_without_a_jump(make_sim, taped_arm, c
     assert sim.state.mode is Mode.HOLDING
 
 
-def test_two_arms_can_share_a_clock(make_sim):
-    first, second = make_sim(), make_sim()
-    for sim in (first, second):
-        sim.executor.start()
-    moves = [sim.executor.execute(sim.to_goal(Q_GOAL)) for sim in (first, second)]
-    first.clock.advance(5.0)
-    assert [move.result(timeout=0) for move in moves] == [None, None]
-    np.testing.assert_array_equal(first.arm.goals, second.arm.goals)
-
-
 def test_a_short_move_in_real_time_arrives():
     clock = MonotonicClock()
     limits = MotionLimits.uniform(velocity=3.0, acceleration=30.0, jerk=600.0)

@@ -425,13 +425,6 @@ def test_one_that_is_to_end_at_its_target_says_that_it_was_stopped_short(sim):
     assert sim.state.q_ref[0] <= 0.4
 
 
-def test_two_motions_at_once_are_refused(sim):
-    chase(sim, still(0.5))
-    second = chase(sim, still(-0.5))
-    error = sim.error_after(0.05, second.future)
-    assert isinstance(error, MotionError)
-
-
 def test_the_guard_hears_when_the_servos_may_be_ahead_of_the_setpoint(sim):
     class Heard(Fence):
         ahead = ()
@@ -492,3 +485,26 @@ def test_a_following_that_was_still_slowing_another_motion_goes_on_from_rest_aft
     assert np.max(np.abs(now.qd)) > 0.5
     following.take_over(Setpoint.at_rest(now.q), None, brakes)
     assert np.max(np.abs(following.sample(0).qd)) < 0.1
+
+
+@pytest.mark.parametrize("jerk", [150.0, 1000.0])
+def test_joints_that_are_told_to_brake_while_they_speed_up_keep_their_speed_cap(jerk):
+    """A stop takes an acceleration back more slowly than it was built up."""
+    rng = np.random.default_rng(1)
+    caps = MotionLimits.uniform(velocity=1.0, acceleration=6.0, jerk=jerk)
+    stop = MotionLimits.uniform(velocity=3.0, acceleration=6.0, jerk=60.0)
+    following = Following(
+        q_start=np.zeros(5), lower=np.full(5, -3.0), upper=np.full(5, 3.0), limits=caps,
+        stop_limits=stop, dt=0.01, stale_after=None,
+    )  # fmt: skip
+    q = [following.now.q]
+    for k in range(2000):
+        if k % 40 == 0:
+            following.aim(rng.uniform(-2.0, 2.0, 5))
+        if rng.random() < 0.04:
+            following.hold()
+        elif following.target is None:
+            following.aim(rng.uniform(-2.0, 2.0, 5))
+        q.append(following.sample(k).q)
+    speeds = np.abs(np.diff(q, axis=0)) / 0.01
+    assert 0.95 < speeds.max() <= 1.0 + 1e-6
