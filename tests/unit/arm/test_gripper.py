@@ -46,6 +46,19 @@ def gripper(rig):
     return Gripper(rig.executor)
 
 
+def meet(rig, gripper, start, opened=0.5):
+    """Open, begin a motion, and have something in its way; the motion."""
+    rig.after(3.0, gripper.move(opened, wait=False).future)
+    motion = start()
+    rig.clock.advance(0.1)
+    rig.arm.jam("gripper")
+    return motion
+
+
+def grab(gripper):
+    return lambda: gripper.grab(wait=False)
+
+
 def test_it_opens_as_far_as_it_is_told(rig, gripper):
     rig.after(3.0, gripper.move(0.5, wait=False).future)
 
@@ -86,11 +99,7 @@ def test_a_grab_that_meets_nothing_closes(rig, gripper):
 
 
 def test_a_grab_that_meets_something_presses_a_little_and_holds(rig, gripper):
-    rig.after(3.0, gripper.move(0.5, wait=False).future)
-    grab = gripper.grab(wait=False)
-    rig.clock.advance(0.1)
-    rig.arm.jam("gripper")
-    rig.after(3.0, grab.future)
+    rig.after(3.0, meet(rig, gripper, grab(gripper)).future)
 
     assert gripper.is_holding
     assert rig.state.q_jaw - rig.arm.jaw_goals[-1] == pytest.approx(SQUEEZE, abs=1e-6)
@@ -117,11 +126,7 @@ def test_a_jaw_that_was_only_late_closes_all_the_way(rig, gripper, starts):
 
 def test_a_grip_presses_as_gently_as_it_is_told_also_while_it_holds(rig, gripper):
     gripper.set_force(GENTLEST)
-    rig.after(3.0, gripper.move(0.5, wait=False).future)
-    grab = gripper.grab(wait=False)
-    rig.clock.advance(0.1)
-    rig.arm.jam("gripper")
-    rig.after(3.0, grab.future)
+    rig.after(3.0, meet(rig, gripper, grab(gripper)).future)
     for force in (GENTLEST, 1.0, 0.8):
         gripper.set_force(force)
         rig.clock.advance(1.0)
@@ -192,39 +197,25 @@ def test_new_angles_for_old_places_move_nothing(rig):
 
 
 def test_a_stop_of_a_grab_that_has_just_met_something_presses_no_further(rig, gripper):
-    rig.after(3.0, gripper.move(0.5, wait=False).future)
-    grab = gripper.grab(wait=False)
-    rig.clock.advance(0.1)
-    rig.arm.jam("gripper")
+    grabbing = meet(rig, gripper, grab(gripper))
     while not rig.executor.state.jaw_moving or rig.executor.state.mode.value != "stopping":
         rig.clock.advance(0.01)  # it has met it, and slows down
     stopped = gripper.start_stop()
     rig.clock.advance(2.0)
     assert stopped.exception(timeout=0) is None
-    assert isinstance(grab.future.exception(timeout=0), Interrupted)
+    assert isinstance(grabbing.future.exception(timeout=0), Interrupted)
     assert rig.state.q_jaw - rig.state.q_jaw_ref < 0.5 * SQUEEZE
 
 
-def test_a_start_move_that_closes_on_something_grips_it_and_says_that_it_did_not_arrive(
-    rig, gripper
+@pytest.mark.parametrize(("opened", "to", "grips"), [(0.5, 0.1, True), (0.3, 0.9, False)])
+def test_a_move_that_meets_something_says_so_and_grips_it_if_it_closes(
+    rig, gripper, opened, to, grips
 ):
-    rig.after(3.0, gripper.move(0.5, wait=False).future)
-    closing = gripper.move(0.1, wait=False)
-    rig.clock.advance(0.1)
-    rig.arm.jam("gripper")
-    error = rig.error_after(3.0, closing.future)
-    assert isinstance(error, FollowingError)
-    assert gripper.is_holding
-    assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(SQUEEZE, abs=1e-3)
-
-
-def test_a_start_move_that_is_blocked_while_it_opens_grips_nothing(rig, gripper):
-    rig.after(3.0, gripper.move(0.3, wait=False).future)
-    opening = gripper.move(0.9, wait=False)
-    rig.clock.advance(0.1)
-    rig.arm.jam("gripper")
-    assert isinstance(rig.error_after(3.0, opening.future), FollowingError)
-    assert not gripper.is_holding
+    moving = meet(rig, gripper, lambda: gripper.move(to, wait=False), opened)
+    assert isinstance(rig.error_after(3.0, moving.future), FollowingError)
+    assert gripper.is_holding is grips
+    if grips:
+        assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(SQUEEZE, abs=1e-3)
 
 
 # Following
@@ -234,6 +225,16 @@ def lead(rig, jaw, aperture, seconds):
     for _ in range(round(seconds / rig.dt)):
         jaw.aim(aperture)
         rig.clock.advance(rig.dt)
+
+
+def gripping(rig, gripper):
+    """A following that has closed on something."""
+    jaw = gripper.follow()
+    lead(rig, jaw, 0.6, 2.0)
+    lead(rig, jaw, 0.0, 0.1)
+    rig.arm.jam("gripper")
+    lead(rig, jaw, 0.0, 1.5)
+    return jaw
 
 
 def test_the_jaw_follows_apertures_and_rests_when_they_cease(rig, gripper):
@@ -266,11 +267,7 @@ def test_an_aperture_that_is_asked_for_while_a_following_begins_is_taken(gripper
 
 
 def test_a_jaw_that_follows_grips_what_it_meets_and_lets_go(rig, gripper):
-    jaw = gripper.follow()
-    lead(rig, jaw, 0.6, 2.0)
-    lead(rig, jaw, 0.0, 0.1)
-    rig.arm.jam("gripper")
-    lead(rig, jaw, 0.0, 1.5)
+    jaw = gripping(rig, gripper)
     assert jaw.is_gripping
     assert gripper.is_holding
     assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(SQUEEZE, abs=1e-3), "steadily"
@@ -290,11 +287,7 @@ def test_a_jaw_that_follows_makes_way_with_the_reason(rig, gripper):
 
 
 def test_a_stop_of_a_jaw_that_grips_ends_its_following(rig, gripper):
-    jaw = gripper.follow()
-    lead(rig, jaw, 0.6, 2.0)
-    lead(rig, jaw, 0.0, 0.1)
-    rig.arm.jam("gripper")
-    lead(rig, jaw, 0.0, 1.5)
+    jaw = gripping(rig, gripper)
     rig.after(0.5, gripper.start_stop())
     assert jaw.future.exception(timeout=0).by == "stop"
     assert gripper.is_holding, "and it holds on"
@@ -327,11 +320,7 @@ def test_a_jaw_that_is_stopped_before_it_follows_does_not_follow(rig, gripper):
 
 
 def test_a_motion_that_could_not_begin_keeps_no_grip_from_changing(rig, gripper, monkeypatch):
-    rig.after(3.0, gripper.move(0.5, wait=False).future)
-    grab = gripper.grab(wait=False)
-    rig.clock.advance(0.1)
-    rig.arm.jam("gripper")
-    rig.after(2.0, grab.future)
+    rig.after(2.0, meet(rig, gripper, grab(gripper)).future)
     assert gripper.is_holding
     with monkeypatch.context() as patch:
         patch.setattr(rig.executor, "turn", Mock(side_effect=MotionError("no")))
@@ -343,11 +332,7 @@ def test_a_motion_that_could_not_begin_keeps_no_grip_from_changing(rig, gripper,
 
 
 def test_a_jaw_that_grips_does_not_open_after_its_following_has_ended(rig, gripper):
-    jaw = gripper.follow()
-    lead(rig, jaw, 0.6, 2.0)
-    lead(rig, jaw, 0.0, 0.1)
-    rig.arm.jam("gripper")
-    lead(rig, jaw, 0.0, 1.5)
+    jaw = gripping(rig, gripper)
 
     class Aperture(float):
         def __float__(self):  # a stop on another thread, after the following was looked at

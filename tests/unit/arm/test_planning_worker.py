@@ -43,6 +43,9 @@ def request_to(q_deg):
     return PlanRequest(q_start=np.zeros(5), goal=JointGoal(q=q_goal), limits=LIMITS)
 
 
+EASY = request_to([5.0, 0.0, 0.0, 0.0, 0.0])
+
+
 def test_a_plan_comes_back_as_it_was_made(worker):
     plan = worker.plan(request_to([20.0, 0.0, 0.0, 0.0, 0.0])).result()
     np.testing.assert_allclose(plan.trajectory.q[-1], np.radians([20.0, 0.0, 0.0, 0.0, 0.0]))
@@ -55,8 +58,13 @@ def test_a_child_is_deaf_to_ctrl_c_from_its_first_moment():
     pause = threading.Event()
     while pid_of(worker) is None:
         pause.wait(0.001)
-    os.kill(pid_of(worker), signal.SIGINT)  # as a terminal does to all that run in it
+    pid = pid_of(worker)
+    os.kill(pid, signal.SIGINT)  # as a terminal does to all that run in it
     ready.result()
+    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(pid, each)
+    worker.plan(EASY).result()
+    assert pid_of(worker) == pid
     worker.close()
 
 
@@ -71,7 +79,7 @@ def test_a_worker_that_died_is_started_again(worker):
     first = pid_of(worker)
     os.kill(first, signal.SIGKILL)
     os.waitid(os.P_PID, first, os.WEXITED | os.WNOWAIT)
-    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+    worker.plan(EASY).result()
     assert pid_of(worker) != first
 
 
@@ -118,10 +126,10 @@ def begin_endless(worker):
 
 
 def test_dying_while_it_plans_has_the_plan_made_by_another(worker, caplog):
-    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+    worker.plan(EASY).result()
     first = pid_of(worker)
     os.kill(first, signal.SIGSTOP)  # so that the request is certainly under way
-    answer = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
+    answer = worker.plan(EASY)
     os.kill(first, signal.SIGKILL)
     assert answer.result().duration > 0.0
     assert pid_of(worker) != first
@@ -132,7 +140,7 @@ def test_dying_while_it_plans_has_the_plan_made_by_another(worker, caplog):
 def test_a_child_that_always_dies_is_reported(worker, caplog):
     worker.start().result()
     os.kill(pid_of(worker), signal.SIGSTOP)  # or it may answer before it is killed
-    answer = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
+    answer = worker.plan(EASY)
     while not answer.done():
         with contextlib.suppress(ProcessLookupError, TypeError):
             os.kill(pid_of(worker), signal.SIGKILL)
@@ -141,7 +149,7 @@ def test_a_child_that_always_dies_is_reported(worker, caplog):
     ):
         answer.result()
     assert caplog.records[-1].levelname == "ERROR"
-    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+    worker.plan(EASY).result()
 
 
 def test_a_child_that_cannot_even_start_is_reported(monkeypatch, caplog):
@@ -153,25 +161,15 @@ def test_a_child_that_cannot_even_start_is_reported(monkeypatch, caplog):
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     worker = PlanningWorker()
     with pytest.raises(WorkerError, match="could not be started"):
-        worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+        worker.plan(EASY).result()
     worker.close()
-
-
-def test_a_plan_nobody_wants_is_given_up_by_the_same_child(worker):
-    worker.start().result()
-    pid = pid_of(worker)
-    for _ in range(3):
-        answer = begin_endless(worker)
-        assert answer.cancel()
-        worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0)
-    assert pid_of(worker) == pid
 
 
 def test_plans_nobody_wants_are_dropped_while_they_wait(worker):
     worker.start().result()
     pid = pid_of(worker)
     answers = [begin_endless(worker), *(worker.plan(endless_request()) for _ in range(7))]
-    newest = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
+    newest = worker.plan(EASY)
     for answer in answers:
         answer.cancel()
     newest.result(60.0)
@@ -186,16 +184,19 @@ def test_a_request_may_be_cancelled_at_any_moment(worker):
         answer = worker.plan(dataclasses.replace(endless_request(), time_budget=0.01))
         pause.wait(wait)
         answer.cancel()
-        assert worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
+        assert worker.plan(EASY).result(60.0).duration > 0.0
     assert pid_of(worker) == pid
 
 
 def test_closing_ends_every_plan_with_an_error_of_ours():
     worker = PlanningWorker()
     worker.start().result()
+    pid = pid_of(worker)
     answers = [begin_endless(worker), *(worker.plan(endless_request()) for _ in range(8))]
     begin = time.monotonic()
     worker.close()
+    worker.close()
+    assert not is_alive(pid)
     assert time.monotonic() < begin + 20.0, "not the 60 s of one of them"
     for answer in [*answers, worker.plan(request_to([0.0] * 5)), worker.start()]:
         with pytest.raises(WorkerError, match="open the arm again"):
@@ -213,7 +214,7 @@ def impatient():
 def test_a_child_that_hung_while_idle_is_replaced_and_the_next_plan_is_made(impatient, caplog):
     hung = pid_of(impatient)
     os.kill(hung, signal.SIGSTOP)
-    request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
+    request = dataclasses.replace(EASY, scene=big_scene())
     assert impatient.plan(request).result(60.0).duration > 0.0
     assert pid_of(impatient) != hung
     assert "no sign of life" in caplog.text
@@ -225,7 +226,7 @@ def test_a_child_that_hangs_while_it_plans_is_replaced(impatient):
     os.kill(hung, signal.SIGSTOP)
     wait_until(lambda: pid_of(impatient) not in (hung, None))
     answer.cancel()
-    assert impatient.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
+    assert impatient.plan(EASY).result(60.0).duration > 0.0
 
 
 def test_a_child_that_computes_for_long_does_not_hang(impatient):
@@ -234,15 +235,6 @@ def test_a_child_that_computes_for_long_does_not_hang(impatient):
     with pytest.raises(NoPath):
         impatient.plan(request).result()
     assert pid_of(impatient) == pid
-
-
-def test_signals_for_the_whole_group_do_not_end_a_child_that_plans(worker):
-    worker.start().result()
-    pid = pid_of(worker)
-    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        os.kill(pid, each)
-    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
-    assert pid_of(worker) == pid
 
 
 PARENT = """
@@ -282,15 +274,18 @@ def is_alive(pid):
     return state_of(pid) != "Z"
 
 
-@pytest.mark.parametrize("busy", ["idle", "planning", "starting"])
-def test_a_child_ends_when_its_parent_is_killed(busy):
+@pytest.mark.parametrize(
+    ("busy", "count"), [("idle", 1), ("planning", 1), ("starting", 1), ("copied", 4)]
+)
+def test_all_children_end_when_their_parent_is_killed(busy, count):
     folder = str(Path(__file__).parent)
     command = [sys.executable, "-c", PARENT, folder, busy]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
-        pid = int(parent.stdout.readline())
-        assert is_alive(pid)
+        pids = [int(each) for each in parent.stdout.readline().split()]
+        assert len(pids) == count
+        assert all(map(is_alive, pids))
         parent.kill()
-    wait_until(lambda: not is_alive(pid), 30.0)  # not the 60 s for which it would plan on
+    wait_until(lambda: not any(map(is_alive, pids)), 30.0)  # not the 60 s for which it would plan
 
 
 def test_nothing_in_the_current_folder_is_executed(tmp_path, monkeypatch):
@@ -306,22 +301,10 @@ def test_nothing_in_the_current_folder_is_executed(tmp_path, monkeypatch):
     assert not (tmp_path / "executed").exists()
 
 
-def test_a_closed_worker_says_so_and_leaves_no_process():
-    worker = PlanningWorker()
-    worker.start().result()
-    pid = pid_of(worker)
-    worker.close()
-    worker.close()
-    with pytest.raises(ProcessLookupError):
-        os.kill(pid, 0)
-    with pytest.raises(WorkerError, match="open the arm again"):
-        worker.plan(request_to([0.0] * 5)).result()
-
-
 @pytest.fixture(scope="module")
 def pair():
     worker = PlanningWorker(workers=2)
-    list(worker.plan_many([request_to([5.0, 0.0, 0.0, 0.0, 0.0])] * 2))  # both are started
+    list(worker.plan_many([EASY] * 2))  # both are started
     yield worker
     worker.close()
 
@@ -346,7 +329,7 @@ def test_a_batch_that_is_given_up_ends_at_once_in_both_children(pair):
     batch.cancel()
     with pytest.raises(CancelledError):
         list(batch)
-    assert pair.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
+    assert pair.plan(EASY).result(60.0).duration > 0.0
     assert pair.pids == pids
 
 
@@ -376,7 +359,7 @@ def test_a_scene_is_sent_once_and_known_by_its_content():
     scenes, received = Scenes(), Scenes()
     sizes = []
     for _ in range(3):
-        request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
+        request = dataclasses.replace(EASY, scene=big_scene())
         parts = [bytes(part) for part in packed(request, scenes)]
         sizes.append(sum(map(len, parts)))
         assert unpacked(parts, received).scene == request.scene
@@ -405,7 +388,7 @@ def test_both_ends_forget_the_same_scenes():
 
 
 def test_a_new_worker_gets_the_scene_again(worker):
-    request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
+    request = dataclasses.replace(EASY, scene=big_scene())
     first = worker.plan(request).result()
     died = pid_of(worker)
     os.kill(died, signal.SIGKILL)
@@ -429,7 +412,7 @@ def test_an_easy_request_never_waits_for_a_hard_one(shared):
             hard.pop(0).cancel()
             hard.append(shared.plan(endless_request(), owner="a"))
         begin = time.monotonic()
-        assert shared.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), owner="b").result(60.0).duration
+        assert shared.plan(EASY, owner="b").result(60.0).duration
         assert time.monotonic() < begin + 30.0, "not the 60 s of one of them"
     assert not any(each.done() for each in hard)
     wait_until(lambda: len(shared.pids) == 1 + SHARE + 1)  # one waits
@@ -440,14 +423,14 @@ def test_an_easy_request_never_waits_for_a_hard_one(shared):
     wait_until(lambda: len(shared.pids) == 2)
     kept = shared.pids
     wait_until(lambda: not any(map(is_alive, {*copies} - {*kept})))
-    assert shared.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
+    assert shared.plan(EASY).result(60.0).duration > 0.0
     assert shared.pids == kept == (main, kept[1])
 
 
 def test_what_is_asked_before_the_first_child_is_ready_waits_for_it_and_not_for_its_plan():
     worker = PlanningWorker(copies=True)
     hard = worker.plan(endless_request(), owner="a")
-    assert worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), owner="b").result(60.0).duration > 0.0
+    assert worker.plan(EASY, owner="b").result(60.0).duration > 0.0
     assert not hard.done()
     worker.close()
 
@@ -474,17 +457,6 @@ def test_an_original_that_hangs_holds_up_nobody(caplog):
     hard = worker.plan(endless_request(), owner="a")
     wait_until(lambda: len(worker.pids) == 2)
     os.kill(pid_of(worker), signal.SIGSTOP)
-    assert worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), owner="b").result(60.0).duration > 0.0
+    assert worker.plan(EASY, owner="b").result(60.0).duration > 0.0
     hard.cancel()
     worker.close()
-
-
-def test_copies_end_when_their_parent_is_killed():
-    folder = str(Path(__file__).parent)
-    command = [sys.executable, "-c", PARENT, folder, "copied"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
-        pids = [int(each) for each in parent.stdout.readline().split()]
-        assert len(pids) == 4
-        assert all(map(is_alive, pids))
-        parent.kill()
-    wait_until(lambda: not any(map(is_alive, pids)), 30.0)
