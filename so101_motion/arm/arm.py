@@ -72,6 +72,9 @@ START_TOLERANCE = 1e-4
 class Arm(CappedJoints):
     """Five joints that can be planned for, moved and stopped.
 
+    In all methods ``limits`` are the caps of that motion, by default the arm's own, and
+    ``guard=None`` keeps off nothing.
+
     Args:
         model: Kinematics and limits.
         executor: Moves the joints; owned by the rig.
@@ -82,7 +85,6 @@ class Arm(CappedJoints):
         scene: What is around the arm and in its hand.
 
     Attributes:
-        model: Kinematics and limits.
         newest: The newest plan and its request, for display; None before the first.
         cell_member: What keeps it clear of the other arms of its cell; None outside a cell.
         compliance: How it yields to a hand in manual mode.
@@ -186,11 +188,7 @@ class Arm(CappedJoints):
         return " close to ".join(map(scene.called, close))
 
     def set_load(self, load: LoadConfig) -> None:
-        """Set what the gripper always carries and how strong the servos are, for plans from now on.
-
-        Raises:
-            ConfigError: A mass or position is out of range, or the servos are unknown.
-        """
+        """Set what the gripper always carries and how strong servos are, for plans from now on."""
         self._payload = Payload.of(load, self.model)
         self._strength = replace(
             Strength.of_servos(load.servo_voltage), shares=self._strength.shares
@@ -230,7 +228,7 @@ class Arm(CappedJoints):
 
         Args:
             goal: What is wanted; or joint angles, shape (5,), [rad].
-            limits: Caps of this motion; the arm's own if not given.
+            limits: Caps of this motion.
             search: Options of the search.
             q_start: Plan from here instead, shape (5,), [rad].
             q_jaw: Where the jaw will be [rad].
@@ -387,11 +385,6 @@ class Arm(CappedJoints):
         obstacle is in the way the arm stops short of it, and the motion raises what it was. A
         planned motion comes to rest along its own path first. Never waits.
 
-        Args:
-            q_goal: Where to.
-            limits: Caps of the joints; the arm's own if not given.
-            guard: None to keep off nothing.
-
         Raises:
             OutsideLimits: The goal lies outside the joint limits.
         """
@@ -421,10 +414,6 @@ class Arm(CappedJoints):
         adds) or another arm of its cell, the arm stops before that, and the stream's future raises
         what is in the way.
 
-        Args:
-            limits: Caps of the joints; the arm's own if not given.
-            guard: None to keep off nothing.
-
         Raises:
             Interrupted: A newer motion or a stop was asked for meanwhile.
         """
@@ -439,14 +428,10 @@ class Arm(CappedJoints):
         )
 
     def jog(self, *, limits: MotionLimits | None = None, frame: str = "tool") -> Jog:
-        """Jog the tool with velocities, poses and points; supersedes what is under way.
+        """Jog the tool, or another frame of the gripper; supersedes what is under way.
 
         Blocks until the arm rests. It keeps clear of itself, of the present scene, and of
         configurations in which its load is too heavy.
-
-        Args:
-            limits: Caps of the joints; the arm's own if not given.
-            frame: Which frame of the gripper is jogged.
 
         Raises:
             ConfigError: There is no such frame.
@@ -476,7 +461,7 @@ class Arm(CappedJoints):
         motions are not guarded.
 
         Args:
-            limits: Caps of the joints; the arm's own if not given.
+            limits: Caps of the joints.
             guard: None to keep off nothing.
             approach: Caps while a first target is far.
             gate: A target is near when every joint is closer to it than this [rad].
@@ -496,13 +481,9 @@ class Arm(CappedJoints):
     def keep_off(self, own: Scene, around: Scene) -> None:
         """Let followings, streams and jogs keep off more than the arm's own scene, from now on.
 
-        What is under way begins to keep off it, too. Plans do not know it. Takes some hundredths of
-        a second.
-
-        Args:
-            own: The arm's scene that ``around`` was made from. When the arm has another scene, that
-                counts alone.
-            around: ``own`` with further obstacles and held objects.
+        ``around`` is ``own``, the arm's scene, with further obstacles and held objects; when the
+        arm has another scene, that counts alone. What is under way begins to keep off it, too.
+        Plans do not know it. Takes some hundredths of a second.
         """
         use = self._open_ended.renewal(self._situation_in(around))
         self._kept_off = own, around

@@ -46,7 +46,11 @@ if TYPE_CHECKING:
 
 
 class Cell:
-    """The arms of one process that share a space. Any thread may call any method."""
+    """The arms of one process that share a space. Any thread may call any method.
+
+    In all methods ``scenes``, ``limits`` and ``stands`` say, by the arms' names, what is around
+    them, their caps, and where they will start; by default their own, and where they are.
+    """
 
     def __init__(self) -> None:
         self._space = SharedSpace()
@@ -58,7 +62,6 @@ class Cell:
 
     @property
     def clock(self) -> Clock:
-        """The clock of one of its arms; all show the same time."""
         return next(iter(self.members.values())).clock
 
     def add(
@@ -104,11 +107,7 @@ class Cell:
     ) -> dict[str, Plan]:
         """Plan one motion that several arms begin and end together; moves nothing.
 
-        Args:
-            goals: The goal of each arm that moves, by name. The other arms stay where they are.
-            scenes: What is around arms, by their names; their own scenes if not given.
-            limits: Caps of arms, by their names; their own if not given.
-            stands: Where arms will start, by their names; where they are if not given.
+        ``goals`` has the goal of each arm that moves, by name. The other arms stay where they are.
 
         Raises:
             ConfigError: There is no such arm.
@@ -137,11 +136,8 @@ class Cell:
         """Move several arms to goals in one motion, which they begin and end together.
 
         It is planned once all arms of the cell rest; motions under way are superseded. Stopping one
-        arm ends the motion of all. Arguments and errors as for ``plan_together``; errors of the
-        planning are raised by the motions.
-
-        Returns:
-            The motion of each arm of the cell, by its name.
+        arm ends the motion of all. Errors of the planning are raised by the motions of the cell's
+        arms, which are returned by their names.
         """
         self._refuse_unknown(goals)
         plan = partial(self.start_plan, goals, scenes=scenes)
@@ -150,16 +146,10 @@ class Cell:
     def move(self, plans: Mapping[str, Plan], *, wait: bool = True) -> dict[str, Motion]:
         """Move all arms along plans of ``plan_together``; supersedes what is under way.
 
-        Stopping one arm ends the motion of all.
-
-        Args:
-            plans: The plan of each arm of the cell, by its name.
-            wait: Return when all have settled; with False return the motions at once.
-
-        Returns:
-            The motion of each arm. It raises ``MotionError`` if an arm is not where its plan
-            begins, and ``InCollision`` if they would meet now because of what they hold or how wide
-            their jaws are.
+        ``plans`` has the plan of each arm of the cell, by its name. Stopping one arm ends the
+        motion of all. With ``wait`` False the motions are returned at once. They raise
+        ``MotionError`` if an arm is not where its plan begins, and ``InCollision`` if they would
+        meet now because of what they hold or how wide their jaws are.
 
         Raises:
             ConfigError: These are not the arms of this cell.
@@ -187,7 +177,7 @@ class Cell:
             taker: The arm that takes it.
             thing: Its name among what is attached in the giver's scene.
             grasps: How it may be taken; found by the box around it if not given.
-            scenes: What is around arms, by their names; their own scenes if not given.
+            scenes: What is around arms.
 
         Raises:
             ConfigError: There is no such arm or thing.
@@ -208,11 +198,8 @@ class Cell:
         """Pass a thing on as ``plan_handover`` has planned it; supersedes what is under way.
 
         The scenes of both arms change with it. Stopping one arm ends the motion of all; the thing
-        is then in the hand that held it, or in both.
-
-        Returns:
-            The motion of each arm of the cell. That of the taker raises ``MotionError`` if it has
-            closed its jaw on nothing.
+        is then in the hand that held it, or in both. The taker's motion raises ``MotionError`` if
+        it has closed its jaw on nothing.
         """
         self._refuse_other_than_all(plan.approach)
         held = self.members[plan.giver].arm.scene.attached
@@ -279,7 +266,6 @@ class Cell:
         limits: Mapping[str, MotionLimits],
         stands: Mapping[str, Stand],
     ) -> tuple[TeamMember, ...]:
-        """All arms; those without a goal stay where they are."""
         team = []
         for name, member in self.members.items():
             stand = stands.get(name) or member.stand

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from so101_motion.common.errors import InCollision, MotionError
+from so101_motion.common.errors import MotionError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
 from so101_motion.planning.among import crosses, crossing, delayed
@@ -168,7 +168,7 @@ class CellMember:
                 self._expected = None
                 wait, other = 0.0, ""
                 if late > PROMPT:  # the check of before does not hold for it
-                    wait, other = self._late(trajectory, late)
+                    wait, other = self._wait_for(trajectory, late)
                     self._planned = self.along(trajectory, self._now() + wait)
             if wait:
                 _log.info("%s waits %.1f s more before it moves, for %s", self.name, wait, other)
@@ -181,20 +181,11 @@ class CellMember:
         self._planned, self._expected = self.along(trajectory, begin), trajectory
         self._executor.await_motion(begin + PROMPT)
 
-    def _late(self, trajectory: Trajectory, late: float) -> tuple[float, str]:
-        """Like ``_wait_for``, for a motion that is ``late`` [s] for a common one, or not of one."""
-        try:
-            return self._wait_for(trajectory)
-        except InCollision:
-            if math.isinf(late):
-                raise
-            raise MotionError(
-                f"it was ready {late:.2f} s after the common motion was to begin, and would"
-                " meet another arm now; check how busy the computer is, then plan again"
-            ) from None
+    def _wait_for(self, trajectory: Trajectory, late: float) -> tuple[float, str]:
+        """How long a motion must still wait [s], and for which arm; nobody if it need not.
 
-    def _wait_for(self, trajectory: Trajectory) -> tuple[float, str]:
-        """How long a motion must still wait [s], and for which arm; nobody if it need not."""
+        It is ``late`` [s] for a common one, without end if it is not part of one.
+        """
         met, now = None, 0.0
         for wait in np.arange(0.0, LATEST, LATER):
             now = self._now()
@@ -204,7 +195,12 @@ class CellMember:
             if met is None:
                 return float(wait), "" if before is None else before[0]
         assert met is not None
-        raise crosses(*met, since=now)
+        if math.isinf(late):
+            raise crosses(*met, since=now)
+        raise MotionError(
+            f"it was ready {late:.2f} s after the common motion was to begin, and would meet"
+            " another arm now; check how busy the computer is, then plan again"
+        )
 
     def along(self, trajectory: Trajectory, t: float) -> Course:
         """The course of a motion that begins at ``t`` [s]."""

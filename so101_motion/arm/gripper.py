@@ -256,6 +256,9 @@ def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
 class Gripper:
     """One jaw that opens and closes. A new motion takes over from the one under way.
 
+    In all methods ``limits`` are the caps of that motion, by default the gripper's own; with
+    ``wait`` False a motion is returned at once.
+
     Attributes:
         closed: Jaw angle at aperture 0 [rad]; changes with the calibration.
         opened: Jaw angle at aperture 1 [rad]; likewise.
@@ -327,18 +330,10 @@ class Gripper:
     def move(
         self, aperture: float, *, limits: MotionLimits | None = None, wait: bool = True
     ) -> Motion:
-        """Open or close to ``aperture``.
+        """Open or close to ``aperture``, 0 closed to 1 open; ``ConfigError`` outside of that.
 
         An object that it closes on is gripped, and ``is_holding`` becomes True; the motion then
         raises ``FollowingError``, because it has not arrived.
-
-        Args:
-            aperture: Where to, 0 closed to 1 open.
-            limits: Caps of this motion; the gripper's own if None.
-            wait: Return when the jaw is there; with False return the motion at once.
-
-        Raises:
-            ConfigError: ``aperture`` is outside 0 to 1.
         """
         motion = self._start(_JawMove(self.angle_of(aperture), limits, grabs=False))
         if wait:
@@ -348,12 +343,9 @@ class Gripper:
     def grab(
         self, aperture: float = 0.0, *, limits: MotionLimits | None = None, wait: bool = True
     ) -> Motion:
-        """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
+        """Close until something is gripped or the jaw is closed, as ``aperture`` says.
 
-        Args:
-            aperture: The aperture that counts as closed.
-            limits: Caps of this motion; the gripper's own if None.
-            wait: Return when that is so; with False return the motion at once.
+        ``is_holding`` tells which.
         """
         motion = self._start(_JawMove(self.angle_of(aperture), limits, grabs=True))
         if wait:
@@ -374,7 +366,7 @@ class Gripper:
         open.
 
         Args:
-            limits: Caps; the gripper's own if None.
+            limits: Caps.
             approach: Caps while a first aperture is far; ``limits`` if None.
             stale_after: After how long without a new aperture it brakes to rest [s]; None for
                 never.

@@ -214,10 +214,9 @@ class PlanningWorker:
                 asked.answer.set_result(outcome)
             if not is_kept:  # a new one costs less than the memory of one that waits
                 slot.close()
-                with self._lock:
-                    self._slots.remove(slot)
-                    taken = taken or self._next()
             with self._lock:
+                if not is_kept:
+                    self._slots.remove(slot)
                 taken = taken or self._next()  # it may have come since
                 if taken is None:
                     self._threads.discard(threading.current_thread())

@@ -195,7 +195,6 @@ class Executor:
         return self._control.stop_limits(channel)
 
     def set_stop_limits(self, limits: MotionLimits) -> None:
-        """Brake the arm within ``limits`` from the next stop on."""
         self._control.set_stop_limits(limits)
 
     def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
@@ -267,7 +266,6 @@ class Executor:
         return self.ask(lambda control: control.call_and_rehold(job))
 
     def ask(self, job: Callable[[JointController], T]) -> Future[T]:
-        """Run ``job`` on the I/O thread between two ticks; the future has its result or error."""
         return self.requests.ask(partial(job, self._control))
 
     def _stop_of(self, channels: tuple[Channel, ...], by: str) -> Request:

@@ -154,7 +154,11 @@ class Stream(EndsWithBlock):
                 )
             self._refuse_fast(t_all[new], q_all[new])
             if self._kernel is not None:
-                self._refuse_abrupt(t_all, q_all, t_all[new][0])
+                figures = self._acceleration(t_all, q_all, t_all[new][0], self._window)
+                i = int(np.argmax(figures / self.limits.acceleration))
+                when = f"after {t_all[new][0]:.3f} s"
+                limit = self.limits.acceleration
+                self._refuse_over(i, float(figures[i]), limit, when, "deg/s^2")
             self._take(t_all, q_all)
 
     def finish(self) -> Future[None]:
@@ -415,13 +419,6 @@ class Stream(EndsWithBlock):
         k, i = np.unravel_index(int(np.argmax(speed / self.limits.velocity)), speed.shape)
         self._refuse_over(
             int(i), float(speed[k, i]), self.limits.velocity, f"at {t[k]:.3f} s", "deg/s"
-        )
-
-    def _refuse_abrupt(self, t_all: Array, q_all: Array, t_from: float) -> None:
-        figures = self._acceleration(t_all, q_all, t_from, self._window)
-        i = int(np.argmax(figures / self.limits.acceleration))
-        self._refuse_over(
-            i, float(figures[i]), self.limits.acceleration, f"after {t_from:.3f} s", "deg/s^2"
         )
 
     def _refuse_over(self, i: int, value: float, limit: Array, when: str, unit: str) -> None:
