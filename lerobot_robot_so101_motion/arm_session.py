@@ -40,8 +40,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-SILENT_AFTER = 0.5
-"""How old a measurement may be [s]; the driver tolerates silent servos for as long."""
+SILENT_AFTER = 0.5  # how old a measurement may be [s], as for the driver
 
 LIES_WITHIN = to_rad(6.0)
 """Largest distance from a lying pose at which an arm is released [rad]; chosen."""
@@ -59,9 +58,7 @@ below the friction of a servo."""
 
 REST_WITHIN = 10.0  # how long to wait for a stop [s]; it takes less than a second
 PARKED_WITHIN = 60.0  # how long to wait for the motion to the park pose [s]; chosen
-
-Waiter = Callable[["Future[None]", float], None]
-"""Waits until a future is done, at most for so long [s]; raises the future's error."""
+Waiter = Callable[["Future[None]", float], None]  # waits at most so long [s]; raises the error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

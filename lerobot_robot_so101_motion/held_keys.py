@@ -26,8 +26,7 @@ HELD = 0.12
 """How long a key counts as held after its last report [s]; chosen: terminals repeat keys every 0.03
 to 0.05 s, and a loop at 15 Hz reads them every 0.07 s."""
 
-KEYS = tuple(zip("sdfjklh", "waruioy", strict=True))
-"""The keys for minus and plus of each of the seven numbers, as on the page."""
+KEYS = tuple(zip("sdfjklh", "waruioy", strict=True))  # for minus and plus of each, as on the page
 
 HELP = (
     "Hold a key: w/s forward and back, a/d left and right, r/f up and down, j/u, k/i, l/o turn,"

@@ -28,10 +28,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 _log = logging.getLogger(__name__)
 
 JAW_RATE = 0.6  # speed of the jaw, as share of its travel [1/s]; chosen
-
-CATCH_UP = 0.1
-"""Most time that an action covers [s]: after a longer pause of the loop the tool does not catch up;
-chosen, more than a period at 15 Hz."""
+CATCH_UP = 0.1  # most time that an action covers [s]; chosen, more than a period at 15 Hz
 
 AWAY = to_rad(1.0)
 """The servo starts again if the arm rests farther than this from it [rad]; chosen."""

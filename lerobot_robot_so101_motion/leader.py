@@ -25,15 +25,9 @@ from so101_motion.common.units import to_rad
 from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.planning.collision.scene import Scene
 
-HANDED_OVER = 100.0
-"""Cap on the acceleration of a leader that moves by itself [deg/s^2]; chosen: a hand may hold
-it."""
-
-DRIVEN_ON = 2.0
-"""How long a leader goes on moving to the last feedback [s]; chosen: it may lag behind."""
-
-HINTED = 0.2
-"""A pull of the guard ends after this long without a new action [s]; chosen: three at 15 Hz."""
+HANDED_OVER = 100.0  # cap on its acceleration while it moves by itself [deg/s^2]; chosen for a hand
+DRIVEN_ON = 2.0  # it goes on moving to the last feedback for so long [s]; chosen: that may lag
+HINTED = 0.2  # a pull of the guard ends so long after an action [s]; chosen: three at 15 Hz
 
 STRONGEST = 0.2
 """Largest share of full drive of a pull; chosen: 0.4 N m of a servo that stalls at 2 N m, which a

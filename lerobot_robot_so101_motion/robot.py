@@ -33,9 +33,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-TAKEN = tuple(f"{joint}.taken" for joint in JOINTS)
-"""The keys of an observation for the target that the arm followed last."""
-
+TAKEN = tuple(f"{joint}.taken" for joint in JOINTS)  # keys of the target that was followed last
 LOG_EVERY = 1.0  # how often the log says that targets are changed or ignored [s]; chosen
 
 

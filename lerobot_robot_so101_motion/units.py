@@ -13,9 +13,7 @@ from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.tasks.datasets.replay import calibration_of
 from so101_motion.tasks.datasets.units import DEGREES, RANGE, units_of
 
-JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
-"""LeRobot's names of the six motors are ours, in the same order."""
-
+JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)  # LeRobot's names of the six motors are ours, in order
 KEYS = tuple(f"{joint}.pos" for joint in JOINTS)  # the keys of an action and of an observation
 
 

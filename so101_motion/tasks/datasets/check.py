@@ -48,9 +48,7 @@ from so101_motion.tasks.datasets.units import (
     units_of,
 )
 
-TOUCH = 0.0005
-"""Bodies nearer than this touch [m]; the hulls are less than 1 mm outside of the parts."""
-
+TOUCH = 0.0005  # bodies nearer than this touch [m]; hulls are less than 1 mm outside of the parts
 _DEEP = 0.002  # [m]; the limit that the depth of a contact is compared with. Chosen
 _LOOKS = 5  # frames of a contact in which its depth is measured
 
@@ -107,8 +105,7 @@ class ContactCheck:
         self._longest.clear()
 
 
-_MOSTLY_OUTSIDE = 0.05
-"""Units are doubted when more than this share of frames is beyond the stops. Chosen."""
+_MOSTLY_OUTSIDE = 0.05  # share of frames beyond the stops at which units are doubted. Chosen.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,8 +122,7 @@ class CheckReport:
     moments: tuple[Moment, ...]  # the worst moments, the worst first
     counts: Mapping[str, int]  # how many moments of each kind there were, kept or not
     frames_of: Mapping[str, int]  # how many frames those had in total, by kind
-    # how far the states are from the actions; None if they cannot be compared
-    differences: Differences | None
+    differences: Differences | None  # states from actions; None if not known
 
     @property
     def episodes(self) -> int:

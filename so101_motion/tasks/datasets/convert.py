@@ -40,8 +40,7 @@ from so101_motion.tasks.datasets.metadata import (
 from so101_motion.tasks.datasets.parquet import Reader, Table, with_lists, with_vectors
 from so101_motion.tasks.datasets.units import Units
 
-Statistics = dict[str, list[float]]
-"""Numbers by LeRobot's names: ``min``, ``max``, ``mean``, ``std``, ``count``, ``q01`` ..."""
+Statistics = dict[str, list[float]]  # by LeRobot's names: ``min``, ``std``, ``count``, ``q01`` ...
 
 _QUANTILE = re.compile(r"q\d\d")
 

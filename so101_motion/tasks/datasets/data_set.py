@@ -38,12 +38,8 @@ from so101_motion.tasks.datasets.units import KINDS, Units, units_of
 
 ACTION, STATE = "action", "observation.state"
 
-TAKEN = ".taken"
-"""Suffix of state names under which our LeRobot robot records the action as it was taken."""
-
-MOST_OF_EPISODE = 2_000_000
-"""Most frames of one episode, 9 hours at 60 a second: it is held in memory. Chosen."""
-
+TAKEN = ".taken"  # suffix of state names under which our LeRobot robot records the action as taken
+MOST_OF_EPISODE = 2_000_000  # frames of an episode, 9 hours at 60 a second; held in memory. Chosen.
 LARGEST_NUMBER = 1e6  # larger numbers cannot be angles; they count as missing. Chosen.
 
 _COUNTERS = ("timestamp", "frame_index", "episode_index")
@@ -75,8 +71,7 @@ class DataSet:
 
     metadata: Metadata
     side: str  # the arm of two that is read, ``"left"`` or ``"right"``; empty for the only one
-    # the index of each of ``JOINTS`` in a row, by column; None for a jaw that is not recorded
-    columns: dict[str, tuple[int | None, ...]]
+    columns: dict[str, tuple[int | None, ...]]  # index of ``JOINTS`` in a row; None: no jaw
 
     @property
     def declared(self) -> str:

@@ -35,8 +35,7 @@ svg{display:block;max-width:100%;height:auto}svg text{font:11px system-ui,sans-s
 """
 
 
-_Excerpt = tuple[Array, Array, Array | None]
-"""Times [s], and angles of the five joints as sent and as measured [deg], around a moment."""
+_Excerpt = tuple[Array, Array, Array | None]  # times [s], angles as sent and as measured [deg]
 
 
 def html_report(report: CheckReport) -> bytes:

@@ -29,19 +29,14 @@ CALIBRATION = "meta/so101_calibration{side}.json"
 """The calibration that those numbers were made with, an ordinary calibration file; of two arms with
 ``_left`` or ``_right`` before the suffix."""
 
-LARGEST_INFO = 4_000_000
-"""Largest ``info.json`` that is read [byte]; with a dozen cameras it has 10,000. Chosen."""
-
-LARGEST_LINES = 64_000_000
-"""Largest ``.jsonl`` file that is read [byte]; with a thousand episodes it has 3 MB. Chosen."""
+LARGEST_INFO = 4_000_000  # of ``info.json`` [byte]; with a dozen cameras it has 10,000. Chosen.
+LARGEST_LINES = 64_000_000  # of a ``.jsonl`` [byte]; with a thousand episodes it has 3 MB. Chosen.
 
 OTHER_ARMS = ("koch", "omx", "moss", "aloha", "viperx", "openarm", "rebot", "hope_jr", "reachy2")
 """How LeRobot's robot types begin that have these joint names or similar ones, but other links,
 zeros and travels than an SO-101."""
 
-MOBILE = ("lekiwi", "xlerobot")
-"""How the robot types begin that carry SO-101 arms on a base, with no table at their foot."""
-
+MOBILE = ("lekiwi", "xlerobot")  # robot types with SO-101 arms on a base, no table at their foot
 MOST_FILES = 100_000  # most data files; version 2.1 has one for each episode. Chosen.
 _LARGEST_POINTER = 1024  # [byte], by the specification of Git LFS
 VERSIONS = ("v2.0", "v2.1", "v3.0")  # the known versions; a later v3 is read like v3.0
@@ -51,8 +46,7 @@ VERSIONS = ("v2.0", "v2.1", "v3.0")  # the known versions; a later v3 is read li
 class Feature:
     """A column of the data."""
 
-    # LeRobot's name of the type: ``float32``, ``int64``, ``video``, ``image`` and others
-    dtype: str
+    dtype: str  # LeRobot's: ``float32``, ``int64``, ``video``, ``image`` and others
     names: tuple[str, ...]  # names of its entries; empty if they have none
 
 

@@ -30,9 +30,7 @@ KINDS = {
 _WEIGHT = {kind: 2.0 ** (len(KINDS) - place) for place, kind in enumerate(KINDS)}
 _HALF = 5.0  # so many times the limit gives half of the largest severity; chosen
 MOST = 200  # how many moments of a kind are kept; the others are counted. Chosen.
-
-MOST_OF_EPISODE = 50
-"""How many moments of a kind and an episode get a sentence; the others are counted. Chosen."""
+MOST_OF_EPISODE = 50  # of a kind and an episode get a sentence; the others are counted. Chosen.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -191,9 +191,7 @@ class Fit:
     worst_deg: float  # how far the furthest is beyond them [deg]
 
 
-_BEYOND = math.radians(5.0)
-"""How far beyond a stop a joint may seem to be [rad]: an incomplete calibration, and play.
-Chosen."""
+_BEYOND = math.radians(5.0)  # a joint may seem to be beyond a stop [rad]: play. Chosen.
 
 
 CERTAIN, LIKELY, UNKNOWN = "certain", "likely", "unknown"

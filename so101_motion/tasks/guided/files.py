@@ -36,8 +36,7 @@ class SavedPath:
     name: str  # its name: the file's name without its ending
     path: GuidedPath
     recorded_at: str  # when it was recorded, as in the file
-    # the zeros of the arm that it was recorded with; None if not known
-    zeros: EncoderZeros | None = None
+    zeros: EncoderZeros | None = None  # of the arm that it was recorded with; None if not known
 
 
 def file_of(folder: Path, name: object) -> Path:

@@ -33,8 +33,7 @@ class GuidedPath:
 
     t: Array  # times, from 0 on, increasing, shape (n,), n >= 1, [s]
     q: Array  # joint angles, shape (n, 5), [rad]
-    # how far the jaw was open, 0 to 1, shape (n,); None for an arm without a jaw
-    aperture: Array | None = None
+    aperture: Array | None = None  # of the jaw, 0 to 1, shape (n,); None for an arm without one
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", frozen_array(self.t, (-1,)))

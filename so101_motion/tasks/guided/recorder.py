@@ -18,9 +18,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor
 from so101_motion.tasks.guided.path import GuidedPath
 
-STEP = to_rad(0.25)
-"""How far a joint moves between two points [rad]; chosen: not quite three ticks of the encoder."""
-
+STEP = to_rad(0.25)  # of a joint between two points [rad]; chosen: not quite three ticks
 JAW_STEP = 0.01  # the same for the jaw, share of its travel; chosen
 
 REST = 0.1

@@ -55,11 +55,9 @@ _STILL = 1e-3  # smaller changes of the aperture are ignored
 class ReplayLeg:
     """A part of the path that is played as one motion."""
 
-    # aperture to which the jaw moves before, while the arm stands; None to leave it
-    begin: float | None
+    begin: float | None  # aperture to which the jaw moves before; None to leave it
     plan: Plan | None  # the motion of the arm; None if only the jaw moves
-    # the jaw's aperture at each sample of the plan, shape (n,); None to leave it
-    aperture: Array | None = None
+    aperture: Array | None = None  # the jaw's at each sample, shape (n,); None to leave it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -316,9 +314,7 @@ def angles(gripper: Gripper, aperture: Array) -> Array:
 
 # Running
 
-_AHEAD = 4
-"""How many samples ahead the arm's place on its leg is searched in each period; chosen, more than
-can be left out in a row."""
+_AHEAD = 4  # samples ahead in which the arm's place is searched in a period; chosen
 
 
 def start_replay(

@@ -36,9 +36,7 @@ TAUGHT = (
 )  # fmt: skip
 """The commands that are DoCommands of an arm as well."""
 
-GUIDED_FOR = 180.0
-"""How long the arm yields to a hand for ``record`` before it holds again by itself [s]; chosen."""
-
+GUIDED_FOR = 180.0  # the arm yields to a hand for ``record`` for so long [s]; chosen
 MOST_NAMES = 500  # how many saved paths are offered; chosen, more than a person can choose from
 
 _WELCOME = "Press Record a path, then guide the arm by hand."

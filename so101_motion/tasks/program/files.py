@@ -34,8 +34,7 @@ OLDER = tuple(f"so101/{kind}/{number}" for kind in ("program", "cell-program") f
 ENTRIES = ("schema", "rounds", "loops", "steps", "waypoints")
 """The entries of a program, with those of before."""
 
-ZerosOfArms = Mapping[str, EncoderZeros | None]
-"""The zeros of each arm's calibration, by the arm's name; None if not known."""
+ZerosOfArms = Mapping[str, EncoderZeros | None]  # of the arms' calibrations; None if not known
 
 _FILE_NAME = re.compile(r"\w[\w .-]*")
 _ENDLESS = "endless"

@@ -62,8 +62,7 @@ class Visit(NamedTuple):
     """One arrival at a stop while a program runs."""
 
     round: int  # the round, counted from 0
-    # the repetition of each loop that the stop is in, from 0, the outer loop first
-    laps: tuple[int, ...]
+    laps: tuple[int, ...]  # repetition of each loop around it, from 0, the outer one first
     origin: int | None  # index of the stop before; None for where the arm is at the beginning
     indices: range  # the steps after it: those that are passed, then the one stopped at
 

@@ -38,8 +38,7 @@ class Waypoint:
     q: Array  # joint angles, shape (5,), [rad]
     aperture: float | None = None  # the jaw's aperture after arrival, 0 to 1; None to leave it
     pause: float = 0.0  # how long to stay after that [s]
-    # whether the arm goes on without stopping; then there is no aperture and no pause
-    passes: bool = False
+    passes: bool = False  # whether the arm goes on at once, with no aperture and no pause
     # share of the arm's speed and acceleration caps on the step to it. If waypoints are passed, the
     # slowest step up to the next stop counts.
     speed: float = 1.0
@@ -72,8 +71,7 @@ class Program:
 
     steps: tuple[Step, ...] = ()  # at most ``MOST``
     rounds: int | None = 1  # how often all of it is repeated; None until it is stopped
-    # steps that are repeated within each round, in order, outer loops first
-    loops: tuple[Loop, ...] = ()
+    loops: tuple[Loop, ...] = ()  # repeated within each round, outer loops first
     before: int = 0  # how many steps of the whole program come before these, in a part of one
 
     def __post_init__(self) -> None:

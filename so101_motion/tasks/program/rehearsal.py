@@ -39,8 +39,7 @@ class Leg:
 
     indices: range  # its steps: those that are passed, and last the one that is stopped at
     plans: Mapping[str, Plan]  # the motion of each arm, by its name; none if all are there already
-    # when each of the steps is passed or reached, from the beginning of the motion [s]
-    at: tuple[float, ...]
+    at: tuple[float, ...]  # when each step is passed or reached, from the beginning [s]
     stands: Mapping[str, Stand]  # where each arm is before it, by its name
 
     @property

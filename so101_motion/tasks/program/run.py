@@ -33,9 +33,7 @@ ARRIVED = to_rad(2.0)
 """An arm nearer than this to its waypoint has arrived [rad], because not every arm stops exactly
 there; farther away, something has moved it. Chosen."""
 
-_LEAST = 0.01
-"""Shortest time of a step that does not move the arm [s]: an endless row of those would block other
-threads. Chosen: a control cycle."""
+_LEAST = 0.01  # [s] of a step without motion, or an endless row of those blocks other threads
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,8 +41,7 @@ class Where:
     """The progress of a run."""
 
     round: int = 0  # the round, counted from 0
-    # the repetition of each loop around the next stop, from 0, the outer loop first
-    laps: tuple[int, ...] = ()
+    laps: tuple[int, ...] = ()  # repetition of each loop around the next stop, the outer one first
     index: int = 0  # the step that is gone to, or done, from 0
     doing: str = "moving"  # ``"moving"``, ``"jaw"`` or ``"pausing"``
 

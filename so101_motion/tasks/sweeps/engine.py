@@ -38,10 +38,7 @@ from so101_motion.tasks.sweeps.folder import SweepFolder, combined
 from so101_motion.tasks.sweeps.sweep import Outcome, Sweep, compute, digest
 
 _AHEAD = 3  # shards under way for each worker: one in work, and the next ones. Chosen.
-
-_AHEAD_OF_DASK = 4
-"""Shards under way for each thread of the cluster. Chosen: some are always on the network."""
-
+_AHEAD_OF_DASK = 4  # the same for each thread of a cluster: some are always on the network. Chosen.
 _PATIENCE = 10.0  # how long a scheduler may take to answer [s]. Chosen.
 _DEATHS = 3  # A shard fails when its process has died so often. Chosen.
 _IN_A_ROW = 4  # if so many shards in a row get lost, the executor is at fault. Chosen.

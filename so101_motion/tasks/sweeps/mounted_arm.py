@@ -46,16 +46,9 @@ from so101_motion.tasks.sweeps.reach import STEPS
 from so101_motion.tasks.sweeps.sweep import NEVER, WorkBudget
 
 MOST = 24  # how many configurations of a pose are kept, evenly spread. Chosen.
-
-_PITCHES: Array = 2.0 * math.pi / 16 * np.arange(-8.0, 8.0)
-"""Pitches that are tried if only the point counts [rad]. Chosen."""
-
-_ROLLS = np.radians([-90.0, 0.0, 90.0])
-"""Rolls that are tried if the rotation about the approach is free [rad]. Chosen."""
-
-_SHARES = (-0.9, 0.0, 0.9)
-"""Tilts of the approach that are tried, as shares of its tolerance. Chosen."""
-
+_PITCHES: Array = 2.0 * math.pi / 16 * np.arange(-8.0, 8.0)  # tried if only the point counts [rad]
+_ROLLS = np.radians([-90.0, 0.0, 90.0])  # tried if the roll is free [rad]. Chosen.
+_SHARES = (-0.9, 0.0, 0.9)  # tilts of the approach that are tried, of its tolerance. Chosen.
 _EXACT = 1e-5  # A configuration whose frame is farther off its point is dropped [m]
 
 
@@ -252,13 +245,8 @@ def cheapest(costs: list[Array], *, closed: bool) -> tuple[float, list[int]]:
 
 
 CRITERIA = ("time", "clearance", "torque", "robust")  # the criteria for comparing bases
-
-_ROUNDS = 4
-"""How often the cheapest cycle from a base is planned at most. Chosen: mostly the first stays."""
-
-GAIN = 0.002
-"""A smaller gain, as a share of the time, is not searched for. Chosen: a fifth of what a search may
-miss."""
+_ROUNDS = 4  # most cycles from a base that are planned. Chosen: mostly the first stays.
+GAIN = 0.002  # a smaller gain of time is not searched for. Chosen: a fifth of what may be missed.
 
 _TORQUE_STEP = 0.05
 """When bases are compared by torque, configurations within this share of the best count as equally
@@ -297,8 +285,7 @@ class Cycle(NamedTuple):
 
     time: float  # its duration, pauses included [s]
     q: Array  # the joint angles at each pose, shape (n, 5), [rad]
-    # the plans in order, each with the jaw's angle [rad]; None where the arm stays
-    motions: list[tuple[Plan | None, float]]
+    motions: list[tuple[Plan | None, float]]  # with the jaw's angle [rad]; None where the arm stays
 
 
 class MountedArm:

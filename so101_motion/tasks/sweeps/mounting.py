@@ -19,19 +19,13 @@ from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene,
 
 COARSE = 8  # the first round uses every so many steps of the lattice. A power of two.
 TABLE = "table"  # name of the table in messages, for an arm that does not stand on it
-
-MOUNTS = ("table", "wall", "upside-down")
-"""How a base may be mounted: standing, on a wall, hanging from above."""
-
-JITTER, JITTER_TURN = 0.005, math.radians(2.0)
-"""How inexactly a base is mounted in practice [m], [rad]."""
-
+MOUNTS = ("table", "wall", "upside-down")  # standing, on a wall, hanging from above
+JITTER, JITTER_TURN = 0.005, math.radians(2.0)  # how inexactly bases are mounted [m], [rad]
 _MOST = 100_000  # most bases in the first round. Chosen: some minutes' work.
 
 _TABLE_SIZE = np.array([3.0, 3.0, 0.05])
 
-LatticeIndex = tuple[int, int, int, int]
-"""A base's place on the lattice: steps along x, y, z and of the turn."""
+LatticeIndex = tuple[int, int, int, int]  # steps along x, y, z and of the turn
 
 
 @dataclass(frozen=True, kw_only=True)

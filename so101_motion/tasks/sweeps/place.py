@@ -30,8 +30,7 @@ class PlaceSweep:
 
     task: str  # the task as JSON text; see ``placement_task.task_text``
     region: Region  # the lattice
-    # the bases; None for those of the region's first round
-    indices: tuple[LatticeIndex, ...] | None = None
+    indices: tuple[LatticeIndex, ...] | None = None  # None for the region's first round
     planned: bool = False  # whether they are planned, or only screened
     jittered: bool = False  # whether bases near them are judged as well, if they are planned
     by: str = "time"  # the criterion, one of ``CRITERIA``

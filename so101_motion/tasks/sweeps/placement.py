@@ -29,10 +29,7 @@ from so101_motion.tasks.sweeps.place import Placed, PlaceSweep, Screened
 from so101_motion.tasks.sweeps.placement_task import task_from
 
 BEST = 10  # how many bases are kept
-
-_BATCH = 48
-"""How many bases are planned before the bounds are compared again. Chosen: a few seconds' work."""
-
+_BATCH = 48  # bases that are planned before bounds are compared again. Chosen: seconds' work.
 _BATCHES = 8  # most batches of the first round. Chosen.
 _MOVES = 3  # how often a base moves at most at the same distance to its neighbours. Chosen.
 
@@ -58,8 +55,7 @@ class Base(NamedTuple):
     time: float  # time of one cycle [s]
     clearance: float  # smallest clearance beyond the margins on the whole path [m]
     torque_left: float  # smallest share of the servos' holding torque that is left
-    # share of eight bases, 5 mm and 2 degrees off, from which all can still be reached
-    robust: float
+    robust: float  # share of eight bases, 5 mm and 2 degrees off, that reach all as well
     q: Array  # the joint angles at each pose, shape (n, 5), [rad]
 
 

@@ -46,9 +46,7 @@ from so101_motion.tasks.program.program import LONGEST_PAUSE
 
 SCHEMA = "so101/task/1"
 
-APPROACH_TOLERANCE = to_rad(10.0)
-"""How far the tool's approach may be off by default [rad]. Chosen."""
-
+APPROACH_TOLERANCE = to_rad(10.0)  # of the tool's approach by default [rad]. Chosen.
 FRAMES = ("tool", "jaw_tip")  # the frames that can be brought to a task's points
 
 _ENDLESS = "endless"
@@ -73,8 +71,7 @@ class TaskPose:
     p: Array  # position of the task's frame, shape (3,), [m]
     R: Array | None = None  # orientation of the tool, shape (3, 3); None if only the point counts
     approach_tolerance: float = APPROACH_TOLERANCE  # how far its z axis may be off [rad]
-    # how far it may be turned about that axis [rad]; None if that is free
-    roll_tolerance: float | None = None
+    roll_tolerance: float | None = None  # about that axis [rad]; None if that is free
     aperture: float | None = None  # as in a program's waypoint
     pause: float = 0.0  # as in a program's waypoint [s]
     passes: bool = False  # as in a program's waypoint
@@ -99,8 +96,7 @@ class PlacementTask:
     """Poses in the order in which they are visited."""
 
     poses: tuple[TaskPose, ...]  # at least two
-    # as in a program. Unless it is 1, the path back to the first pose counts as well.
-    rounds: int | None = None
+    rounds: int | None = None  # as in a program; unless 1, the path back to the first counts
     frame: str = "tool"  # the frame that is brought to the points: ``"tool"`` or ``"jaw_tip"``
 
     def __post_init__(self) -> None:

@@ -35,16 +35,12 @@ from so101_motion.tasks.sweeps.reach import STEPS
 from so101_motion.tasks.sweeps.sweep import NEVER, Columns, WorkBudget
 
 _SCATTER = 1  # keeps the random numbers of scenes different from those of problems
-
-PROBLEMS = 100
-"""How many problems a shard has. Chosen: a second or two of work, some hundred kilobytes."""
+PROBLEMS = 100  # of a shard. Chosen: a second or two of work, some hundred kilobytes
 
 NAMES = tuple(f"{joint}.pos" for joint in (*ARM_JOINTS, GRIPPER_JOINT))
 """Names of the columns of ``action``, as in LeRobot."""
 
-_LOOKS = 2000
-"""A plan is given up after so many checkpoints of the compiled library. Chosen: some seconds."""
-
+_LOOKS = 2000  # checkpoints after which a plan is given up. Chosen: some seconds.
 _TRIES = 100_000  # A scene is refused if so many random configurations are not free. Chosen.
 SOLVED = ""  # the value of ``why`` for a problem that has a motion
 
@@ -55,16 +51,14 @@ class PlansSweep:
 
     count: int  # number of problems
     seed: int = 0  # seed of the random numbers
-    # what is around the arm, each the JSON text of a scene; shards take them in turn
-    scenes: tuple[str, ...] = ('{"obstacles": []}',)
+    scenes: tuple[str, ...] = ('{"obstacles": []}',)  # JSON texts; shards take them in turn
     scatter: float = 0.0  # how far each obstacle is moved at most, differently in each shard [m]
     velocity: float = 3.0  # velocity cap of the joints [rad/s]
     acceleration: float = 10.0  # acceleration cap [rad/s^2]
     jerk: float = 500.0  # jerk cap [rad/s^3]
     fps: int = 30  # setpoints a second in the data set
     payload: float = 0.0  # mass in the hand, at the jaw's tip [kg]
-    # the servos' rated voltage [V]; None to ignore torques
-    voltage: float | None = SERVO_VOLTAGES[0]
+    voltage: float | None = SERVO_VOLTAGES[0]  # of the servos [V]; None to ignore torques
 
     def __post_init__(self) -> None:
         if not self.scenes:
@@ -242,8 +236,7 @@ class Episode(NamedTuple):
     """A motion of the data set."""
 
     problem: int
-    # setpoints under the names ``NAMES``, shape (m, 6), [deg], the gripper [%]
-    action: NDArray[np.float32]
+    action: NDArray[np.float32]  # as in ``NAMES``, shape (m, 6), [deg], the gripper [%]
     velocity: NDArray[np.float32]  # shape (m, 5), [deg/s]
     timestamp: NDArray[np.float32]  # shape (m,), [s]
     room: float  # beyond the margins, how far all setpoints stay away from contact at least [m]

@@ -37,8 +37,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.torque import Payload, Strength
 from so101_motion.tasks.sweeps.sweep import Columns
 
-POINTS = 4096
-"""How many points a shard has. Chosen: a quarter of a second of work, and some fifty kilobytes."""
+POINTS = 4096  # of a shard. Chosen: a quarter of a second of work, and some fifty kilobytes
 
 _AT_ONCE = 256
 """Points that are computed together. Chosen: their arrays fit in the caches, and little memory is
@@ -79,11 +78,9 @@ class ReachSweep:
     """The parameters of an atlas, as plain data."""
 
     spacing: float  # distance between the points of the grid [m]
-    # what is around the arm, as the JSON text of a scene file; see ``scene_text``
-    scene: str = '{"obstacles": []}'
+    scene: str = '{"obstacles": []}'  # what is around the arm; see ``scene_text``
     frame: str = "tool"  # the frame of the gripper that is brought to the points
-    # direction of the tool's z axis in the base frame; None for any
-    approach: tuple[float, float, float] | None = None
+    approach: tuple[float, float, float] | None = None  # of the tool's z axis; None for any
     tolerance: float = math.radians(5.0)  # how far the approach may be off [rad]
     payload: float = 0.0  # what the hand carries, at the jaw's tip [kg]
     voltage: float = SERVO_VOLTAGES[0]  # the servos' rated voltage [V]

@@ -27,17 +27,14 @@ LOST_AFTER = 0.05
 """The follower holds when a joint of the leader has not answered for so long [s]. With the period
 after, it brakes within 0.06 s. Single lost replies are asked for again long before."""
 
-BEYOND = to_rad(0.5)
-"""The user is told when the leader is farther than this beyond the follower's range [rad];
-chosen."""
+BEYOND = to_rad(0.5)  # the user is told when the leader is farther beyond the range [rad]; chosen
 
 FULL_JERK = 500.0
 """Jerk cap while mirroring [rad/s^3]: full acceleration within two periods. Chosen; a lower one
 makes the follower swing around a hand that trembles."""
 
 
-MIRRORED = ("shoulder_pan", "wrist_roll")
-"""The joints that turn the other way in an upright mirror in front of the arm."""
+MIRRORED = ("shoulder_pan", "wrist_roll")  # turn the other way in an upright mirror
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -23,9 +23,7 @@ JERK = 120.0
 up to 350 deg/s^2 with 0.08 deg of tremor: with more it follows the tremor, with less it lags."""
 
 LASTING = 0.2  # time constant with which an acceleration decays [s]; chosen by trial as well
-
-NOISE = to_rad(360.0 / 4096.0) / 12.0**0.5
-"""Standard deviation of a measurement [rad]: an encoder tick, evenly distributed."""
+NOISE = to_rad(360.0 / 4096.0) / 12.0**0.5  # of a measurement [rad]: a tick, evenly distributed
 
 WAVER = 1.6 * to_rad(360.0 / 4096.0)
 """A joint that stays within this [rad] for ``RESTING`` is at rest until it leaves it: an encoder

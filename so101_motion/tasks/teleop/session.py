@@ -44,11 +44,9 @@ class Status:
     cycles: int  # periods since the start
     consecutive_errors: int  # periods in a row, up to now, in which one side did not answer
     last_error: str  # the last error, however long ago; empty if there was none
-    # the joint that is farthest from where the leader wants it, and by how much [rad]
-    gap: tuple[str, float]
+    gap: tuple[str, float]  # the joint farthest from where the leader wants it, and how far [rad]
     beyond: tuple[str, ...]  # joints that the leader wants beyond the follower's range
-    # what is in the follower's way, such as ``"the jaw close to the floor"``
-    held_by: tuple[str, ...]
+    held_by: tuple[str, ...]  # what is in its way: ``"the jaw close to the floor"``
     is_gripping: bool  # whether its jaw has closed on something
     leader_is_limp: bool  # whether the leader can be moved by hand
     recorded: int | None  # rows written to the record; None without one

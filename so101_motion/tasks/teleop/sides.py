@@ -37,14 +37,12 @@ class SideState:
 
     x: Array  # joint angles [rad], and the aperture of the jaw, 0 to 1, shape (6,)
     x_goal: Array  # their setpoints, likewise; the measured values where nothing is driven
-    # share of full drive of each servo, base to jaw, -1 to 1; empty where not known
-    loads: Sequence[float] = ()
+    loads: Sequence[float] = ()  # of each servo, -1 to 1 of full drive; empty where not known
     needs_recovery: bool = False  # whether there is work to do that takes a moment; see ``recover``
     is_limp: bool = False  # whether it can be moved by hand
     is_there: bool = True  # whether it answers
     is_engaged: bool = False  # whether it follows the pilot
-    # what is in its way, such as ``"the jaw close to the floor"``, as far as it knows
-    held_by: tuple[str, ...] = ()
+    held_by: tuple[str, ...] = ()  # what is in its way, as far as it knows
     is_gripping: bool = False  # whether the jaw has closed on something, as far as it knows
 
 
@@ -93,8 +91,7 @@ class LocalArm:
     """An arm of this process as one side; raises ``NotReady`` until its servos have been found."""
 
     station: Rig  # the arm
-    # its gripper, perhaps of another rig; None to leave it alone, or without one
-    jaw: Rig | None = None
+    jaw: Rig | None = None  # its gripper, perhaps of another rig; None to leave it alone
 
     def __post_init__(self) -> None:
         for part in (self.station, self.jaw):
