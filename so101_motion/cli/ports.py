@@ -1,15 +1,19 @@
-"""``so101 ports``: list the serial ports and what is connected to each."""
+"""``so101 ports`` and ``so101 install-udev``: the serial ports, and access to them on Linux."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 import sys
+from pathlib import Path
 
 import click
 
-from so101_motion.cli.options import JSON, option, verb
+from so101_motion.cli.options import DRY_RUN, JSON, flag, option, verb
 from so101_motion.cli.param_types import PORT
-from so101_motion.cli.shared import NO_DEVICE, busy_message, print_json, quietly
+from so101_motion.cli.shared import NO_DEVICE, aside, busy_message, print_json, quietly
+from so101_motion.common.errors import PortUnavailable
 
 FURTHER_PORTS = option(
     "Search this one as well, such as /dev/ttyAMA0 (or SO101_PORT); repeatable.",
@@ -51,3 +55,72 @@ def ports(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None:
         sys.platform == "win32" or os.path.exists(report.port.device) for report in found.reports
     ):
         raise SystemExit(NO_DEVICE)
+
+
+_EXPLANATION = """\
+Why: a serial port belongs to root and to a group, dialout on Debian and Ubuntu, uucp on Arch. The
+rule gives access to servo adapters to the user at the screen and to the group dialout. Over SSH, or
+for a program that starts by itself, join that group:
+    sudo usermod -aG dialout $USER      and log in again
+The rule also keeps ModemManager from asking new adapters whether they are modems.
+"""
+
+_BRLTTY = """\
+brltty, which drives Braille displays, mistakes adapters with a CH340 chip (1a86:7523) for one;
+before its version 6.5 they then have no port at all. Unless you use a Braille display:
+    sudo apt remove brltty              and plug the adapter in again
+"""
+
+
+@verb()
+def install_udev(
+    install: bool = flag("Write the rule; needs root."),
+    dry_run: bool = DRY_RUN,
+) -> None:
+    """Give users of this Linux computer access to servo adapters, without root.
+
+    Prints the udev rule on stdout, and its purpose on stderr; --install writes it to
+    /etc/udev/rules.d and activates it.
+    """
+    from so101_motion.drivers.port import port_list
+
+    if sys.platform != "linux":
+        raise click.UsageError("udev is only on Linux; no rule is needed on this computer")
+    if install and not dry_run:
+        write_rule(port_list.RULES)
+        return
+    if install:
+        aside(f"would be written to {port_list.RULES} and activated:")
+    click.echo(port_list.udev_rules(), nl=False)
+    aside(f"\n{_EXPLANATION}\n{_BRLTTY}")
+    if port_list.is_rule_installed():
+        aside(f"It is installed: {port_list.RULES}")
+    else:
+        aside(f"To install it:\n    {_as_root()}")
+
+
+def write_rule(path: Path) -> None:
+    from so101_motion.drivers.port import port_list
+    from so101_motion.files import atomic
+
+    try:
+        atomic.write(path, port_list.udev_rules().encode())
+    except OSError as error:
+        reason = f"{error.strerror}; do it as root: {_as_root()}"
+        raise PortUnavailable(str(path), reason) from error
+    click.echo(f"written to {path}")
+    udevadm = shutil.which("udevadm")
+    commands = (("control", "--reload"), ("trigger", "--subsystem-match=tty"))
+    if udevadm is not None and all(
+        subprocess.run([udevadm, *command], capture_output=True, check=False).returncode == 0
+        for command in commands
+    ):
+        aside("active now; if a port is still refused, plug the adapter in again")
+    else:
+        aside("active from the next start of this computer")
+
+
+def _as_root() -> str:
+    """The command to run as root, with this program's full path."""
+    own = shutil.which(sys.argv[0]) or os.path.abspath(sys.argv[0])
+    return f"sudo {own} install-udev --install"

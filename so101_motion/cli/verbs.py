@@ -18,14 +18,13 @@ from so101_motion.cli.error_exit import reports_errors
 from so101_motion.cli.guide import guide
 from so101_motion.cli.measuring import identify, move_test, report_arm
 from so101_motion.cli.plan_move import move, plan
-from so101_motion.cli.ports import ports
+from so101_motion.cli.ports import install_udev, ports
 from so101_motion.cli.program import run
 from so101_motion.cli.setup import setup
 from so101_motion.cli.shared import opened
 from so101_motion.cli.status import status, stop
 from so101_motion.cli.sweep import sweep
 from so101_motion.cli.teleop import teleop
-from so101_motion.cli.udev import install_udev
 from so101_motion.cli.viam import viam
 from so101_motion.cli.view import demo, view
 from so101_motion.common import interrupts

@@ -5,7 +5,7 @@ import subprocess
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli.udev import write_rule
+from so101_motion.cli.ports import write_rule
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.port import port_list
