@@ -94,7 +94,7 @@ static void along(const double *points, const double *travelled, int n, double q
     }
 }
 
-/* Like first_blocked of continuous_check.py: FREE is a proof; TOUCHING fills `blocked`, 5 angles;
+/* Like first_blocked of collision.py: FREE is a proof; TOUCHING fills `blocked`, 5 angles;
  * UNKNOWN if it was told to stop, or has no memory. */
 int so101_first_blocked(Scene *s, const Level *levels, int n_levels, const double *reach,
                         const double *points, int n, double q_jaw, double *blocked) {

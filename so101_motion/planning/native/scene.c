@@ -1,4 +1,4 @@
-/* Copies the bodies of a scene from packed_bodies.py, builds the tree of obstacles, and chooses the
+/* Copies the bodies of a scene from batch_check.py, builds the tree of obstacles, and chooses the
  * width of the vectors. */
 #include <math.h>
 #include <stdlib.h>
