@@ -14,13 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from harness.browser_user import Guest
-<<<<<<< HEAD
-from harness.emulated_kit import Kit, new_kit  # it lives with the tests of the module
-from playwright.sync_api import Locator, TimeoutError, ViewportSize
-=======
-from harness.emulated_kit import NEW, Kit  # it lives with the tests of the module
+from harness.emulated_kit import new_kit  # it lives with the tests of the module
 from playwright.sync_api import TimeoutError
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
 from so101_viewer.page import shared_fields
 from so101_viewer.setup_app import serve_setup
 
@@ -52,30 +47,9 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-<<<<<<< HEAD
-def kit(folder: Path) -> Iterator[Kit]:
+def kit(folder):
     with new_kit(folder) as kit:
         yield kit
-=======
-def kit(folder):
-    kit = Kit(folder, ids=NEW)
-    for place, joint in enumerate(SETUP_ORDER, start=1):  # no two look alike, as in a box
-        kit.put(place / 7, (joint,))
-    plug_in(kit)
-    yield kit
-    kit.close()
-
-
-def plug_in(kit, *joints):
-    """Have these motors on the cable, started up, and no others."""
-    for joint in SETUP_ORDER:
-        (kit.world.connect if joint in joints else kit.world.disconnect)(joint)
-    for _ in range(1200):
-        if kit.are_up(joints):
-            return
-        threading.Event().wait(0.05)
-    raise AssertionError(f"{joints} did not start up")
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
 
 
 @pytest.fixture(scope="module")
@@ -219,13 +193,8 @@ def test_from_the_choice_to_the_first_motor(person, kit):
     assert not person.can("Write id 6 to this motor")
 
 
-<<<<<<< HEAD
-def test_each_motor_gets_its_id_when_its_button_is_pressed(person: Newcomer, kit: Kit) -> None:
-    kit.plug_in("gripper")
-=======
 def test_each_motor_gets_its_id_when_its_button_is_pressed(person, kit):
-    plug_in(kit, "gripper")
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
+    kit.plug_in("gripper")
     write = "Write id 6 to this motor"
     person.guest.until(lambda: person.can(write))
     person.sees_lit("moving_jaw_so101_v1_link", GREEN)

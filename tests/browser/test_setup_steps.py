@@ -12,10 +12,6 @@ import pytest
 from harness.emulated_kit import Kit, new_kit  # the module's own helpers
 from harness.fake_parent import CALIBRATION, SENSOR
 from harness.page_client import Hand
-<<<<<<< HEAD
-=======
-from harness.setup_kit import PATIENCE, fresh_kit
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
 from harness.viam_machine import running_machine
 from so101_viewer import serve as serve_preview
 from so101_viewer import serve_setup
@@ -39,42 +35,25 @@ TARGETS = {joint: 6 - place for place, joint in enumerate(SETUP_ORDER)}
 
 
 @pytest.fixture
-<<<<<<< HEAD
-def kit(tmp_path: Path) -> Iterator[Kit]:
+def kit(tmp_path):
     with new_kit(tmp_path) as kit:
         yield kit
 
 
-def serve(kit: Kit, tmp_path: Path) -> SetupApp:
-=======
-def kit(tmp_path):
-    with fresh_kit(tmp_path) as kit:
-        yield kit
-
-
 def serve(kit, tmp_path):
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     progress = tmp_path / "setup.json"
     return serve_setup(port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=progress)
 
 
-<<<<<<< HEAD
-def id_of(kit: Kit, joint: str) -> int:
+def id_of(kit, joint):
     return int(kit.world.servo(joint).servo_id)
 
 
-def hand_on(app: SetupApp) -> Hand:
-    return Hand(app.host.page_context().server)
-
-
-def set_up(hand: Hand, kit: Kit, joint: str) -> None:
-=======
 def hand_on(app):
     return Hand(app.page_context().server)
 
 
 def set_up(hand, kit, joint):
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     """Plug one motor in, and press the button once it is found."""
     button = f"Write id {TARGETS[joint]} to this motor"
     pressed = []  # a motor that was set up before has its id already
@@ -114,13 +93,7 @@ def finish(hand):
     hand.until(is_ended, "finishing", seconds=60.0)
 
 
-<<<<<<< HEAD
-def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
-    kit: Kit, tmp_path: Path
-) -> None:
-=======
 def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(kit, tmp_path):
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     with serve(kit, tmp_path) as app:
         hand = hand_on(app)
         hand.press("Motor Setup Only")
@@ -165,34 +138,7 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(kit,
         hand.expect("What do you need?")
 
 
-<<<<<<< HEAD
-def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
-=======
-def test_a_motor_that_was_swapped_too_early_gives_its_id_back(kit, tmp_path):
-    kit.connect_only("gripper")
-    with serve(kit, tmp_path) as app:
-        hand = hand_on(app)
-        hand.press("Motor Setup Only")
-        hand.expect("One new motor answers: the setup gives it its id")
-        hand.press("Next")
-        set_up(hand, kit, "gripper")
-        time.sleep(1.0)  # what was written is read back
-        kit.set_id("gripper", 1)  # the other one was on the cable when the id was written
-        kit.set_id("wrist_roll", TARGETS["gripper"])
-        kit.connect_only("wrist_roll")
-        hand.expect("Unplug the motor of gripper and write 6 on it")
-        swapped, sure = "No, this is already the next motor", "Press again: both get new ids"
-        hand.until(lambda: hand.can(swapped), swapped)
-        hand.press(swapped)
-        hand.press(sure)
-        set_up(hand, kit, "wrist_roll")
-        hand.expect("connect only the motor of gripper")
-        set_up(hand, kit, "gripper")
-        assert (kit.ids["gripper"], kit.ids["wrist_roll"]) == (6, 5)
-
-
 def test_a_port_that_is_not_there_is_waited_for(tmp_path):
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     with serve_setup(
         port=0, ports=[str(tmp_path / "arm")], progress_file=tmp_path / "setup.json"
     ) as app:
@@ -226,13 +172,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path):
         assert rig.arm.state.mode is Mode.HOLDING
 
 
-<<<<<<< HEAD
-def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
-    kit: Kit, tmp_path: Path
-) -> None:
-=======
 def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(kit, tmp_path):
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others)
     from so101_motion.viam.client import Machine
 
     has = ((SENSOR, CALIBRATION, "calibration", {"port": kit.port}),)  # no arm yet

@@ -8,38 +8,20 @@ from harness.calibration_rig import LentArm, recording
 
 from so101_motion.calib.procedure import summary
 from so101_motion.calib.procedure.session import Session
-<<<<<<< HEAD:tests/unit/calib/procedure/test_summary.py
 from so101_motion.calib.procedure.summary import HOMING_POSE, estimate_pose
 from so101_motion.calib.procedure.travel import ROLL
-=======
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others):tests/unit/viewer/setup/test_setup_calibration_cards.py
 from so101_motion.calib.record.record import JOINTS
 
 POSE_DEG = {joint: math.degrees(angle) for joint, angle in HOMING_POSE.items()}
 
 
 @pytest.fixture
-<<<<<<< HEAD:tests/unit/calib/procedure/test_summary.py
 def session(file):
     return Session(file)
 
 
 @pytest.fixture
 def recorded(file, arm):
-=======
-def arm():
-    return LentArm(calibrated=False)
-
-
-@pytest.fixture
-def session(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
-    return Session(tmp_path / "arm.json")
-
-
-@pytest.fixture
-def recording(session, arm):
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others):tests/unit/viewer/setup/test_setup_calibration_cards.py
     """Held in the pose, and recording."""
     arm.put_deg(**POSE_DEG)
     session = recording(file, arm)
@@ -212,13 +194,3 @@ def test_ends_that_have_moved_are_reported_in_degrees_whatever_the_offset(record
     )
     lines = summary.lines(joints, {**before, "elbow_flex": shifted})
     assert [line.cells[2] for line in lines if line.label == "elbow_flex"] == ["+0.0° / +10.0°"]
-<<<<<<< HEAD:tests/unit/calib/procedure/test_summary.py
-=======
-
-
-def test_markup_escapes_what_comes_from_outside():
-    evil = "<script>alert(1)</script>"
-    row = Row(label=evil, cells=(evil,), text=evil, tone="warm", mark=evil, bar=(0.2, 0.4), at=0.3)
-    pieces = (cards.rows((evil,), (row,)), cards.instruction(evil, evil), cards.failed(evil))
-    assert all("<script>" not in piece for piece in pieces)
->>>>>>> 40b74595 (tests: journeys on one page; the page's tests are as plain as the others):tests/unit/viewer/setup/test_setup_calibration_cards.py
