@@ -189,7 +189,6 @@ class Preview(ServedPage):
     def _tab_for_each(
         self, title: str, rigs: Mapping[str, RigLike]
     ) -> Iterator[tuple[str, PageContext]]:
-        """A tab with one tab in it for each arm, if there are several: their names and contexts."""
         context = self.page_context()
         if "" in rigs:
             yield "", context

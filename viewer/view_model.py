@@ -104,12 +104,10 @@ class ViewModel(TargetEditor):
         self._follow_caps()
 
     def aim_as(self, plan: Plan) -> None:
-        """Take the end of a plan as the target."""
         self._target = self._at_joints(plan.q_goal, self._target.frame)
         self.history.add((self._target, self._kind))
 
     def take_plan(self, plan: Plan, name: str) -> None:
-        """Show a plan to the target that is set."""
         newest = self.arm.newest
         made_for = newest[0] if newest is not None and newest[1] is plan else None
         self.plan_view = plan_view(
@@ -124,7 +122,6 @@ class ViewModel(TargetEditor):
         self.path, self.t = self.plan_view.path, plan.duration
 
     def leave_plan(self) -> None:
-        """Forget the plan, also one that is being made."""
         self.plan_is_current = self.is_planned_for = False
         self.path = self._hint()
 
@@ -136,7 +133,6 @@ class ViewModel(TargetEditor):
         self.replans = replans
 
     def follow(self, motion: Motion) -> None:
-        """Show how the arm moves along the plan that is shown."""
         self.motion, self.tracker.began = motion, None
 
     def move_jaw(self, aperture: float) -> None:
@@ -168,7 +164,6 @@ class ViewModel(TargetEditor):
 
     @property
     def problem(self) -> Sentence | None:
-        """Why the arm cannot be moved, or not to its target."""
         blocked, problem = texts.blocked(self.state), self._target.problem
         if blocked is None and problem is not None and self.motion is None:
             return Sentence(problem, Tone.BAD)
@@ -207,7 +202,6 @@ class ViewModel(TargetEditor):
 
     @property
     def may_plan(self) -> bool:
-        """Whether the arm holds still, and no plan is being made for it."""
         rests = self.motion is None and self.state.mode is Mode.HOLDING
         return rests and not self.is_planned_for
 
@@ -217,7 +211,6 @@ class ViewModel(TargetEditor):
 
     @property
     def can_back_out(self) -> bool:
-        """Whether the arm is in contact where it stands and may leave it."""
         if not self.may_plan:
             return False
         place = np.append(self.state.q_ref, self.state.q_jaw_ref)
@@ -228,7 +221,6 @@ class ViewModel(TargetEditor):
 
     @property
     def can_execute(self) -> bool:
-        """Whether the plan is still true and the arm may move."""
         return (
             self.plan_is_current
             and self.motion is None
@@ -238,7 +230,6 @@ class ViewModel(TargetEditor):
         )
 
     def refresh(self) -> bool:
-        """Take in changes since the last call; return whether there is anything new to show."""
         self.state = self.arm.state
         own = None if self.motion is None else self.plan_view
         events = (
@@ -285,7 +276,6 @@ class ViewModel(TargetEditor):
         return PathLine(points=points, planned=False)
 
     def _follow_surroundings(self) -> bool:
-        """Use a changed scene or joint range, on a worker thread; raises if that has failed."""
         around = Surroundings(self.arm.scene, self.arm.range)
         if self._loading is None and not around.same_as(self._around):
             self._around = around
@@ -314,7 +304,6 @@ class ViewModel(TargetEditor):
         return ended
 
     def _notice_departure(self) -> bool:
-        """Drop a plan whose start the arm has left."""
         if self.plan_view is None or not self.plan_is_current or self.motion is not None:
             return False
         if _apart(self.plan_view.plan.q_start, self.state.q_ref) <= START_TOLERANCE:
@@ -365,12 +354,10 @@ class MoveModel:
             self._plan({"": LeaveContactGoal()}, backs_out=True)
 
     def show(self, plan: Plan) -> None:
-        """Show a plan of a single arm that was made elsewhere."""
         self.arms[""].aim_as(plan)
         self._take_plan({"": plan})
 
     def execute(self) -> None:
-        """Move all arms along the plan that is shown, or a single one with such plans."""
         if self.common_plan is None or not self.can_execute:
             return
         if self._cell is not None:
@@ -428,7 +415,6 @@ class MoveModel:
 
     @property
     def can_plan(self) -> bool:
-        """Whether all arms can be planned for, and one of them is not at its target."""
         ready = all(arm.may_plan and arm.target.problem is None for arm in self.arms.values())
         return ready and not all(arm.is_at_target for arm in self.arms.values())
 
@@ -457,7 +443,6 @@ class MoveModel:
         return all(each.sweeps for each in self.arms.values())
 
     def refresh(self) -> bool:
-        """Take in changes since the last call; return whether there is anything new to show."""
         news = [arm.refresh() for arm in self.arms.values()]
         is_blocked = any(texts.blocked(arm.state) is not None for arm in self.arms.values())
         if is_blocked and not self._motions:
@@ -524,7 +509,6 @@ class MoveModel:
         return True
 
     def _show_plan_under_way(self) -> bool:
-        """Show the plan that a single arm follows, if that is another one than before."""
         motion, shown = self._motions.get(""), self.common_plan
         if motion is None or shown is None or motion.plan in (None, shown.plans[""]):
             return False
@@ -558,7 +542,6 @@ class MoveModel:
 
 
 def _clearances(cell: Cell, plans: Mapping[str, Plan]) -> tuple[Between, ...]:
-    """The clearance of every two arms over the time of their plans."""
     members, found = cell.members, []
     times = np.linspace(0.0, max(each.duration for each in plans.values()), LOOKS)
     courses = {name: members[name].along(plan.trajectory, 0.0) for name, plan in plans.items()}

@@ -48,7 +48,6 @@ class Bar:
         self._alerts: dict[str, tuple[Sentence, ...]] = {CONNECTION: ()}
 
     def alert(self, source: str, sentences: Iterable[Sentence] = ()) -> None:
-        """Set what is wrong according to ``source``; nothing when all is well."""
         self._alerts[source] = tuple(sentences)
 
     def text(self) -> str:

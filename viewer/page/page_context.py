@@ -147,7 +147,6 @@ class PageContext:
         return group
 
     def on_choice(self, group: Any, command: Callable[[str], None]) -> None:
-        """Run ``command`` with the name on the button of ``group`` that is pressed."""
         group.on_click(self.handler(lambda event: partial(command, event.target.value)))
 
     def on_entry(self, widget: Any, command: Callable[[Any], None]) -> None:

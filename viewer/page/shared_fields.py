@@ -109,7 +109,6 @@ class AskingButton:
         return False
 
     def show(self, *, shown: bool = True, can: bool = True, label: str = "") -> None:
-        """Update it; ``can`` tells whether it may be pressed; ``label`` is a new one."""
         self._button.visible, self._label = shown, label or self._label
         self._button.label = self._question if self._until else self._label
         self._button.disabled = not can

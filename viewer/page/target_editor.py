@@ -147,7 +147,6 @@ class TargetEditor(ABC):
     # Helpers
 
     def _nearest(self) -> Target | None:
-        """The target where the ghost stands, if only the point asked for is out of reach."""
         near = self._at_joints(self._target.q, self._target.frame)
         return near if near.problem is None else None
 
@@ -175,7 +174,6 @@ class TargetEditor(ABC):
         return self._solver.at_joints(q, frame, q_jaw=self.state.q_jaw_ref)
 
     def _again(self, target: Target) -> Target:
-        """The same target, solved for how things are now."""
         if isinstance(target.goal, PoseGoal):
             return self._at_point(target.p_base, target.frame, target.direction)
         return self._at_joints(target.q, target.frame)

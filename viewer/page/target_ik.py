@@ -163,7 +163,6 @@ class TargetSolver:
         )
 
     def first_target(self, q: Array, *, q_jaw: float) -> Target:
-        """A target beside the arm at ``q``, so that the first picture shows a path."""
         p_now = self.point(q, FRAMES[0])
         for offset in _FIRST_OFFSETS:
             target = self.at_point(p_now + offset, FRAMES[0], q_seed=q, q_jaw=q_jaw)

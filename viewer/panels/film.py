@@ -95,7 +95,6 @@ class Film:
         )
 
     def scene(self) -> Scene:
-        """What stands around all of the arms, and what each of them holds."""
         first = next(iter(self.arms.values()))
         seen, T = first.view.scene, first.T_scene_base
         if list(self.arms) == [""]:

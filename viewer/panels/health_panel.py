@@ -217,7 +217,6 @@ def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
 def state_alarms(
     state: JointState, uncalibrated: Iterable[str], not_ready: str = ""
 ) -> tuple[Alarm, ...]:
-    """What is wrong with the joints' places and calibration, or with the machine's driver."""
     found = []
     if not_ready:
         found.append(_warm("not ready", (), f"{capital(not_ready)}."))

@@ -163,7 +163,6 @@ class HoldButtons(Part):
 
 
 def _why_not(modes: list[Mode], cannot: Mapping[Mode, str]) -> str | None:
-    """Why a button can be pressed for none of the connected arms; None if it can for one."""
     if not modes:
         return "No arm is connected."
     return cannot.get(modes[0]) if all(mode in cannot for mode in modes) else None

@@ -181,7 +181,6 @@ def _add_plot(
     *,
     height: int = _HEIGHT,
 ) -> viser.GuiUplotHandle:
-    """Add a plot over the time of a plan: the values of each curve, then of each level line."""
     colors = cycle(_COLORS)
     drawn = tuple(
         uplot.Series(label=name, stroke=next(colors), width=2, points={"show": False})

@@ -117,7 +117,6 @@ class SharePart(Part):
         return Sentence(f"{plan}. {READY}")
 
     def _moved(self, what: str = "") -> dict[str, MovedArm]:
-        """How the arms move in the plan or the last run, by default in what is chosen."""
         wanted, moved = what or self._what.value, {}
         for name, page in self._pages.items():
             view, run = page.plan_view, None

@@ -58,7 +58,6 @@ class ArmInStep:
         self._change(name=name)
 
     def set_speed(self, share: float) -> None:
-        """Set how fast it goes there, as a share of its speed."""
         self._change(speed=share)
 
     def set_pause(self, seconds: float) -> None:
@@ -163,7 +162,6 @@ class ProgramModel:
         self._record({name: self.pages[name].target.q for name in names or self.pages})
 
     def choose(self, index: int) -> None:
-        """Select a step for editing, and show the ghosts of its arms there."""
         if 0 <= index < len(self.program):
             self.chosen = index
             for name, each in self.program.steps[index].items():
@@ -176,7 +174,6 @@ class ProgramModel:
         return self._step.get(name) if can_edit else None
 
     def change(self, name: str, /, **to: Any) -> None:
-        """Change what an arm does in the selected step, in terms of ``Waypoint``."""
         waypoint = self._step.get(name)
         if waypoint is not None:
             self._put(name, replace(waypoint, **to), (self.chosen, name, *to))
@@ -224,7 +221,6 @@ class ProgramModel:
         self._edit(self.program.with_loop(Loop(first=first, last=last, times=times)))
 
     def end_loop(self) -> None:
-        """Remove the inner one of the loops around the selected step."""
         around = self.program.loops_around(self._chosen_index())
         if not around:
             raise ConfigError("loop", None, f"the chosen {self.texts.step} is in no loop")
@@ -323,7 +319,6 @@ class ProgramModel:
 
     @property
     def active(self) -> int | None:
-        """Index of the step that is being done, or rehearsed; None if none is."""
         if self.run is not None:
             return self.run.where.index + self.run.program.before
         timeline = self.timeline

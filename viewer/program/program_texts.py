@@ -141,7 +141,6 @@ def done(run: ProgramRun) -> Sentence:
 
 
 def timeline(timeline: RehearsalTime) -> markup.Timeline:
-    """A planned program on a line, in shares of its length."""
     program, pieces = timeline.rehearsal.program, timeline.pieces()
     whole = max(timeline.duration, 1e-9)
     parts, loops = [], []
@@ -161,7 +160,6 @@ def timeline(timeline: RehearsalTime) -> markup.Timeline:
 
 
 def _short(program: Program, index: int) -> str:
-    """The name of the only arm's waypoint, or the number of a step."""
     step = program.steps[index]
     return step[ARM].name if step.keys() == {ARM} else f"{program.before + index + 1}"
 

@@ -107,7 +107,6 @@ class RobotView:
                 mesh.color = own
 
     def _draw(self) -> None:
-        """Send the meshes of links that are shown for the first time."""
         if not self._is_placed or not self._root.visible:
             return
         for link in PARTS:

@@ -115,7 +115,6 @@ class SceneView:
 
 
 def _still(drawn: _Drawn, there: dict[str, Thing]) -> bool:
-    """Whether a node can be kept for the thing that now has its name."""
     old, new = drawn.thing, there.get(drawn.thing.name)
     return new is not None and new.shape is old.shape and _kind(new) == _kind(old)
 

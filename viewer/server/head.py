@@ -29,7 +29,6 @@ def front() -> bytes:
 
 
 def add_head(reply: Response) -> None:
-    """Put our beginning into ``reply`` if it is a page; anything else stays as it is."""
     if reply.status_code != 200 or "text/html" not in reply.headers.get("Content-Type", ""):
         return
     zipped = reply.headers.get("Content-Encoding") == "gzip"

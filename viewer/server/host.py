@@ -139,7 +139,6 @@ class ServedPage:
         return self._context
 
     def _turn_to(self, name: str) -> None:
-        """Note which tab is in front, and confirm it to the browsers."""
         self.front.name = name
         self._front_html.content = board("front", tab=name, press=uuid_of(self._front_name))
 

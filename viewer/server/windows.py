@@ -174,7 +174,6 @@ async def _count(connection: WebsockClientConnection) -> None:
 
 
 def words(number: int, holder: int | None) -> str | None:
-    """The line of a window; None when it simply has control."""
     if holder is None:
         return "No window has control. Press any button to take it."
     return None if holder == number else f"Window {holder} has control. Stop works here too."

@@ -135,7 +135,6 @@ def teaching_on(rig: MachineRig) -> Operation:
 
 
 def leading_of(rig: RigLike, open_leader: Callable[[], Rig] | None) -> Operation | None:
-    """The following of a leader that is possible with this arm; None if there is no leader."""
     if isinstance(rig, MachineRig):
         for each in rig.resources:
             service = _TeleopService(rig, each.name)

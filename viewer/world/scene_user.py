@@ -87,7 +87,6 @@ class ArmsOfCell:
         write_cell(self._file_with(scene), file)
 
     def _file_with(self, scene: Scene) -> CellFile:
-        """The file when ``scene`` is around the arms."""
         held: dict[str, list[Attached]] = {name: [] for name in self.arms}
         for each in scene.attached:
             if holder_of(each) not in held:

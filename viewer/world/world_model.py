@@ -134,7 +134,6 @@ class WorldModel:
         self._place(thing, SE3.from_rpy(rpy, scene_edits.pose_of(thing).p))
 
     def drag(self, T_base_thing: SE3, T_base_tool: SE3) -> None:
-        """Move the selected thing to ``T_base_thing`` during a drag."""
         if self.selected is None:
             return  # it was removed meanwhile
         thing = scene_edits.thing_named(self.scene, self.selected)
@@ -165,7 +164,6 @@ class WorldModel:
         self._change(replace(self.scene, floor_z=floor_z), text, "floor")
 
     def hold(self, T_base_tool: SE3, holder: str = "") -> None:
-        """Attach the selected obstacle to the gripper, of the arm ``holder``, where it is now."""
         name = self._name()
         changed = scene_edits.held(self.scene, name, T_base_tool, holder)
         self._change(changed, f"{holder or 'The gripper'} holds {name}; it moves along.")

@@ -273,7 +273,6 @@ class WorldPart(Part):
         return np.array([arm.state.q for arm in self._user.arms.values()])
 
     def _T_of(self, thing: Thing | None) -> SE3:
-        """What carries a thing, if anything does."""
         return self._tools[holder_of(thing)] if isinstance(thing, Attached) else SE3.identity()
 
     def _overlap(self) -> Sentence | None:
