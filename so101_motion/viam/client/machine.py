@@ -43,11 +43,7 @@ class Resource:
 
 
 class Machine:
-    """A connection to a machine. ``connect`` makes it; close it after use.
-
-    Attributes:
-        clock: The clock of this computer.
-    """
+    """A connection to a machine. ``connect`` makes it; close it after use."""
 
     def __init__(self, access: Access) -> None:
         self.clock = MonotonicClock()

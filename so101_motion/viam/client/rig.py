@@ -199,13 +199,7 @@ _RANGE_KEYS = ("joint_min_deg", "joint_max_deg")
 
 
 class MachineRig(Machine):
-    """An arm and gripper of a running machine. ``connect`` makes it; close it after use.
-
-    Attributes:
-        arm: The arm.
-        gripper: Its gripper.
-        clock: The clock of this computer.
-    """
+    """An arm and gripper of a running machine. ``connect`` makes it; close it after use."""
 
     def __init__(self, access: Access, *, arm: str | None, gripper: str | None) -> None:
         super().__init__(access)

@@ -193,10 +193,7 @@ def flag(extra: Mapping[str, object], key: str, default: bool) -> bool:
 
 
 def from_struct(struct: Any) -> dict[str, object]:
-    """A protobuf Struct as plain Python values.
-
-    Unlike the SDK's own reader, which turns null into 0, null stays None.
-    """
+    """A Struct as plain values; null stays None, which the SDK's own reader turns into 0."""
     return {key: _from_value(value) for key, value in struct.fields.items()}
 
 

@@ -132,10 +132,7 @@ def arm_sva(name: str) -> bytes:
 
 
 def gripper_sva(name: str, kind: str, parts: Iterable[tuple[str, SE3, Box]]) -> bytes:
-    """A gripper: boxes that do not move, and the tool centre point as the leaf.
-
-    ``parts`` has label, placement in the tool frame, and box in the placed frame of each.
-    """
+    """A gripper, from label, placement in the tool frame, and box of each part."""
     links: list[dict[str, Any]] = []
     parent = "world"
     for label, T_tool_part, box in parts:

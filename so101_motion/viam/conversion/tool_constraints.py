@@ -25,21 +25,13 @@ _ROUNDING = 1e-4  # [m] and [rad] added to what is allowed: 0.1 mm, as for goals
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolConstraints:
-    """The path constraints of one request; infinite where there is none.
+    """The path constraints of one request; infinite where there is none."""
 
-    Attributes:
-        line: How far it may leave the straight line [m].
-        line_share: The same as a share of the distance.
-        turn: How far it may be turned from the steady turn between start and goal [rad].
-        turn_share: The same as a share of the turn from start to goal.
-        axis_only: Whether turns about its own z axis are free.
-    """
-
-    line: float = math.inf
-    line_share: float = math.inf
-    turn: float = math.inf
-    turn_share: float = math.inf
-    axis_only: bool = False
+    line: float = math.inf  # how far it may leave the straight line [m]
+    line_share: float = math.inf  # the same as a share of the distance
+    turn: float = math.inf  # how far it may be turned from the steady turn from start to goal [rad]
+    turn_share: float = math.inf  # the same as a share of that turn
+    axis_only: bool = False  # turns about its own z axis are free
     wants_line: bool = False
 
     @classmethod

@@ -26,19 +26,13 @@ from so101_motion.viam.models.configured import Configured, Dependencies
 
 @dataclass(frozen=True, slots=True)
 class RegisteredModel:
-    """A model that is imported when it is first used.
-
-    Attributes:
-        name: Without ``devrel:so101:``.
-        file: The file in this folder that has it, without ending.
-        plans: Whether it has an arm, and so needs the planning process.
-    """
+    """A model that is imported when it is first used."""
 
     api: API
-    name: str
-    file: str
+    name: str  # without ``devrel:so101:``
+    file: str  # the file in this folder that has it, without ending
     class_name: str
-    plans: bool = False
+    plans: bool = False  # it has an arm, and so needs the planning process
 
     @property
     def model(self) -> Model:

@@ -61,10 +61,7 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
         self._looked = 0.0
 
     async def list_uuids(self, **kwargs: Any) -> list[bytes]:
-        """The ids of the transforms shown now.
-
-        The floor is always among them: viam-server takes an empty list for a failure.
-        """
+        """The floor is always among them: viam-server takes an empty list for a failure."""
         with grpc_statuses():
             return list(await asyncio.to_thread(self._now))
 

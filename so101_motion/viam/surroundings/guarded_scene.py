@@ -30,10 +30,7 @@ KNOWN_FOR = 5.0  # surroundings that are older must be read before a motion begi
 
 
 class GuardedScene:
-    """Keeps one arm's guard informed. Lives in the event loop; ``close`` it.
-
-    If it is not used, only ``read`` reads anything.
-    """
+    """Keeps one arm's guard informed, in the event loop; unused, only ``read`` reads anything."""
 
     def __init__(
         self,

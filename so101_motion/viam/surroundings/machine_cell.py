@@ -46,10 +46,7 @@ class MachineCell:
         self._closed: set[str] = set()  # of these
 
     def meet(self, own: str, bases: Mapping[str, SE3]) -> frozenset[str]:
-        """Take arms with a frame into a cell, others out of it.
-
-        Returns those whose motions ``own`` knows and keeps off.
-        """
+        """Take arms with a frame into a cell, others out; returns those that ``own`` keeps off."""
         with self._lock:
             for name in self._joined.keys() - bases.keys():
                 self._leave(name)

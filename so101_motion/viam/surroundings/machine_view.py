@@ -41,23 +41,15 @@ _ORIGIN = "_origin"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Part:
-    """One component in the frame system.
-
-    Attributes:
-        geometry: That of its frame's configuration; None without one.
-        has_end: Whether it has kinematics, so that its end may be elsewhere than its origin.
-        has_joints: Whether that end moves.
-        kinematics: The name in its kinematics; for an arm of this module the component's name, from
-            which the frame's name may differ.
-    """
+    """One component in the frame system."""
 
     name: str
     parent: str
     T_parent_origin: SE3
-    geometry: Geometry | None
-    has_end: bool
-    has_joints: bool
-    kinematics: str
+    geometry: Geometry | None  # that of its frame's configuration
+    has_end: bool  # it has kinematics, so its end may be elsewhere than its origin
+    has_joints: bool  # that end moves
+    kinematics: str  # the name in them; an arm of this module has its component's name there
 
 
 class FrameTree:

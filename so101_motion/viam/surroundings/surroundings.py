@@ -129,10 +129,7 @@ class Surroundings:
         wait_for: Callable[[Future[Scene]], Scene],
         loop: asyncio.AbstractEventLoop,
     ) -> Future[T]:
-        """Like ``planned``, from the thread of the motion; waits only for the reading.
-
-        ``plan`` starts to plan; ``wait_for`` may raise to end the wait.
-        """
+        """Like ``planned``, from the motion's thread; ``wait_for`` may raise to end the wait."""
         guess = self._guess(scene, ())
         early = None if guess is None else plan(guess[0])
         is_right = False
