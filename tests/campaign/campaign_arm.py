@@ -73,15 +73,10 @@ class Driver:
 
 
 class Arm:
-    """The arm, its requests and its faults.
+    """The arm, its requests and its faults; all follow ``seed``.
 
-    Args:
-        seed: Of everything.
-        clock: A ``TurnClock`` that is what time it is everywhere.
-
-    Attributes:
-        done: What has been asked for and has happened, how often.
-        said: The same in order, for a message; it may be emptied.
+    ``clock`` is a ``TurnClock`` that is what time it is everywhere. ``done`` counts what has been
+    asked for and has happened, ``said`` has it in order, for a message.
     """
 
     def __init__(self, seed, clock):

@@ -33,13 +33,7 @@ GUIDED = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_ro
 
 
 class CountingPort(DirectPort):
-    """Counts answers.
-
-    Attributes:
-        answers: Positions that servos have sent.
-        again: Positions that were asked for once more.
-        fastest: The fastest a joint was between two answers [deg/s].
-    """
+    """Counts positions that were sent, and asked for ``again``; the ``fastest`` joint [deg/s]."""
 
     name = "/dev/clean"
 

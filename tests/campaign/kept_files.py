@@ -188,14 +188,7 @@ KINDS = (
 
 
 class Attack:
-    """Attacks on the writer of one kind of file.
-
-    Args:
-        kind: Which.
-        folder: A folder of its own.
-        rng: Chooses.
-        broken: Takes what broke a law.
-    """
+    """Attacks on the writer of one kind of file."""
 
     def __init__(self, kind, folder, rng, broken):
         self.kind, self._folder, self._rng, self._broken = kind, folder, rng, broken

@@ -40,16 +40,7 @@ _OTHERS = (
 
 @dataclass
 class Outcome:
-    """How a reader did.
-
-    Attributes:
-        executions: How often it read.
-        refused: How often it said no in a way that is ours.
-        kept: How many inputs reached something new.
-        lines: How many lines they reach together.
-        slowest: The longest time for one [s].
-        failures: What it must not raise, by kind and place, with an input.
-    """
+    """How a reader did: failures by kind and place, with an input; the longest time for one [s]."""
 
     executions: int = 0
     refused: int = 0

@@ -61,13 +61,7 @@ TRIANGLE = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
 
 @dataclass(frozen=True)
 class Reader:
-    """A reader and what it usually gets.
-
-    Attributes:
-        name: What it reads.
-        read: Reads bytes; raises one of ``OURS`` or returns.
-        seeds: Good inputs.
-    """
+    """A reader of bytes, which raises one of ``OURS`` or returns, and good inputs."""
 
     name: str
     read: Callable[[bytes], object]

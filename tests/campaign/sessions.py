@@ -56,11 +56,7 @@ COMMANDS = (
 
 
 class Lateness:
-    """How long this process, which is the servos as well, has waited for the processor.
-
-    Attributes:
-        seconds: In all [s].
-    """
+    """How long this process, which is the servos as well, has waited for the processor [s]."""
 
     def __init__(self):
         self.seconds = 0.0
@@ -77,13 +73,7 @@ class Lateness:
 
 
 class Session:
-    """A module and those who use it.
-
-    Attributes:
-        done: What was asked for and has happened, how often.
-        statuses: How requests ended.
-        broken: Laws that were broken.
-    """
+    """A module and those who use it: what was done, how requests ended, which laws were broken."""
 
     def __init__(self, module, emulator, rng):
         self.module, self.emulator, self.rng = module, emulator, rng

@@ -128,11 +128,7 @@ class Leader:
 def attack(folder, *, seed, count, fast=False):
     """Send ``count`` targets or a few more; what came of them.
 
-    Args:
-        folder: Where the port is put.
-        seed: Of everything.
-        count: How many.
-        fast: Whether at the highest caps that can be configured, and without an approach.
+    ``fast``: at the highest caps that can be configured, and without an approach.
     """
     outcome = Outcome()
     with hardware_bench(folder) as bench:

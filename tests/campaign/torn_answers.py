@@ -48,16 +48,7 @@ POSITION, READ, SYNC_READ = 56, 0x02, 0x82
 
 @dataclass
 class ReplyCounter:
-    """What a campaign has seen.
-
-    Attributes:
-        spoiled: Spoiled answers by kind.
-        answers: Answers in all.
-        cycles: Control cycles.
-        faults: How often the arm went into a fault, by the kind of error.
-        broken: Laws that were broken, with seed and time.
-        doubted: How often a joint was not known although its servo had answered.
-    """
+    """What a campaign has seen; ``doubted``: answers given, and yet the joint was not known."""
 
     spoiled: Counter = field(default_factory=Counter)
     answers: int = 0
@@ -122,14 +113,7 @@ def _sealed(packet):
 
 
 class Episode:
-    """One arm for a few seconds, in one mode after the other.
-
-    Args:
-        seed: Of everything.
-        share: Of the answers that are spoiled.
-        counter: Where it is counted.
-        clock: What time it is everywhere.
-    """
+    """One arm for a few seconds, in one mode after the other."""
 
     def __init__(self, seed, share, counter, clock):
         self._rng, self._tally, self._seed = random.Random(seed), counter, seed

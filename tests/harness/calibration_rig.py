@@ -31,11 +31,7 @@ class Died(BaseException):
 
 
 class Death:
-    """Counts what leaves a trace, and ends the process at one of them.
-
-    Attributes:
-        count: How many there were.
-    """
+    """Counts what leaves a trace, and ends the process at one of them."""
 
     _hook: Callable | None = None  # audit hooks stay for good, so there is one for all
 
@@ -90,7 +86,6 @@ class LentArm(LentBus):
     Args:
         death: When the process dies.
         joints: Changes to how the servos are mounted, by joint.
-        options: As of the emulator.
 
     Attributes:
         calls: How often the bus was asked for.

@@ -14,11 +14,7 @@ _PATIENCE = 60.0  # [s] on the wall clock, for a thread that neither waits nor e
 
 
 class TurnClock:
-    """Fits ``Clock``.
-
-    Attributes:
-        wall: What a clock on the wall shows beyond this one [s]; it may be set like one.
-    """
+    """Fits ``Clock``. What a clock on the wall shows beyond it, ``wall``, may be set."""
 
     def __init__(self):
         self.wall = 1_750_000_000.0

@@ -1,7 +1,7 @@
 """Two emulated arms, driven by the real rigs on one clock, and a leader moved as a hand would."""
 
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import closing
 
 import numpy as np
 from referee import CommandCaps
@@ -72,16 +72,10 @@ def best_shift(leader, follower, dt, longest=0.15):
 def shifts(leader, follower, dt, *, window, longest=0.15, least=10.0):
     """By how much each joint is behind in each stretch of time [s], all in one list.
 
-    The shift is the one that leaves the least variance, so a joint that rests a little off is not
-    taken for one that is late.
-
-    Args:
-        leader: Angles, shape (n, m), [deg].
-        follower: Likewise.
-        dt: Between the rows [s].
-        window: How long a stretch is; they overlap [s].
-        longest: Largest shift that is looked for [s].
-        least: A joint that moves less in a stretch [deg] does not count in it.
+    ``leader`` and ``follower`` have a row each ``dt`` [s], shape (n, m), [deg]. Stretches are
+    ``window`` long and overlap; shifts up to ``longest`` are looked for; a joint that moves less
+    than ``least`` [deg] in a stretch does not count. The shift is the one that leaves the least
+    variance, so a joint that rests a little off is not taken for one that is late.
     """
     found, length, edge = [], round(window / dt), round(longest / dt)
     for begin in range(edge, len(leader) - length - edge, max(1, length // 8)):
@@ -110,11 +104,7 @@ def _best(leader, follower, dt, longest, cost):
 
 
 class Arm(HardwareBench):
-    """An emulated arm and its rig.
-
-    Attributes:
-        rig: The rig.
-    """
+    """An emulated arm and its rig."""
 
     def __init__(self, folder, name, clock, reply_timeout, **options):
         super().__init__(folder, name=name, clock=clock, reply_timeout=reply_timeout, **options)
@@ -161,12 +151,9 @@ class Arm(HardwareBench):
 
 
 class TeleopBench:
-    """A leader and a follower.
+    """A leader and a follower on one clock.
 
     Attributes:
-        clock: What time it is for everybody.
-        leader: The one arm.
-        follower: The other.
         goals: What was written to the follower: rows of time and six angles [rad].
     """
 
@@ -232,13 +219,8 @@ class TeleopBench:
         self.follower.close()
 
 
-@contextmanager
 def teleop_bench(folder, **options):
-    bench = TeleopBench(folder, **options)
-    try:
-        yield bench
-    finally:
-        bench.close()
+    return closing(TeleopBench(folder, **options))
 
 
 def setpoints(bench, since=0.0):

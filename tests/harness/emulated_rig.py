@@ -8,7 +8,7 @@ import asyncio
 import math
 import threading
 from concurrent.futures import wait
-from contextlib import contextmanager
+from contextlib import closing
 
 import numpy as np
 from google.protobuf.struct_pb2 import Struct
@@ -68,7 +68,6 @@ class PortBench:
         return rig.arm.move(rig.arm.plan(goal), wait=False)
 
     def shut(self, rig):
-        """Close a rig before the end."""
         self._rigs.remove(rig)
         rig.close()
 
@@ -78,22 +77,15 @@ class PortBench:
 
 
 class HardwareBench(PortBench):
-    """Emulated servos on a port, and the rigs on it.
+    """Emulated servos on a port, and the rigs on it; one clock for all.
 
     Args:
         folder: For the port.
-        reply_timeout: See below.
+        reply_timeout: How long an answer is waited for, on the wall clock [s].
         held_kg: What the jaws hold, unknown to the rigs.
-        clock: What time it is; a clock of its own by default.
         is_heard: Whether the rigs know when no servo will answer, see ``heard_port``.
         name: Of the port.
         options: What else is emulated.
-
-    Attributes:
-        clock: What time it is for the servos and the rigs.
-        emulator: The servos.
-        port: A link to their port.
-        reply_timeout: How long an answer is waited for, on the wall clock [s].
     """
 
     def __init__(
@@ -118,7 +110,6 @@ class HardwareBench(PortBench):
         self._match.ask_caps(self._caps)
 
     def _caps(self):
-        """What the joints may do as the rigs on the port have been told."""
         speed = max((math.degrees(rig.arm.speed) for rig in self._rigs), default=50.0)
         return (Caps(speed),) * 5 + (Caps(90.0, 1376.0),)
 
@@ -256,23 +247,13 @@ def near(rig, *shares):
     return q - np.where(q > 0.0, 1.0, -1.0) * STEP_DEG * np.array(shares)
 
 
-@contextmanager
 def either_bench(port, folder, **options):
     """A real arm if there is one, else an emulated one."""
-    bench = ArmBench(port) if port else HardwareBench(folder, **options)
-    try:
-        yield bench
-    finally:
-        bench.close()
+    return closing(ArmBench(port) if port else HardwareBench(folder, **options))
 
 
-@contextmanager
 def hardware_bench(folder, **options):
-    bench = HardwareBench(folder, **options)
-    try:
-        yield bench
-    finally:
-        bench.close()
+    return closing(HardwareBench(folder, **options))
 
 
 def rad(degrees):

@@ -95,12 +95,7 @@ class FakeStore(WorldStateStore):
     """A store whose streams a test writes to, behind viam-server.
 
     That opens its own stream, waits for the first message and drops it, and sends an empty one.
-
-    Attributes:
-        things: Its content, by id.
-        streams: The changes that each open stream has still to send.
-        trouble: Raised when its list is read; None for none.
-        asked: How often its list or one of its things was read.
+    ``trouble`` is raised when its list is read.
     """
 
     def __init__(self, *things):
@@ -165,8 +160,6 @@ class FakeMachine:
 
     Attributes:
         configs: The frame system; an exception is raised.
-        things: Components by name.
-        statuses: What it says of whether its resources run.
         ends: Where the ends of components with joints are in their origins.
         silent: Whether it does not answer before ``answer`` is set.
         asked: How often it was asked for the frame system.

@@ -35,12 +35,7 @@ _CALLS = frozenset(
 
 
 class HopCounter:
-    """Make one before the threads that it shall look at are started.
-
-    Attributes:
-        hops: The functions so far, in the order in which they were met.
-        is_complete: Whether the last one has been met.
-    """
+    """Make one before the threads that it shall look at are started."""
 
     def __init__(self):
         self.hops, self.is_complete = [], False
@@ -53,16 +48,10 @@ class HopCounter:
         sys.setprofile(self._profile)
 
     def start(self, last, but=()):
-        """Count from now on.
-
-        Args:
-            last: The function that the walk ends with.
-            but: Stacks that one of these is on have nothing to do with the request.
-        """
+        """Count from now until ``last``; leave out stacks with a function of ``but``."""
         self._last, self._but, self._is_on = last, ("ServoDriver.read", *but), True
 
     def close(self):
-        """Look no longer."""
         self._is_on = False
         threading.setprofile(None)
         sys.setprofile(None)

@@ -23,11 +23,7 @@ APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
 
 
 class WirePort(DirectPort):
-    """Fits ``Port``; a reply is there at once or not at all.
-
-    Attributes:
-        sent: Every packet, with the rate it was sent at.
-    """
+    """Keeps every packet, with the rate it was sent at."""
 
     name = "/dev/wired"
 
@@ -48,8 +44,6 @@ class LentBus:
         baud: The port's own rate.
 
     Attributes:
-        world: All six servos.
-        faults: What goes wrong on the wire.
         before: Called before each job; for what happens in between.
     """
 

@@ -4,7 +4,7 @@ import dataclasses
 import importlib.util
 import sys
 from concurrent.futures import wait
-from contextlib import contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -54,16 +54,7 @@ CAPS = (
 
 
 class LeRobotBench(HardwareBench):
-    """The same servos, and robots on them.
-
-    Args:
-        folder: For the port and the calibrations.
-        clock: What time it is; a clock of its own by default.
-        options: What else is emulated.
-
-    Attributes:
-        rig: The rig that was opened last.
-    """
+    """The same servos, and robots on them; ``rig`` is the one opened last."""
 
     def __init__(self, folder, *, clock=None, **options):
         super().__init__(folder, clock=clock, **options)
@@ -141,10 +132,5 @@ def action(*values):
     return {f"{name}.pos": value for name, value in zip(names, values, strict=True)}
 
 
-@contextmanager
 def lerobot_bench(folder, **options):
-    bench = LeRobotBench(folder, **options)
-    try:
-        yield bench
-    finally:
-        bench.close()
+    return closing(LeRobotBench(folder, **options))

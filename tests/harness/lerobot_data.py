@@ -42,17 +42,9 @@ def write_data_set(
 ):
     """Write a data set and return its folder.
 
-    Args:
-        root: The folder to make.
-        episodes: Actions of shape (n, len(names)), or pairs of action and state.
-        version: ``"v2.1"`` or ``"v3.0"``.
-        fps: Frames a second.
-        names: Of the entries of a row.
-        with_state: Whether ``observation.state`` is recorded.
-        with_camera: Whether there is a video, which is none.
-        timestamps: Other than regular ones, by episode.
-        frames: Other than regular ``frame_index``, by episode.
-        info: What ``info.json`` says besides or instead.
+    ``episodes`` are actions of shape (n, len(names)), or pairs of action and state; ``timestamps``
+    and ``frames`` are other than regular ones, by episode; ``info`` is what ``info.json`` says
+    besides.
     """
     keys = ("action", "observation.state") if with_state else ("action",)
     features = {

@@ -21,7 +21,7 @@ class Followed:
     Attributes:
         error: Largest distance of a joint from its planned path, once the lag is taken out [deg].
         lag: How far behind its setpoints the arm was [s], the same for all joints and times.
-        final: Largest distance of a joint from its goal, when the motion is said to be over [deg].
+        final: Largest distance of a joint from its goal at the end [deg].
         missed: Largest distance of a joint at the waypoint that was passed worst [deg].
     """
 

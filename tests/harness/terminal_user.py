@@ -21,12 +21,7 @@ _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
 class Typist:
-    """Runs a command on a terminal of its own.
-
-    Args:
-        arguments: Of ``so101``.
-        env: Changes to the environment.
-    """
+    """Runs ``so101`` on a terminal of its own, with changes to the environment."""
 
     def __init__(self, *arguments, **env):
         self._person, program = pty.openpty()
@@ -58,7 +53,6 @@ class Typist:
         os.write(self._person, keys.encode())
 
     def interrupts(self):
-        """Ctrl-C."""
         self.command.send_signal(signal.SIGINT)
 
     def code(self, within=60.0):

@@ -19,12 +19,7 @@ from so101_motion.tasks.sweeps import run_sweep
 
 @dataclass(frozen=True, kw_only=True)
 class ToySweep:
-    """Numbers by seed and shard.
-
-    Attributes:
-        fails: Shards that fail as long as ``mended`` is no file.
-        kills: Shards that kill their process whenever they run.
-    """
+    """Numbers by seed and shard; ``fails`` fail as long as ``mended`` is no file."""
 
     seed: int = 0
     shards: int = 5

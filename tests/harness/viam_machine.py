@@ -100,12 +100,10 @@ class Door:
         self._pipes = set()
 
     async def open(self, port=0):
-        """Let connections in; on the same port as before."""
         self._server = await asyncio.start_server(self._enter, "127.0.0.1", self.port or port)
         self.port = self._server.sockets[0].getsockname()[1]
 
     async def shut(self):
-        """Throw everybody out and let nobody in."""
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -167,7 +165,6 @@ class Machine:
         self._module.parent.machine = FakeMachine(*frames)
 
     def remove(self, api, name):
-        """Take a resource out of the machine's configuration."""
         self._run(self._module.remove(api, name))
 
     def add(self, api, model, name, attributes=None):
@@ -175,7 +172,6 @@ class Machine:
         return self._run(self._module.add(api, model, attributes or {}, name))
 
     def do(self, resource, command, **fields):
-        """Carry out a command of a resource."""
         return self._run(resource.do_command({"command": command, **fields}))
 
     def _run(self, work):

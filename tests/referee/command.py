@@ -28,12 +28,7 @@ class CommandCaps:
 
 
 class Command:
-    """Judges the commands of one joint.
-
-    Args:
-        report: Takes rule, time and text of a finding.
-        dt: Period of the commands [s].
-    """
+    """Judges the commands of one joint; ``report`` takes rule, time and text of a finding."""
 
     def __init__(self, report, dt=0.01):
         self._report, self._dt = report, dt

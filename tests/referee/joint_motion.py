@@ -29,12 +29,7 @@ CALM = 0.5  # [s], how long after a force from outside or a fault has gone nothi
 
 
 class JointMotion:
-    """The motion of one joint.
-
-    Args:
-        servo: The emulated servo.
-        report: Takes rule, time and text of a finding.
-    """
+    """The motion of one joint; ``report`` takes rule, time and text of a finding."""
 
     def __init__(self, servo, report):
         self._servo, self._report = servo, report
@@ -95,11 +90,7 @@ class JointMotion:
         self._side = side
 
     def _free_motor(self, acceleration):
-        """How hard the motor may accelerate through its play [deg/s^2].
-
-        Args:
-            acceleration: How hard the servo's set-point may, at most [deg/s^2].
-        """
+        """How hard the motor may accelerate through its play [deg/s^2], as its set-point does."""
         drive = self._servo.drive
         set_point = min(acceleration, drive.profile.acceleration * TICK)
         full_speed = drive.volts / drive.motor.kind.back_emf * 180.0 / math.pi  # [deg/s]

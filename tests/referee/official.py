@@ -50,11 +50,9 @@ def match_of(emulator):
 
 
 class Referee:
-    """Watches any number of emulated arms.
+    """Watches any number of emulated arms; keeps the first fifty findings.
 
-    Attributes:
-        findings: What broke a rule, the first fifty.
-        seen: How many goals and samples were judged; zero means nobody was watched.
+    ``seen`` says how many goals and samples were judged; zero means nobody was watched.
     """
 
     def __init__(self):
@@ -79,8 +77,7 @@ class Referee:
 def refereed(breaks=()):
     """Watch every emulated arm that is opened in here; what breaks a rule is raised at the end.
 
-    Args:
-        breaks: Rules that are broken on purpose.
+    The rules in ``breaks`` are broken on purpose.
     """
     referee = Referee()
     Emulator.on_open.append(referee.attend)
@@ -93,12 +90,7 @@ def refereed(breaks=()):
 
 
 class Match:
-    """One arm under the referee's eyes.
-
-    Attributes:
-        emulator: The arm.
-        caps: What its six joints may do, base to jaw.
-    """
+    """One arm under the referee's eyes; ``caps`` say what its six joints may do, base to jaw."""
 
     def __init__(self, referee, emulator):
         self.emulator, self.caps = emulator, WIDEST

@@ -27,12 +27,7 @@ def _pace(caps):
 
 
 class ServoOnWire:
-    """What one servo is told.
-
-    Args:
-        servo: The emulated servo, for the truth about it.
-        report: Takes rule, time and text of a finding.
-    """
+    """What one servo is told; ``report`` takes rule, time and text of a finding."""
 
     def __init__(self, servo, report):
         self._servo, self._report = servo, report

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from harness.emulated_rig import loaded
-from harness.guided_servos import WEIGHT, Guided, hand_leads
+from harness.servo_stand import WEIGHT, Guided, hand_leads
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from harness.guided_servos import POSE, Guided, hand_leads
+from harness.servo_stand import POSE, Guided, hand_leads
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
