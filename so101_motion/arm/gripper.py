@@ -95,7 +95,8 @@ class JawFollowing(EndsWithBlock):
             self._refuse_if_over()
             self._wanted = taken
             if self._grip is not None:
-                if not self._is_to_let_go(taken, self._grip):
+                lost = self._grip.done() and not self._gripper.is_holding
+                if taken <= self._gripper.aperture + LET_GO and not lost:
                     return taken
                 self._follow()
             gripper = self._gripper
@@ -141,10 +142,6 @@ class JawFollowing(EndsWithBlock):
                 self._end(Interrupted(by))
 
     # How
-
-    def _is_to_let_go(self, wanted: float, grip: Future[None]) -> bool:
-        gripper = self._gripper
-        return wanted > gripper.aperture + LET_GO or (grip.done() and not gripper.is_holding)
 
     def _follow(self) -> None:
         with self._lock:  # the I/O thread may ask for an aperture at once
@@ -335,10 +332,7 @@ class Gripper:
         An object that it closes on is gripped, and ``is_holding`` becomes True; the motion then
         raises ``FollowingError``, because it has not arrived.
         """
-        motion = self._start(_JawMove(self.angle_of(aperture), limits, grabs=False))
-        if wait:
-            motion.result()
-        return motion
+        return self._start(_JawMove(self.angle_of(aperture), limits, grabs=False), wait)
 
     def grab(
         self, aperture: float = 0.0, *, limits: MotionLimits | None = None, wait: bool = True
@@ -347,10 +341,7 @@ class Gripper:
 
         ``is_holding`` tells which.
         """
-        motion = self._start(_JawMove(self.angle_of(aperture), limits, grabs=True))
-        if wait:
-            motion.result()
-        return motion
+        return self._start(_JawMove(self.angle_of(aperture), limits, grabs=True), wait)
 
     def follow(
         self,
@@ -435,7 +426,7 @@ class Gripper:
             raise ConfigError("aperture", aperture, "must be between 0 (closed) and 1 (open)")
         return self.closed + aperture * (self.opened - self.closed)
 
-    def _start(self, move: _JawMove) -> Motion:
+    def _start(self, move: _JawMove, wait: bool) -> Motion:
         motion = Motion()
         with self._lock:
             refuse_older(self._stopped)
@@ -445,6 +436,8 @@ class Gripper:
         if previous is not None:  # it is superseded already; a prepared one must not begin
             previous.interrupt(SUPERSEDED)
         running.add_done_callback(partial(self._arrived_or_met, motion, move))
+        if wait:
+            motion.result()
         return motion
 
     @property

@@ -317,20 +317,15 @@ class Executor:
     def _end_turn(self, now: float) -> float:
         self._beat.advance()
         self._control.outcomes.settle()
-        self._notify_listeners()
+        if (state := self._control.state) is not None:
+            for listener in self._listeners:
+                try:
+                    listener(state)
+                except Exception:
+                    _log.exception("a listener failed; the joints are not affected")
         if self._control.is_busy or self._listeners:
             return self._beat.deadline
         return now + (_QUIET_PERIOD if self._control.is_quiet(now) else _IDLE_PERIOD)
-
-    def _notify_listeners(self) -> None:
-        state = self._control.state
-        if state is None:
-            return
-        for listener in self._listeners:
-            try:
-                listener(state)
-            except Exception:
-                _log.exception("a listener failed; the joints are not affected")
 
     def _leave(self) -> None:
         self.requests.leave()

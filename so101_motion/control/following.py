@@ -416,7 +416,15 @@ class Following(OpenEndedMotion):
 
         Joints at their limits, close bodies (``"the jaw close to the floor"``), overloaded joints.
         """
-        return (*self._at_limits(), *self._held)
+        aimed, q = self._aimed, self.now.q
+        if aimed is None or len(q) != len(ARM_JOINTS):
+            return self._held
+        at_limits = [
+            f"{joint} at its {'upper' if out > 0.0 else 'lower'} limit"
+            for joint, out, at, to in zip(ARM_JOINTS, aimed.outside, q, aimed.q, strict=True)
+            if out != 0.0 and abs(at - to) < CLOSE
+        ]
+        return (*at_limits, *self._held)
 
     @property
     def is_held(self) -> bool:
@@ -625,13 +633,3 @@ class Following(OpenEndedMotion):
                 f"the arm stopped {to_deg(off):.1f} deg short of where it was sent, with"
                 f" {' and '.join(self._stopped_by)}; send it elsewhere, or plan a move around it"
             )
-
-    def _at_limits(self) -> list[str]:
-        aimed, q = self._aimed, self.now.q
-        if aimed is None or len(q) != len(ARM_JOINTS):
-            return []
-        return [
-            f"{joint} at its {'upper' if out > 0.0 else 'lower'} limit"
-            for joint, out, at, to in zip(ARM_JOINTS, aimed.outside, q, aimed.q, strict=True)
-            if out != 0.0 and abs(at - to) < CLOSE
-        ]

@@ -257,7 +257,12 @@ class FollowingCheck:
 
     def words(self, i: int, *, held_up: bool) -> tuple[str, str]:
         """What has happened to joint ``i``, which does not follow, and what to check."""
-        if not held_up and self._has_run_on(i):
+        ran_ahead = (  # after a while without any setpoint
+            self._ran_to is not None
+            and self._q is not None
+            and bool(self._way[i] * (self._q[i] - self._wanted.last(1)[0, i]) > 0.0)
+        )
+        if not held_up and ran_ahead:
             return (
                 f"was without setpoints for {self._gap:.2f} s, and is",
                 "how busy the computer is",
@@ -267,12 +272,6 @@ class FollowingCheck:
             return happened, "the USB cable and how busy the computer is"
         blocked = "that nothing blocks the joint and that its servo has power"
         return ("was held up and is" if held_up else "is"), blocked
-
-    def _has_run_on(self, i: int) -> bool:
-        """Whether joint ``i`` is ahead of its setpoint after a while without any."""
-        if self._ran_to is None or self._q is None:
-            return False
-        return bool(self._way[i] * (self._q[i] - self._wanted.last(1)[0, i]) > 0.0)
 
     def forgive(self) -> None:
         """Let the joints catch up with what they have missed in the last silence."""

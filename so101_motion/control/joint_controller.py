@@ -336,7 +336,11 @@ class JointController:
         self._arm.update(reading.q, reading)
         self._jaw.update(np.array([reading.q_jaw]), reading)
         if reading.alarms and self.mode is Mode.HOLDING:
-            self._yield_to_push(reading)
+            missing = reading.unanswered | reading.unconfirmed
+            if missing.isdisjoint(ARM_JOINTS) and self._arm.yield_to_push(
+                reading.alarms, reading.q
+            ):  # joints that were pushed until their servo gave up stay; the jaw's grip does, too
+                self._driver.write(self._arm.command, float(self._jaw.command[0]))
         self._note_events(reading, now)
         self.state = self._snapshot(reading, now, late)
         self.recent.append(self.state)
@@ -344,7 +348,12 @@ class JointController:
             self._arm.check(reading.q, reading.qd, reading.alarms)
         if GRIPPER_JOINT not in reading.unconfirmed:
             self._jaw.check(np.array([reading.q_jaw]), np.array([reading.qd_jaw]), reading.alarms)
-        self._follow_players()
+        moving = [player for player in players if player.is_moving]
+        if self.mode in (Mode.MOVING, Mode.STOPPING):
+            if not moving:
+                self._enter(Event.REST)
+            elif all(player.is_stopping for player in moving):
+                self._enter(Event.STOP)
         self._republish()
 
     def fail(self, error: Exception) -> None:
@@ -382,12 +391,6 @@ class JointController:
         self._driver.set_torque(True)
         self._enter(Event.HOLD)
         self._fault = None
-
-    def _yield_to_push(self, reading: JointReading) -> None:
-        """Let joints stay that were pushed until their servo gave up; the jaw's grip stays."""
-        missing = reading.unanswered | reading.unconfirmed
-        if missing.isdisjoint(ARM_JOINTS) and self._arm.yield_to_push(reading.alarms, reading.q):
-            self._driver.write(self._arm.command, float(self._jaw.command[0]))
 
     def _note_events(self, reading: JointReading, now: float) -> None:
         if not (
@@ -432,15 +435,6 @@ class JointController:
                 player.halt(error)
             else:
                 player.resume(error)
-
-    def _follow_players(self) -> None:
-        if self.mode not in (Mode.MOVING, Mode.STOPPING):
-            return
-        moving = [player for player in (self._arm, self._jaw) if player.is_moving]
-        if not moving:
-            self._enter(Event.REST)
-        elif all(player.is_stopping for player in moving):
-            self._enter(Event.STOP)
 
     def _require(self, event: Event, channel: Channel | None = None) -> None:
         if self.mode is Mode.GUIDING and event is Event.MOVE and channel is Channel.ARM:

@@ -72,9 +72,12 @@ def test_a_stop_is_over_when_the_joints_are_at_rest(sim):
     np.testing.assert_allclose(sim.state.q, held, atol=1e-6)
 
 
-def test_stopping_what_does_not_move_is_over_at_once(sim):
+@pytest.mark.parametrize("mode", [Mode.HOLDING, Mode.LIMP])
+def test_stopping_what_does_not_move_is_over_at_once(sim, mode):
+    if mode is Mode.LIMP:
+        sim.after(0.0, sim.executor.release())
     assert sim.after(0.0, sim.executor.stop()) is None
-    assert sim.state.mode is Mode.HOLDING
+    assert sim.state.mode is mode
 
 
 def test_a_second_stop_joins_the_first_and_the_first_reason_counts(sim):
@@ -196,12 +199,6 @@ def test_a_stop_while_settling_ends_the_motion_as_interrupted(sim):
     sim.after(1.0, sim.executor.stop())
     assert move.exception(timeout=0).by == "stop"
     np.testing.assert_array_equal(sim.state.q_ref, Q_GOAL)
-
-
-def test_stopping_limp_joints_is_over_at_once(sim):
-    sim.after(0.0, sim.executor.release())
-    sim.after(0.0, sim.executor.stop())
-    assert sim.state.mode is Mode.LIMP
 
 
 def test_the_outcome_is_seen_only_after_the_state_shows_it(sim):

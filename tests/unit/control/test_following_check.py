@@ -66,12 +66,6 @@ def test_one_that_fell_through_its_play_waits_for_its_motor_though_its_load_was_
     assert seen(way, met, pressed_from=0) is not None
 
 
-def test_one_that_sticks_and_slips_by_little_is_not_held_up():
-    way = 10.0 * DT * np.arange(200.0)
-    slips = 0.4 * np.floor(way / 0.4)
-    assert seen(way, slips, pressed_from=0) is None
-
-
 @pytest.mark.parametrize("speed", [5.0, 10.0, 20.0, 30.0])
 @pytest.mark.parametrize("in_play", [0.6, 0.8, 1.0])
 def test_one_whose_load_changes_sides_on_its_way_stands_for_its_play(speed, in_play):
@@ -98,42 +92,46 @@ def test_one_that_trembles_at_what_it_met_is_held_up():
     assert 80 < seen(way, joint) <= 80 + 11
 
 
+def way(speed, ticks):
+    return speed * DT * np.arange(float(ticks))
+
+
+TURN = np.abs(np.linspace(-30.0, 30.0, 120))
+STOPPING = -np.array([67.4, 68.0, 68.7, 69.2, 69.8, 70.3, 70.8, 71.2, 71.6, 71.9, 72.3, 72.6,
+                      72.8, 73.0, 73.2, 73.4, 73.5, 73.6, 73.7, 73.8, 73.8])  # fmt: skip
+ARRIVING = np.concatenate([np.linspace(-15.0, STOPPING[0], 50), STOPPING])
+SOFT = {"tolerances": Tolerances(following_lag=0.15)}
+
+
+@pytest.mark.parametrize(
+    ("setpoints", "joint", "options"),
+    [
+        (way(10.0, 200), 0.4 * np.floor(way(10.0, 200) / 0.4), {"pressed_from": 0}),
+        (TURN, np.where(np.arange(120) < 60, TURN, np.maximum(TURN - 1.3, 0.0)), {}),
+        (way(50.0, 60), np.minimum(way(50.0, 60) + 4.0, np.maximum(way(50.0, 60), 20.0)), {}),
+        (ARRIVING, np.maximum(ARRIVING - 1.0, -72.9), {}),
+        (way(15.0, 60), way(15.0, 60) - np.linspace(0.0, 1.0, 60) * 1.2, {}),
+        (way(90.0, 100), np.minimum(way(90.0, 100), 40.0), SOFT),
+    ],
+    ids=[
+        "sticks and slips by little",
+        "loses its play at a turn",
+        "ran ahead and waits for its setpoints",
+        "ran ahead and stands where they come to rest, an emulated shoulder from 120 deg/s",
+        "falls back",
+        "shall be stopped by what it meets, and presses",
+    ],
+)
+def test_a_joint_that_has_met_nothing_is_not_held_up(setpoints, joint, options):
+    assert seen(setpoints, joint, **options) is None
+
+
 @pytest.mark.parametrize("lag", [0, 5, 10, 14])
 def test_a_joint_that_lags_by_a_constant_time_is_not_held_up(lag):
     t = DT * np.arange(400.0)
     way = 60.0 * np.cos(2.5 * t)  # up to 150 deg/s
     late = np.concatenate([np.full(lag, way[0]), way[: len(way) - lag]])
     assert seen(way, late) is None
-
-
-def test_play_and_friction_at_a_turn_are_no_contact():
-    way = np.abs(np.linspace(-30.0, 30.0, 120))
-    lost = np.maximum(way - 1.3, 0.0)
-    assert seen(way, np.where(np.arange(120) < 60, way, lost)) is None
-
-
-def test_a_joint_that_ran_ahead_may_wait_for_its_setpoints():
-    way = 50.0 * DT * np.arange(60.0)
-    ahead = np.minimum(way + 4.0, np.maximum(way, 20.0))
-    assert seen(way, ahead) is None
-
-
-def test_a_joint_that_ran_ahead_and_stands_where_its_setpoints_come_to_rest_has_met_nothing():
-    way = -np.array([67.4, 68.0, 68.7, 69.2, 69.8, 70.3, 70.8, 71.2, 71.6, 71.9, 72.3, 72.6, 72.8,
-                     73.0, 73.2, 73.4, 73.5, 73.6, 73.7, 73.8, 73.8])  # fmt: skip
-    way = np.concatenate([np.linspace(-15.0, way[0], 50), way])
-    assert seen(way, np.maximum(way - 1.0, -72.9)) is None  # an emulated shoulder from 120 deg/s
-
-
-def test_one_that_falls_back_has_met_nothing():
-    way = 15.0 * DT * np.arange(60.0)
-    assert seen(way, way - np.linspace(0.0, 1.0, 60) * 1.2) is None
-
-
-def test_a_joint_that_shall_be_stopped_by_what_it_meets_is_left_to_press():
-    way = 90.0 * DT * np.arange(100.0)
-    soft = Tolerances(following_lag=0.15)
-    assert seen(way, np.minimum(way, 40.0), soft) is None
 
 
 def test_the_latest_rows_are_those_of_a_list_however_many_came():
