@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from so101_motion.arm.shared_worker import planner_started
+from so101_motion.arm.planning_worker import planner_started
 from so101_motion.common.errors import ConfigError
 from so101_motion.planning.goals import PoseGoal
 

@@ -152,7 +152,7 @@ def plan(
             raise click.UsageError("--from works only with --sim; leave it out for a real arm")
         source = replace(source, q_start=to_rad(q_from))
     viewer: Any = import_preview() if preview or html is not None else None
-    from so101_motion.arm.shared_worker import planner_started
+    from so101_motion.arm.planning_worker import planner_started
 
     with planner_started(), quietly(), closing(source.open_to_look()) as rig:
         found = _planned(rig, goal, scene, route_effort)

@@ -79,7 +79,7 @@ class Source(_SourceWithCaps):
 
         If its servos hold another calibration than the file, the user is asked at a terminal.
         """
-        from so101_motion.arm.shared_worker import planner_started
+        from so101_motion.arm.planning_worker import planner_started
 
         with planner_started():
             return self._open()

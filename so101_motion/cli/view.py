@@ -171,7 +171,7 @@ def show(
     atlas: Path | None = None,
 ) -> None:
     """Serve the page until Ctrl-C; it saves changes of scene or cell to ``scene_file``."""
-    from so101_motion.arm.shared_worker import planner_started
+    from so101_motion.arm.planning_worker import planner_started
 
     with planner_started():
         viewer, is_cell = import_preview(), isinstance(source, CellSource)

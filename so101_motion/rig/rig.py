@@ -12,7 +12,7 @@ from functools import partial
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import JAW_LIMITS, Gripper
-from so101_motion.arm.shared_worker import acquire_worker, release_worker
+from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
 from so101_motion.common.units import to_rad

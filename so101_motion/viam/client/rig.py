@@ -26,7 +26,7 @@ from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.arm.shared_worker import acquire_worker, release_worker
+from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.attributes import checked_number, suggest
 from so101_motion.common.errors import ConfigError, MachineRefused, MotionError, So101Error

@@ -33,7 +33,7 @@ from viam.proto.robot import GetPoseRequest, GetPoseResponse
 from viam.robot.service import RobotService
 from viam.rpc.server import Server
 
-from so101_motion.arm.shared_worker import acquire_worker, release_worker
+from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common.import_check import explain, sentence
 from so101_motion.common.realtime import import_quietly, reduce_jitter
 from so101_motion.files import user_storage
