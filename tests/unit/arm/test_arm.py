@@ -2,11 +2,11 @@
 
 import math
 import threading
-from concurrent.futures import Future
 from functools import partial
 
 import numpy as np
 import pytest
+from harness.facing_arms import in_time
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import (
@@ -44,24 +44,6 @@ def finish(clock, motion):
     while not motion.future.done():
         clock.advance(0.05)
     motion.result()
-
-
-def in_time(clock, call):
-    """Call what waits for the arm while time passes."""
-    done: Future = Future()
-
-    def run():
-        try:
-            done.set_result(call())
-        except BaseException as error:
-            done.set_exception(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    while not done.done():
-        clock.advance(0.01)
-    thread.join()
-    return done.result()
 
 
 def run_until(clock, condition):

@@ -17,11 +17,15 @@ def told() -> list[str]:
     return []
 
 
-def resting(told: list[str]) -> Future[None]:
-    told.append("rest")
+def over() -> Future[None]:
     done: Future[None] = Future()
     done.set_result(None)
     return done
+
+
+def resting(told: list[str]) -> Future[None]:
+    told.append("rest")
+    return over()
 
 
 @pytest.fixture
@@ -187,9 +191,7 @@ def test_a_motion_ended_before_it_began_does_not_touch_the_arm(motions, told, ho
     if how == "interrupted":
         motions.current.interrupt("stop")
     else:
-        running: Future[None] = Future()
-        running.set_result(None)
-        motions.take_over(lambda motion: running)
+        motions.take_over(lambda motion: over())
     gate.set()
     with pytest.raises(Interrupted, match="stop" if how == "interrupted" else "a newer motion"):
         second.result(60.0)
@@ -216,9 +218,7 @@ def test_a_motion_in_preparation_yields_to_a_newer_one(told) -> None:
         if len(told) == 1:
             asking = threading.Thread(target=lambda: newer.append(motions.start(lambda _: None)))
             asking.start()
-        done: Future[None] = Future()
-        done.set_result(None)
-        return done
+        return over()
 
     motions = MotionQueue(rest)
     gate = threading.Event()

@@ -139,18 +139,15 @@ def test_what_holds_the_tool_is_reported(sim_ready) -> None:
     assert jog.held_by == ()
 
 
-@pytest.mark.parametrize("bad", [[0.1, 0.2], [np.nan, 0.0, 0.0], "fast", None])
-def test_a_velocity_that_is_none_is_refused(sim_ready, bad) -> None:
+@pytest.mark.parametrize(
+    ("what", "bad"),
+    [("twist", bad) for bad in ([0.1, 0.2], [np.nan, 0.0, 0.0], "fast", None)]
+    + [("point", bad) for bad in ([100.0, 200.0, 300.0], [np.nan, 0.0, 0.0], [0.1, 0.2], "there")],
+)
+def test_what_is_no_velocity_or_no_point_is_refused(sim_ready, what, bad) -> None:
     jog = lead(sim_ready)
-    with pytest.raises(ConfigError, match="twist"):
-        jog.twist(bad)
-
-
-@pytest.mark.parametrize("bad", [[100.0, 200.0, 300.0], [np.nan, 0.0, 0.0], [0.1, 0.2], "there"])
-def test_a_point_that_is_none_is_refused(sim_ready, bad) -> None:
-    jog = lead(sim_ready)
-    with pytest.raises(ConfigError, match="point"):
-        jog.to_point(bad)
+    with pytest.raises(ConfigError, match=what):
+        (jog.twist if what == "twist" else jog.to_point)(bad)
 
 
 def test_the_arm_is_jogged_past_nothing_in_its_scene(clock) -> None:

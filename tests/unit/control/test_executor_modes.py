@@ -118,15 +118,6 @@ def test_a_guided_arm_is_looked_at_in_every_tick(sim):
     assert sim.state.t == pytest.approx(before + 0.01, abs=1e-3)
 
 
-def test_a_moving_arm_is_not_guided(sim):
-    move = sim.executor.execute(sim.to_goal(Q_GOAL))
-    with pytest.raises(
-        MotionError, match="guided by hand while the arm is moving; stop it or wait"
-    ):
-        sim.after(0.1, sim.executor.guide(Compliance()))
-    sim.after(5.0, move)
-
-
 def test_what_fails_while_it_is_guided_is_a_fault_and_it_yields_no_more(sim):
     sim.after(0.0, sim.executor.guide(Compliance()))
     sim.arm.disconnect(ConnectionError("the cable"))
@@ -137,13 +128,6 @@ def test_what_fails_while_it_is_guided_is_a_fault_and_it_yields_no_more(sim):
     assert sim.state.mode is Mode.HOLDING
     with pytest.raises(RuntimeError, match="driven"):
         sim.arm.push(Q_GOAL)
-
-
-def test_a_moving_arm_is_not_let_go(sim):
-    move = sim.executor.execute(sim.to_goal(Q_GOAL))
-    with pytest.raises(MotionError, match="torque cannot go off while the arm is moving"):
-        sim.after(0.1, sim.executor.release())
-    sim.after(5.0, move)
 
 
 def test_holding_what_is_held_changes_nothing(sim):
@@ -164,10 +148,18 @@ def test_a_job_runs_with_the_driver_on_the_io_thread(sim):
     assert sim.after(0.0, sim.executor.call(job)) == (sim.arm, "so101-io-test")
 
 
-def test_a_job_is_refused_while_something_moves(sim):
+@pytest.mark.parametrize(
+    ("ask", "says"),
+    [
+        (lambda it: it.guide(Compliance()), "guided by hand while the arm is moving; stop it or"),
+        (lambda it: it.release(), "torque cannot go off while the arm is moving"),
+        (lambda it: it.call(lambda driver: driver.read()), "busy with a motion"),
+    ],
+)
+def test_a_moving_arm_is_neither_guided_nor_let_go_and_does_no_jobs(sim, ask, says):
     move = sim.executor.execute(sim.to_goal(Q_GOAL))
-    with pytest.raises(MotionError, match="busy with a motion"):
-        sim.after(0.1, sim.executor.call(lambda driver: driver.read()))
+    with pytest.raises(MotionError, match=says):
+        sim.after(0.1, ask(sim.executor))
     sim.after(5.0, move)
 
 
