@@ -21,11 +21,8 @@ from so101_motion.planning.collision.scene import Scene
 
 Part = bytes | bytearray | memoryview
 
-_REMEMBERED = 8
-"""How many scenes both ends remember. Chosen."""
-
-_LARGE = 16_384
-"""Arrays of at least so many bytes are parts of their own. Chosen."""
+_REMEMBERED = 8  # how many scenes both ends remember; chosen
+_LARGE = 16_384  # arrays of at least so many bytes are parts of their own; chosen
 
 _MOST_PARTS = 100_000
 """A message with more parts than this is garbage: the two ends are out of step. Chosen."""

@@ -25,11 +25,8 @@ if TYPE_CHECKING:
     from so101_motion.planning.planner import Planner
     from so101_motion.planning.request import PlanRequest
 
-_LOOK = 0.002
-"""How often a checkpoint looks at the socket [s]. Chosen: a look takes 2 us."""
-
-_SIGN = 0.25
-"""How often it sends a sign of life [s]. Chosen."""
+_LOOK = 0.002  # how often a checkpoint looks at the socket [s]; chosen: a look takes 2 us
+_SIGN = 0.25  # how often it sends a sign of life [s]; chosen
 
 
 class Child:

@@ -37,15 +37,13 @@ _log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-_ATTEMPTS = 2
-"""A request fails when so many children have died of it in a row. Chosen."""
+_ATTEMPTS = 2  # a request fails when so many children have died of it in a row; chosen
 
 SHARE = 4
 """Most plans that are made at a time for one owner, where children are copied. Chosen: a client may
 ask for any number of previews, and each takes the memory of a copy."""
 
-_MOST_CHILDREN = 32
-"""Most children in all. Chosen: eight arms with their share."""
+_MOST_CHILDREN = 32  # most children in all; chosen: eight arms with their share
 
 _CLOSED = "the planning process has been closed; open the arm again"
 

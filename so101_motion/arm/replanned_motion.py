@@ -53,11 +53,8 @@ FORESIGHT, _GHOSTS = 0.3, 3
 """How far ahead [s] and at how many instants things are expected where they move to. Chosen: by
 then the arm has answered to a new scene, and come to rest."""
 
-STILL = 0.5
-"""Time without motion after which a thing is taken to rest [s]."""
-
-BRIEF = 0.3
-"""Longest search for another plan to the goal [s]; chosen: things have moved on by then."""
+STILL = 0.5  # time without motion after which a thing is taken to rest [s]
+BRIEF = 0.3  # longest search for another plan to the goal [s]; chosen: things have moved on by then
 
 _LOOK = 1.0  # how long to wait when nothing is expected [s]
 

@@ -35,8 +35,7 @@ from so101_motion.control.joint_group import Tolerances
 from so101_motion.drivers.goal_limiter import PAUSE
 from so101_motion.planning.native.library import native
 
-FOLLOWED = 0.4
-"""For how long a joint must have followed before it stopped [s]; chosen."""
+FOLLOWED = 0.4  # for how long a joint must have followed before it stopped [s]; chosen
 
 STOPPED = (0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12, 0.13, 0.14, 0.17, 0.2)
 """For how long it must stand then [s]: at 20 deg/s the shortest do, at 6 the longest. Chosen."""
@@ -44,11 +43,8 @@ STOPPED = (0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12, 0.13, 0.14, 0.17, 0.2)
 LEAST_WAY = to_rad(1.6)
 """How far it must have moved while it followed [rad]: more than play lets it stand. Chosen."""
 
-SLOW = to_rad(35.0)
-"""A faster joint is seen to stand soon enough without this [rad/s]; chosen."""
-
-ONE_SIDE = 0.15
-"""How long its load must have been on one side before that [s]; chosen."""
+SLOW = to_rad(35.0)  # a faster joint is seen to stand soon enough without this [rad/s]; chosen
+ONE_SIDE = 0.15  # how long its load must have been on one side before that [s]; chosen
 
 STANDS = to_rad(0.3)
 """A joint stands if it moves forward or falls back by no more than this [rad]: three ticks. A joint
@@ -70,8 +66,7 @@ BEHIND = 0.3
 """They have missed too many if they are farther from their setpoints than before, by this share of
 ``contact_distance``; chosen."""
 
-NEAREST = 0.75
-"""From which share of ``contact_distance`` on a joint is behind its setpoint; chosen."""
+NEAREST = 0.75  # from which share of ``contact_distance`` on a joint is behind its setpoint; chosen
 
 
 MOST, MOST_SPANS = 8, 16  # joints, windows or stops; as in held_up.c

@@ -63,8 +63,7 @@ _STIRS = SCATTER * RAD_PER_TICK
 """A resting joint has been moved if it is this far from where it was [rad]."""
 
 
-SPAN = 1.0
-"""How long a time an error's states cover [s]."""
+SPAN = 1.0  # how long a time an error's states cover [s]
 
 
 class RecentStates:

@@ -26,8 +26,7 @@ FORESIGHT = 0.06
 """How far ahead the acceleration for the driver is averaged [s]: after its delay and its lag, a
 servo does by then what it is sent now."""
 
-LOOK_AHEAD = 60
-"""Setpoints that are looked at for a stop; chosen, more than a stop needs."""
+LOOK_AHEAD = 60  # setpoints that are looked at for a stop; chosen, more than a stop needs
 
 
 class MotionSource(Protocol):
