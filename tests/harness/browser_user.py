@@ -60,20 +60,13 @@ async (part) => {
 
 @dataclass
 class Guest:
-    """One window on the page.
-
-    Attributes:
-        page: The browser's page.
-        problems: Errors its scripts raised.
-        asked: Addresses it requested.
-    """
+    """One window on the page, the errors its scripts raised, and the addresses it requested."""
 
     page: Page
     problems: list[str]
     asked: list[str]
 
     def open(self, url):
-        """Open the page and wait for its arm."""
         self.page.goto(url)
         self.see_the_arm()
 
@@ -85,7 +78,6 @@ class Guest:
         self.until(lambda: self.button("Plan").count() == 1)
 
     def leave(self):
-        """Close the window."""
         self.page.context.close()
 
     def button(self, name):
@@ -222,11 +214,7 @@ class Guest:
         return (red << 16) + (green << 8) + blue
 
     def barriers(self, tab=None):
-        """Barriers for people with a disability that axe calls serious.
-
-        Args:
-            tab: Look only at the panel that this is in, which takes a third of a second.
-        """
+        """Barriers that axe calls serious for people with a disability; of ``tab`` or all."""
         if not self.page.evaluate("'axe' in window"):
             self.page.evaluate(AXE_SCRIPT)
         found = (tab or self.page.locator("html")).evaluate(LOOK_FOR_BARRIERS)

@@ -14,11 +14,7 @@ import viser
 
 
 class Hand:
-    """Presses the buttons of a page and reads its texts.
-
-    Args:
-        server: The page.
-    """
+    """Presses the buttons of a page and reads its texts."""
 
     def __init__(self, server):
         self._gui = server.gui
@@ -32,11 +28,9 @@ class Hand:
         return words in re.sub(r"\s+", " ", self.words())
 
     def has(self, label):
-        """Whether the page shows this button."""
         return any(True for _ in self._buttons(label))
 
     def can(self, label):
-        """Whether the button can be pressed."""
         return any(not button.disabled for button in self._buttons(label))
 
     def press(self, label):

@@ -34,12 +34,7 @@ def page_connection(url):
 
 
 class RawWindow:
-    """One window; use it in an ``async with`` block.
-
-    Args:
-        url: Of the page.
-        draws: Whether it has drawn its first picture; only then viser calls it connected.
-    """
+    """One window. Only after its first picture (``draws``) viser calls it connected."""
 
     def __init__(self, url, *, draws=True):
         self._url, self._draws = url, draws
