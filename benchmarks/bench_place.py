@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks import _common
 from so101_motion.tasks.sweeps import PlaceSweep, Region, find_bases
-from so101_motion.tasks.sweeps.mounting import COARSE, LatticeIndex
+from so101_motion.tasks.sweeps.place import COARSE, LatticeIndex
 
 TIMES = 100.0
 DRAWN = 64

@@ -201,7 +201,9 @@ class ArmSession:
 
     def _begin(self, q: Array) -> Following | None:
         """Open a following, after a planned move to a far target; None while the arm waits."""
-        self._look_for_trouble()
+        ended, self._following = self._following, None
+        if ended is not None and (error := ended.future.exception()) is not None:
+            self._note(error)
         arm, pace, state = self.rig.arm, self._pace, self.state
         lower, upper = arm.range
         goal = np.clip(q, lower, upper)
@@ -229,12 +231,6 @@ class ArmSession:
             self._note(error)
             return False
         return True
-
-    def _look_for_trouble(self) -> None:
-        ended, self._following = self._following, None
-        error = None if ended is None else ended.future.exception()
-        if error is not None:
-            self._note(error)
 
     def _note(self, error: BaseException) -> None:
         self._trouble = str(error)

@@ -23,7 +23,7 @@ from lerobot_robot_so101_motion.robot import SO101Motion
 from so101_motion.arm.cell import Cell
 from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.port.port_list import device_of
-from so101_motion.files.cell_file import CellFile, read_cell
+from so101_motion.files.cell_file import read_cell
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 
@@ -57,8 +57,11 @@ class BiSO101Motion(Robot):
                 SIDES, (config.left_arm_config, config.right_arm_config), strict=True
             )
         }
-        self._cell = None if config.cell is None else _two_of(read_cell(config.cell))
+        self._cell = None if config.cell is None else read_cell(config.cell)
         if self._cell is not None:
+            names = sorted(each.name for each in self._cell.arms)
+            if names != sorted(SIDES):
+                raise ConfigError("cell", names, 'must have the two arms "left" and "right"')
             for each in self._cell.arms:
                 arm = self.arms[f"{each.name}_"]
                 if arm.config.scene is None:
@@ -146,13 +149,6 @@ class BiSO101Motion(Robot):
         """The key of both for a key of one arm; the left one has the cameras of neither."""
         is_shared = side == "left_" and key.removesuffix("_depth") in self.config.cameras
         return key if is_shared else side + key
-
-
-def _two_of(file: CellFile) -> CellFile:
-    names = sorted(each.name for each in file.arms)
-    if names != sorted(SIDES):
-        raise ConfigError("cell", names, 'must have the two arms "left" and "right"')
-    return file
 
 
 def _of_side(

@@ -73,14 +73,8 @@ class SO101Motion(SO101Device, Robot):
     def connect(self, calibrate: bool = True) -> None:
         """Open the arm, which then holds its position, and the cameras.
 
-        Args:
-            calibrate: Whether an arm without a calibration file is calibrated first. Otherwise the
-                values in its servos are used, and the log says so.
-
-        Raises:
-            DeviceAlreadyConnectedError: It is connected.
-            ConnectionError: The arm cannot be reached; the message says why.
-            ConfigError: The pose to park in was saved with another arm's calibration.
+        Without a calibration file it is calibrated first if ``calibrate`` says so; else the values
+        in its servos are used, and the log says that. ``ConnectionError`` if it cannot be reached.
         """
         config = self.config
         pace = Pace(

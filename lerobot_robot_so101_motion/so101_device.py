@@ -42,13 +42,8 @@ def open_arms() -> tuple[SO101Device, ...]:
 class SO101Device:
     """One arm as a LeRobot device; inherit it before ``Robot`` or ``Teleoperator``.
 
-    Args:
-        config: Its settings.
-        open_rig: Opens the arm on a port.
-        waiter: Waits for a motion; by default on the wall clock.
-
-    Attributes:
-        stock_folder: LeRobot's folder for the calibrations of these arms; ours are the same files.
+    ``waiter`` waits for a motion, by default on the wall clock. ``stock_folder`` is LeRobot's for
+    the calibrations of these arms; ours are the same files.
     """
 
     stock_folder: ClassVar[Path]
@@ -114,16 +109,9 @@ class SO101Device:
     def _open(self, pace: Pace, scene: Scene, *, calibrate: bool, compensates: bool = True) -> None:
         """Open the arm, whose joints hold their positions, and prepare it, or leave it closed.
 
-        Args:
-            pace: Caps and guard while it follows.
-            scene: The obstacles around it.
-            calibrate: Whether an arm without a calibration file is calibrated first. Otherwise the
-                values in its servos are used, and the log says so.
-            compensates: Whether to compensate weight, friction and lag.
-
-        Raises:
-            DeviceAlreadyConnectedError: It is open.
-            ConnectionError: It cannot be reached; the message says why.
+        It is calibrated first as in ``SO101Motion.connect``. ``compensates`` means weight, friction
+        and lag. ``DeviceAlreadyConnectedError`` if it is open, ``ConnectionError`` if it cannot be
+        reached.
         """
         if self.is_connected:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import Progress, SweepResult
-    from so101_motion.tasks.sweeps.mounting import FixedArm, Region
-    from so101_motion.tasks.sweeps.place import PlaceSweep
+    from so101_motion.tasks.sweeps.place import FixedArm, PlaceSweep, Region
     from so101_motion.tasks.sweeps.placement import Placement
     from so101_motion.tasks.sweeps.sweep import Sweep
 
@@ -206,7 +205,7 @@ def _region(
     x_mm: Ends, y_mm: Ends, z_mm: Ends, turn_deg: Ends,
     mount: str, facing_deg: float, spacing_mm: float, turn_step_deg: float,
 ) -> Region:  # fmt: skip
-    from so101_motion.tasks.sweeps.mounting import Region
+    from so101_motion.tasks.sweeps.place import Region
 
     x, y, z = ((to_m(low), to_m(high)) for low, high in (x_mm, y_mm, z_mm))
     return Region(
@@ -325,7 +324,7 @@ def _others(
     from so101_motion.arm.gripper import JAW_CLOSED
     from so101_motion.common.named_poses import POSES
     from so101_motion.files.cell_file import read_cell
-    from so101_motion.tasks.sweeps.mounting import FixedArm
+    from so101_motion.tasks.sweeps.place import FixedArm
 
     cell = read_cell(file)
     names = [each.name for each in cell.arms]

@@ -172,7 +172,7 @@ def _in_words(status: Status) -> str:
         where = f"; {joint} is {to_deg(gap):.0f} deg from the follower's" if joint else ""
         return f"holding: {status.reason}{where}"
     words = ["mirroring"]
-    if status.is_held:
+    if status.held_by:
         words.append(f"in the way: {', '.join(status.held_by)}")
     if status.beyond:
         words.append(f"{', '.join(status.beyond)} beyond the follower's range")

@@ -77,11 +77,9 @@ def refuse_taken(file: Path, *, replace: bool = False) -> None:
 
 
 def read(file: Path, zeros: EncoderZeros | None = None) -> GuidedPath:
-    """Read the path in a file, and convert it to the zeros of the arm that is to replay it.
+    """Read a path, converted to the zeros of the arm that is to replay it.
 
-    Raises:
-        ConfigError: It cannot be read, something in it is not valid, or the zeros are another
-            arm's; see ``encoder_zeros.shift``.
+    ``ConfigError`` if it is not valid, or the zeros are another arm's (``encoder_zeros.shift``).
     """
     saved = _read(file)
     path, made_with = saved.path, saved.zeros

@@ -65,11 +65,7 @@ class GuidedPath:
         return GuidedPath(t=t - t[0], q=self.q[chosen], aperture=jaw)
 
     def thinned(self, tolerance: float = TOLERANCE) -> GuidedPath:
-        """The path reduced to the points that straight lines between them cannot replace.
-
-        Args:
-            tolerance: How far any joint of any point of this path may be from the lines [rad].
-        """
+        """The path without points that are within ``tolerance`` [rad] of lines between others."""
         return self.taken(self.corners(tolerance))
 
     def corners(self, tolerance: float) -> NDArray[np.intp]:

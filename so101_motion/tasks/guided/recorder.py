@@ -37,16 +37,9 @@ _ENDED = {
 class PathRecorder:
     """Records the path of an arm in manual mode, from now on. Any thread may use it.
 
-    Args:
-        executor: The I/O thread of the arm.
-        gripper: Its gripper; None to leave the jaw out.
-
-    Attributes:
-        future: Completes with the path when the recording is over, by itself or by ``end``.
-        ended_by: Why it ended by itself; empty before, and after ``end``.
-
-    Raises:
-        MotionError: The arm is not in manual mode.
+    ``future`` completes with the path when the recording is over: by ``end``, or by itself, and
+    then ``ended_by`` tells why. Without a gripper the jaw is left out. ``MotionError`` if the arm
+    is not in manual mode.
     """
 
     def __init__(self, executor: Executor, gripper: Gripper | None = None) -> None:

@@ -80,16 +80,10 @@ def _offer(name: str, known: tuple[str, ...]) -> str:
 
 
 def read(path: Path, arms: ZerosOfArms | None = None) -> Program:
-    """Read the program in a file.
+    """Read a program, converted to the zeros of the arms that are to run it, if they are given.
 
-    Args:
-        path: The file.
-        arms: The arms that are to run it: it is converted to their zeros, and a program of one arm
-            runs on the only one there is, whatever it is called. As it is written if not given.
-
-    Raises:
-        ConfigError: It cannot be read, something in it is not valid, or the zeros are another
-            arm's; see ``encoder_zeros.shift``.
+    Then a program of one arm runs on the only one there is, whatever it is called. ``ConfigError``
+    names what is not valid, or that the zeros are another arm's (``encoder_zeros.shift``).
     """
     largest = user_storage.LARGEST_OF_ALL
     content = user_storage.read(path, schema=SCHEMA, also=OLDER, largest=largest)

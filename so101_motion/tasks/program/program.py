@@ -28,11 +28,7 @@ def check_rounds(rounds: int | None) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waypoint:
-    """A place of the arm, the jaw's aperture there, and a pause; or a place it only passes.
-
-    Raises:
-        ConfigError: A value is not valid, or a passed waypoint has a pause or an aperture.
-    """
+    """A place of the arm, the jaw's aperture there, and a pause; or a place it only passes."""
 
     name: str  # its name; need not be unique
     q: Array  # joint angles, shape (5,), [rad]
@@ -62,12 +58,7 @@ Step = Mapping[str, Waypoint]  # the waypoints of the arms that move in a step, 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Program:
-    """Steps in order, and how often they are repeated. Arms named in one step move together.
-
-    Raises:
-        ConfigError: There are too many steps, one is empty, a waypoint of arms that move together
-            is to be passed, or a loop is not valid.
-    """
+    """Steps in order, and how often they are repeated. Arms named in one step move together."""
 
     steps: tuple[Step, ...] = ()  # at most ``MOST``
     rounds: int | None = 1  # how often all of it is repeated; None until it is stopped

@@ -82,16 +82,15 @@ class Rehearsal:
     @cached_property
     def duration(self) -> float:
         """How long arms move and pause in the first round [s]; the jaws' time comes on top."""
-        return sum(each.times * self._lasts(each.leg) for each in self.first_round)
+        pauses = [max(w.pause for w in step.values()) for step in self.program.steps]
+        return sum(
+            times * (leg.at[-1] + pauses[leg.indices[-1]]) for _, leg, times in self.first_round
+        )
 
     @cached_property
     def steps_of_round(self) -> int:
         """How many steps the first round has, those of loops as often as they come."""
         return sum(each.times * len(each.visit.indices) for each in self.first_round)
-
-    def _lasts(self, leg: Leg) -> float:
-        step = self.program.steps[leg.indices[-1]]
-        return leg.at[-1] + max(each.pause for each in step.values())
 
     def leg_of(self, visit: Visit) -> Leg:
         """The leg to a stop that the running program comes to."""

@@ -52,21 +52,9 @@ class ProgramRun:
     ``stop``, a stop of an arm and a newer motion of one end it for all at any point, in a pause and
     while it is being planned too, and the jaws stop with it.
 
-    Args:
-        arms: The arms.
-        program: The program.
-        planned: Plans it, with ``rehearse``; called on the thread of an arm once the arms rest.
-
-    Attributes:
-        program: The program that runs.
-        rehearsal: Its plans; None while they are being made.
-        future: Completes after the last round, or raises what ended it; the message then begins
-            with the step.
-        leg: The leg under way, or the last one; None before the first.
-        motions: The run as a motion of each arm, by its name, to wait for or to interrupt.
-
-    Raises:
-        ConfigError: The program has no step.
+    ``planned`` plans it, with ``rehearse``, on the thread of an arm once the arms rest. ``future``
+    completes after the last round, or raises what ended it; the message begins with the step.
+    ``motions`` are the run as a motion of each arm, to wait for or to interrupt.
     """
 
     def __init__(self, arms: Arms, program: Program, planned: Callable[[], Rehearsal]) -> None:

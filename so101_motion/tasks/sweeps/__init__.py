@@ -2,8 +2,7 @@
 
 from so101_motion.tasks.sweeps.atlas import Atlas, Reach
 from so101_motion.tasks.sweeps.engine import Progress, SweepResult, WorkerPool, run_sweep
-from so101_motion.tasks.sweeps.mounting import FixedArm, Region
-from so101_motion.tasks.sweeps.place import PlaceSweep
+from so101_motion.tasks.sweeps.place import FixedArm, PlaceSweep, Region
 from so101_motion.tasks.sweeps.placement import Base, Placement, find_bases
 from so101_motion.tasks.sweeps.placement_files import write_placement
 from so101_motion.tasks.sweeps.placement_task import (

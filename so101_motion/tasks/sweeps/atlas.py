@@ -61,11 +61,8 @@ NOWHERE = Reach(0, 0, 0, np.nan, np.nan, np.nan, (np.nan,) * 5)
 class Atlas:
     """The result of a sweep of the arm's reach.
 
-    Attributes:
-        facts: The parameters of the sweep.
-        grid: The grid of points.
-        points: The numbers of the points within the joint limits, ascending, shape (n,).
-        rows: Their figures, shape (n,), with fields as in ``Reach``, and ``q0`` to ``q4``.
+    ``points`` are the numbers of the grid's points within the joint limits, ascending, shape (n,);
+    ``rows`` their figures, shape (n,), with fields as in ``Reach``, and ``q0`` to ``q4``.
     """
 
     def __init__(
@@ -86,11 +83,7 @@ class Atlas:
 
     @classmethod
     def read(cls, folder: Path | str) -> Atlas:
-        """Read the atlas in a folder.
-
-        Raises:
-            ConfigError: There is no atlas, or it is not complete.
-        """
+        """Read the atlas in a folder; ``ConfigError`` if there is none, or it is not complete."""
         place = SweepFolder(Path(folder))
         manifest: dict[str, Any] = place.manifest()
         if manifest.get("kind") != "reach":

@@ -253,14 +253,8 @@ class _Call:
 class WorkerPool(Executor):
     """Processes of this computer, each of which is replaced when it dies.
 
-    Each is a pool of its own with a thread that waits for it, so it is known which call a process
-    died of.
-
-    Args:
-        workers: How many processes, all cores but one by default; they start when needed.
-
-    Attributes:
-        ahead: How many shards are best under way in it.
+    They start when needed, by default on all cores but one. Each is a pool with a thread that waits
+    for it, so it is known which call it died of. ``ahead`` shards are best under way in it.
     """
 
     def __init__(self, workers: int | None = None) -> None:

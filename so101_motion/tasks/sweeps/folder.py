@@ -56,7 +56,8 @@ class SweepFolder:
     def _claim(self, sweep: Sweep) -> None:
         if not (self.path / MANIFEST).exists():
             known = (MANIFEST, _SHARDS)
-            other = [p.name for p in self.path.iterdir() if not _is_known(p.name, known)]
+            names = [path.name for path in self.path.iterdir() if not path.name.startswith(".")]
+            other = [name for name in names if name not in known]
             if other:
                 raise self._refused(
                     f"holds other things ({sorted(other)[0]}); name a new folder for the sweep"
@@ -142,7 +143,3 @@ def _difference(
     else:
         how = f"its {name} is {json.dumps(was)}, and {json.dumps(now)} is asked for"
     return f"belongs to another sweep: {how}; name a new folder, or ask for the same again"
-
-
-def _is_known(name: str, known: tuple[str, ...]) -> bool:
-    return name in known or name.startswith(".")

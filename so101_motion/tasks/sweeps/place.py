@@ -1,10 +1,11 @@
-"""Judge where an arm may be mounted for a task: reach, cycle time, clearance and torque left."""
+"""The lattice of places for a base, and what each is worth: reach, time, clearance, torque left."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 
@@ -12,14 +13,175 @@ import numpy as np
 
 from so101_motion.common.attributes import SERVO_VOLTAGES
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import SE3, Array, rot_x, rot_y, rot_z
 from so101_motion.files.scene_file import scene_from
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.apart import ROOM
+from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene, StandingArm
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.tasks.sweeps.mounted_arm import CRITERIA, MountedArm
-from so101_motion.tasks.sweeps.mounting import FixedArm, LatticeIndex, Region
 from so101_motion.tasks.sweeps.placement_task import task_from
 from so101_motion.tasks.sweeps.sweep import Columns
+
+COARSE = 8  # the first round uses every so many steps of the lattice. A power of two.
+TABLE = "table"  # name of the table in messages, for an arm that does not stand on it
+MOUNTS = ("table", "wall", "upside-down")  # standing, on a wall, hanging from above
+JITTER, JITTER_TURN = 0.005, math.radians(2.0)  # how inexactly bases are mounted [m], [rad]
+_MOST = 100_000  # most bases in the first round. Chosen: some minutes' work.
+
+_TABLE_SIZE = np.array([3.0, 3.0, 0.05])
+
+LatticeIndex = tuple[int, int, int, int]  # steps along x, y, z and of the turn
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedArm:
+    """Another SO-101 of the cell that is an obstacle, as plain data."""
+
+    name: str  # its name in messages
+    position: tuple[float, float, float]  # position of its base in the cell, x, y, z [m]
+    rpy: tuple[float, float, float]  # orientation of its base [rad]
+    # its five joints and its jaw [rad], in one or several configurations. Plans keep clear of it in
+    # each of them, but not between them.
+    q: tuple[tuple[float, ...], ...]
+
+    @property
+    def T_cell_base(self) -> SE3:
+        return SE3.from_rpy(np.array(self.rpy), np.array(self.position))
+
+    def standing(self) -> StandingArm:
+        """This arm as an obstacle in the cell, with the room that planned arms keep."""
+        q = np.array(self.q)
+        return StandingArm(name=self.name, T_base_arm=self.T_cell_base, q=q, room=ROOM)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Region:
+    """Where a base may be mounted, as plain data."""
+
+    x: tuple[float, float]  # smallest and largest x in the cell [m]
+    y: tuple[float, float]  # the same for y
+    z: tuple[float, float] = (0.0, 0.0)  # the same for z; 0 is on the table
+    # the same for the turn about the base's own z axis [rad]; 0 faces along the cell's x
+    turn: tuple[float, float] = (-math.pi, math.pi)
+    mount: str = "table"  # one of ``MOUNTS``
+    facing: float = 0.0  # direction of a wall's normal, counted from x towards y [rad]
+    spacing: float = 0.04  # distance between the bases of the first round [m]
+    turn_step: float = math.radians(30.0)  # turn between the bases of the first round [rad]
+
+    def __post_init__(self) -> None:
+        for key in ("x", "y", "z", "turn"):
+            low, high = getattr(self, key)
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise ConfigError(key, [low, high], "must be two numbers, the smaller one first")
+        if self.mount not in MOUNTS:
+            raise ConfigError("mount", self.mount, f"must be {' or '.join(MOUNTS)}")
+        for key, least, most in (("spacing", 0.004, 1.0), ("turn_step", 0.01, math.pi)):
+            if not least <= getattr(self, key) <= most:
+                raise ConfigError(key, getattr(self, key), f"must be {least:g} to {most:.3g}")
+        if math.prod(self._counts()) > _MOST:
+            raise ConfigError(
+                "spacing", self.spacing,
+                f"makes more than {_MOST} bases; take a wider one, or a smaller region",
+            )  # fmt: skip
+
+    def first_round(self) -> Iterator[LatticeIndex]:
+        for x, y, z, turn in itertools.product(*(range(count) for count in self._counts())):
+            yield COARSE * x, COARSE * y, COARSE * z, COARSE * turn
+
+    def around(self, index: LatticeIndex, step: int) -> Iterator[LatticeIndex]:
+        """The bases of the region next to one, ``step`` steps away along some of the axes."""
+        counts = self._counts()
+        ways = [(0,) if count == 1 else (-step, 0, step) for count in counts]
+        for offsets in itertools.product(*ways):
+            moved = [at + by for at, by in zip(index, offsets, strict=True)]
+            if self._whole_turn:
+                moved[3] %= COARSE * counts[3]
+            last = (COARSE * (count - 1) for count in counts[:3])
+            inside = all(0 <= at <= end for at, end in zip(moved, last, strict=False))
+            turns = self._whole_turn or 0 <= moved[3] <= COARSE * (counts[3] - 1)
+            if inside and turns and tuple(moved) != index:
+                yield moved[0], moved[1], moved[2], moved[3]
+
+    def are_apart(self, index: LatticeIndex, other: LatticeIndex) -> bool:
+        """Whether two bases are more than a step of the first round apart, along any axis."""
+        off = [abs(a - b) for a, b in zip(index, other, strict=True)]
+        if self._whole_turn:
+            off[3] = min(off[3], COARSE * self._counts()[3] - off[3])
+        return max(off) > COARSE
+
+    def place(self, index: LatticeIndex) -> tuple[float, float, float, float]:
+        """Position of a base of the lattice, x, y, z [m], and its turn [rad]."""
+        ends = (self.x, self.y, self.z, self.turn)
+        steps = (self.spacing,) * 3 + (self.turn_step,)
+        x, y, z, turn = (
+            (low if self._whole_turn and axis == 3 else 0.5 * (low + high - (count - 1) * step))
+            + at * step / COARSE
+            for axis, ((low, high), count, step, at) in enumerate(
+                zip(ends, self._counts(), steps, index, strict=True)
+            )
+        )
+        return x, y, z, math.remainder(turn, 2.0 * math.pi)
+
+    def base(self, index: LatticeIndex) -> SE3:
+        """``T_cell_base`` of a base of the lattice."""
+        *p, turn = self.place(index)
+        return SE3(self._R_mount @ rot_z(turn), np.array(p))
+
+    def jittered(self, T_cell_base: SE3) -> Iterator[SE3]:
+        """A base as it may be mounted in practice: 5 mm off along both axes, and 2 degrees."""
+        for x, y, turn in itertools.product((-1.0, 1.0), repeat=3):
+            off = np.array([x * JITTER, y * JITTER, 0.0])
+            yield T_cell_base @ SE3(rot_z(turn * JITTER_TURN), off)
+
+    def seen_from(self, scene: Scene, T_cell_base: SE3) -> Scene:
+        """The scene of the cell in the frame of a base.
+
+        For a standing arm the floor is the table, however high its base. An arm on a wall or
+        overhead has that surface as its floor, and the table as an obstacle.
+        """
+        T_base_cell = T_cell_base.inverse
+        obstacles = [
+            replace(each, T_base_obstacle=T_base_cell @ each.T_base_obstacle)
+            for each in scene.obstacles
+        ]
+        arms = tuple(replace(each, T_base_arm=T_base_cell @ each.T_base_arm) for each in scene.arms)
+        scene = replace(scene, arms=arms)
+        if self.mount == "table":
+            floor_z = scene.floor_z
+            if floor_z is not None:
+                floor_z -= float(T_cell_base.p[2])
+            return replace(scene, obstacles=tuple(obstacles), floor_z=floor_z)
+        if scene.floor_z is not None:
+            x, y, _ = T_cell_base.p.tolist()
+            middle = SE3.from_translation((x, y, scene.floor_z - 0.5 * float(_TABLE_SIZE[2])))
+            table = Box(size=_TABLE_SIZE)
+            obstacles.append(
+                Obstacle(name=TABLE, shape=table, T_base_obstacle=T_base_cell @ middle)
+            )
+        return replace(scene, obstacles=tuple(obstacles), floor_z=FLOOR_Z)
+
+    @property
+    def _whole_turn(self) -> bool:
+        return self.turn[1] - self.turn[0] >= 2.0 * math.pi - 1e-6
+
+    @property
+    def _R_mount(self) -> Array:
+        if self.mount == "upside-down":
+            return rot_x(math.pi)
+        if self.mount == "wall":  # z along the normal, x up
+            return rot_z(self.facing) @ rot_y(0.5 * math.pi) @ rot_z(math.pi)
+        return np.eye(3)
+
+    def _counts(self) -> tuple[int, int, int, int]:
+        def along(ends: tuple[float, float], step: float) -> int:
+            return int((ends[1] - ends[0]) / step + 1e-9) + 1
+
+        turns = along(self.turn, self.turn_step)
+        if self._whole_turn:
+            turns = max(1, round(2.0 * math.pi / self.turn_step))
+        x, y, z = (along(ends, self.spacing) for ends in (self.x, self.y, self.z))
+        return x, y, z, turns
+
 
 SCREENED, PLANNED = 64, 4  # how many bases a shard has. Chosen: some tenths of a second of work.
 

@@ -24,8 +24,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.tasks.sweeps.engine import Progress, SweepResult, run_sweep
 from so101_motion.tasks.sweeps.folder import SweepFolder
 from so101_motion.tasks.sweeps.mounted_arm import GAIN
-from so101_motion.tasks.sweeps.mounting import COARSE, LatticeIndex
-from so101_motion.tasks.sweeps.place import Placed, PlaceSweep, Screened
+from so101_motion.tasks.sweeps.place import COARSE, LatticeIndex, Placed, PlaceSweep, Screened
 from so101_motion.tasks.sweeps.placement_task import task_from
 
 BEST = 10  # how many bases are kept

@@ -124,11 +124,8 @@ def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> 
 def task_of(program: Program, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:
     """Make a task for an arm anywhere from a program that was taught on an arm at the origin.
 
-    The tool goes to the points of the waypoints with the same approach within
-    ``approach_tolerance`` [rad]; the rotation about it is free.
-
-    Raises:
-        ConfigError: It has loops, which a task cannot have.
+    The tool goes to the same points with the same approach within ``approach_tolerance`` [rad]; the
+    rotation about it is free. ``ConfigError`` if it has loops.
     """
     if program.loops:
         raise ConfigError(

@@ -52,10 +52,6 @@ class Status:
     recorded: int | None  # rows written to the record; None without one
 
     @property
-    def is_held(self) -> bool:
-        return bool(self.held_by)
-
-    @property
     def is_running(self) -> bool:
         return self.phase is not Phase.STOPPED
 
@@ -72,7 +68,7 @@ class Status:
             "gap_joint": joint,
             "gap_deg": round(to_deg(gap), 2),
             "beyond_range": list(self.beyond),
-            "held_back": self.is_held,
+            "held_back": bool(self.held_by),
             "held_by": list(self.held_by),
             "gripping": self.is_gripping,
             "leader_limp": self.leader_is_limp,

@@ -151,9 +151,7 @@ def test_of_waypoints_that_are_passed_the_slowest_step_counts_up_to_the_stop(rig
         at(A, speed=0.0)
 
 
-def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(
-    rig: Rig, clock: PausesKnown
-) -> None:
+def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(rig: Rig) -> None:
     run = start(rig, program(at(A, aperture=0.6), at(B, aperture=0.0, pause=1.0), rounds=2))
     seen = finish(rig, run, lambda: (run.where.round, run.where.index, run.where.doing))
     assert run.share == 1.0
@@ -190,7 +188,7 @@ def test_stop_ends_a_run_whatever_it_is_doing(
     np.testing.assert_allclose(rig.arm.state.q, stands, atol=to_rad(0.05))
 
 
-def test_an_endless_run_goes_on_until_it_is_stopped(rig: Rig, clock: PausesKnown) -> None:
+def test_an_endless_run_goes_on_until_it_is_stopped(rig: Rig) -> None:
     run = start(rig, program(at(A), at(B), rounds=None))
     until(rig, lambda: run.where.round == 3)
     assert 0.0 <= run.share < 1.0
@@ -198,7 +196,7 @@ def test_an_endless_run_goes_on_until_it_is_stopped(rig: Rig, clock: PausesKnown
     until(rig, run.future.done)
 
 
-def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig, clock: PausesKnown) -> None:
+def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig) -> None:
     run = start(rig, program(at(A, pause=5.0), at(B)))
     until(rig, lambda: run.where.doing == "pausing")
     newer = rig.arm.move(JointGoal(q=np.zeros(5)), wait=False)
@@ -210,9 +208,7 @@ def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig, clock: P
     newer.result()
 
 
-def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(
-    rig: Rig, clock: PausesKnown
-) -> None:
+def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(rig: Rig) -> None:
     rehearsal = rehearse(Solo.of(rig), program(at(A, "aside")))
     moved = rig.arm.move(JointGoal(q=B), wait=False)
     until(rig, moved.future.done)
@@ -329,9 +325,7 @@ def test_passing_where_the_arm_stands_is_no_motion(rig: Rig) -> None:
     np.testing.assert_allclose(leg.at, [0.0, leg.plan.duration, leg.plan.duration], atol=0.02)
 
 
-def test_a_passed_waypoint_behind_something_is_reached_around_it(
-    rig: Rig, clock: PausesKnown
-) -> None:
+def test_a_passed_waypoint_behind_something_is_reached_around_it(rig: Rig) -> None:
     aside = np.radians([50.0, 0.0, 0.0, 0.0, 0.0])
     ahead = SE3.from_translation(rig.arm.model.frame(np.zeros(5), "jaw_tip").p)
     shape = Capsule(radius=0.02, length=0.5)
@@ -350,7 +344,7 @@ def test_a_passed_waypoint_that_cannot_be_reached_is_named(rig: Rig) -> None:
         rehearse(Solo.of(rig), program(*passing(A, INTO_THE_TABLE, B)))
 
 
-def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: PausesKnown) -> None:
+def test_a_run_goes_through_and_says_where_it_is(rig: Rig) -> None:
     run = start(rig, program(*passing(*AROUND), rounds=2))
     slowest = np.inf
 
@@ -369,7 +363,7 @@ def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: PausesKnown) -
 
 @pytest.mark.parametrize("places", [(B,), AROUND[1:]])
 def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew_as_a_whole(
-    rig: Rig, clock: PausesKnown, places: tuple[np.ndarray, ...]
+    rig: Rig, places: tuple[np.ndarray, ...]
 ) -> None:
     rehearsal = rehearse(Solo.of(rig), program(at(A, pause=1.0), *passing(*places)))
     run = start_program(Solo.of(rig), rehearsal)
