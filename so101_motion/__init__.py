@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from so101_motion.rig.rig import Rig as Rig
     from so101_motion.rig.servo_driver import ServoSettings as ServoSettings
     from so101_motion.rig.simulated_rig import open_simulated as open_simulated
-    from so101_motion.tasks.teleop.local_arms import middles_of as middles_of
+    from so101_motion.tasks.teleop.sides import middles_of as middles_of
 
 __version__ = "0.1.0"
 
@@ -76,7 +76,7 @@ _HOMES = {  # what each module has of ours; it is imported when a name of it is 
     "rig.rig": "Rig",
     "rig.servo_driver": "ServoSettings",
     "rig.simulated_rig": "open_simulated",
-    "tasks.teleop.local_arms": "middles_of",
+    "tasks.teleop.sides": "middles_of",
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names.split()}
 

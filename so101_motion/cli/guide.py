@@ -56,7 +56,7 @@ def record(
     """  # noqa: D301
     from so101_motion.cli.terminal import Terminal
     from so101_motion.tasks.guided import PathRecorder, files
-    from so101_motion.tasks.teleop.local_arms import jaw_of
+    from so101_motion.tasks.teleop.sides import jaw_of
 
     files.refuse_taken(file, replace=replace)
     with quietly(), source.open() as rig:
@@ -134,7 +134,7 @@ def replay(
     so101 guide replay --sim wave.json --speed 60 --yes
     """  # noqa: D301
     from so101_motion.tasks.guided import files, plan_replay, start_replay
-    from so101_motion.tasks.teleop.local_arms import jaw_of
+    from so101_motion.tasks.teleop.sides import jaw_of
 
     files.read(file)  # refuses a wrong file before the arm is opened
     with quietly(), source.open() as rig:

@@ -127,7 +127,7 @@ def _open(port: str, calibration: Path | None) -> Rig:
 
 def _recorder(record: Path | None, fps: float, rig: Rig) -> Recorder | None:
     from so101_motion.tasks.teleop import Recorder
-    from so101_motion.tasks.teleop.local_arms import middles_of
+    from so101_motion.tasks.teleop.sides import middles_of
 
     if record is None:
         return None

@@ -16,7 +16,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.rig.hardware_rig import open_so101
-from so101_motion.tasks.teleop.local_arms import middles_of
+from so101_motion.tasks.teleop.sides import middles_of
 
 
 def memory(bench, joint):

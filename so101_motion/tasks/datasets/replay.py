@@ -33,7 +33,7 @@ from so101_motion.tasks.datasets.data_set import DataSet
 from so101_motion.tasks.datasets.joint_checks import Differences, tracking
 from so101_motion.tasks.datasets.metadata import refusal
 from so101_motion.tasks.datasets.units import Units, UnitsGuess
-from so101_motion.tasks.teleop.local_arms import jaw_of
+from so101_motion.tasks.teleop.sides import jaw_of
 
 _REST = 0.5  # [s] that the last frame is held, so that the arm gets there
 _AHEAD = (

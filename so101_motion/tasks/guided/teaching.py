@@ -29,7 +29,7 @@ from so101_motion.tasks.guided.path import TOLERANCE, GuidedPath, tool_line
 from so101_motion.tasks.guided.recorder import PathRecorder
 from so101_motion.tasks.guided.replay import TOLERANCE_RANGE, Replay, plan_replay, start_replay
 from so101_motion.tasks.program.rehearsal import stands_at
-from so101_motion.tasks.teleop.local_arms import jaw_of
+from so101_motion.tasks.teleop.sides import jaw_of
 
 TAUGHT = (
     "record_path", "end_path", "list_paths", "replay_path", "delete_path", "restore_path",

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from so101_motion.arm.arm import SCENE
-from so101_motion.arm.gripper import JawFollowing
+from so101_motion.arm.gripper import Gripper, JawFollowing
+from so101_motion.calib.record.zero import MIDDLE
 from so101_motion.common.errors import Interrupted, NotHolding, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
@@ -21,7 +22,6 @@ from so101_motion.control.executor import Channel, Executor
 from so101_motion.control.following import Following
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.rig import Rig
-from so101_motion.tasks.teleop.local_arms import jaw_of
 from so101_motion.tasks.teleop.pilot import Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
 
@@ -84,6 +84,22 @@ class Follower(Side):
     @abstractmethod
     def ending(self) -> BaseException | None:
         """Why it stopped following, reported once; None while it follows."""
+
+
+def jaw_of(rig: Rig) -> Gripper | None:
+    """The gripper of a rig; None for an arm without its sixth servo."""
+    if isinstance(rig, HardwareRig) and GRIPPER_JOINT not in rig.servos.setups:
+        return None
+    return rig.gripper
+
+
+def middles_of(rig: Rig) -> Array:
+    """The arm's angles in the middle of its joints' recorded travels, shape (5,), [rad]."""
+    if not isinstance(rig, HardwareRig):
+        return np.zeros(5)
+    setups = rig.servos.setups
+    zeros = [setups[joint].zero if joint in setups else MIDDLE for joint in ARM_JOINTS]
+    return np.array([zero.angle for zero in zeros])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

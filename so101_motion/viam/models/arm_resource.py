@@ -53,7 +53,7 @@ from so101_motion.planning.goals import Goal, JointGoal, LeaveContactGoal, PathG
 from so101_motion.planning.request import Plan, Search
 from so101_motion.rig.rig import Rig
 from so101_motion.tasks.guided.teaching import TAUGHT, TeachingOperation
-from so101_motion.tasks.teleop.local_arms import jaw_of
+from so101_motion.tasks.teleop.sides import jaw_of
 from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, SensesConfig, compliance
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses

@@ -22,10 +22,9 @@ from so101_motion.common.errors import ConfigError, NotReady, PortUnavailable, S
 from so101_motion.rig.rig import TICK
 from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Recorder, Teleop, pilot
 from so101_motion.tasks.teleop.config import TeleopConfig
-from so101_motion.tasks.teleop.local_arms import middles_of
 from so101_motion.tasks.teleop.pilot import Phase
 from so101_motion.tasks.teleop.recording import FPS
-from so101_motion.tasks.teleop.sides import Follower, Leader
+from so101_motion.tasks.teleop.sides import Follower, Leader, middles_of
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
