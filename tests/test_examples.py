@@ -10,8 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 
-pytestmark = pytest.mark.timeout(400)  # they all run at once
-
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]  # they all run at once
 
 ARGUMENTS = {
     "pick_and_place.py": [],
@@ -63,7 +62,6 @@ def said(folder):
         process.communicate()
 
 
-@pytest.mark.slow
 def test_a_cube_is_carried_around_the_wall_over_grpc(said):
     lines = said("pick_and_place.py").splitlines()
 
@@ -73,7 +71,6 @@ def test_a_cube_is_carried_around_the_wall_over_grpc(said):
     assert lines[-1] == "done"
 
 
-@pytest.mark.slow
 def test_a_pallet_is_filled(said):
     lines = said("palletising.py")
 
@@ -81,20 +78,17 @@ def test_a_pallet_is_filled(said):
     assert "jaw at (160.0, -160.0, 11.6) mm" in lines
 
 
-@pytest.mark.slow
 def test_a_trajectory_becomes_a_picture(said, folder):
     assert "setpoints" in said("plot_trajectory.py")
     assert (folder / "trajectory.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
 def test_the_follower_follows(said):
     off = [float(x) for x in re.findall(r"follower (\S+) deg off", said("leader_follower.py"))]
     assert len(off) == 3
     assert max(off) <= 0.2
 
 
-@pytest.mark.slow
 def test_the_reach_is_drawn_as_far_left_as_right(said):
     rows = said("reach_map.py").splitlines()[1:]
     assert sum(len(row.strip(".")) > 10 for row in rows) > 5
@@ -105,13 +99,11 @@ def test_the_reach_is_drawn_as_far_left_as_right(said):
     assert 0.8 * left < right < 1.25 * left
 
 
-@pytest.mark.slow
 def test_a_base_is_found(said):
     first = said("place_base.py").splitlines()[0]
     assert re.match(r"\(.*\) mm, .* deg: \d\.\d\d s once around", first)
 
 
-@pytest.mark.slow
 def test_motions_are_made(said):
     made, first = said("motion_data.py").splitlines()
     assert "setpoints" in first

@@ -12,27 +12,6 @@ from so101_motion.common.realtime import (
 )
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="not on this system")
-def test_only_the_thread_that_asks_goes_first_and_what_it_starts_does_not():
-    seen = []
-
-    def ask():
-        allowed = use_realtime_priority()
-        child = threading.Thread(target=lambda: seen.append(os.sched_getscheduler(0)))
-        seen.append((allowed, os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK))
-        child.start()
-        child.join()
-
-    thread = threading.Thread(target=ask)
-    thread.start()
-    thread.join()
-    (allowed, policy), inherited = seen
-
-    assert policy == (os.SCHED_FIFO if allowed else os.SCHED_OTHER)
-    assert inherited == os.SCHED_OTHER
-    assert os.sched_getscheduler(0) == os.SCHED_OTHER
-
-
 def in_a_thread(job):
     """What ``job`` returns; a niceness is a thread's own, so the tests' stays as it is."""
     seen = []
@@ -42,12 +21,22 @@ def in_a_thread(job):
     return seen[0]
 
 
-def niceness():
-    return os.getpriority(os.PRIO_PROCESS, 0)
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="not on this system")
+def test_only_the_thread_that_asks_goes_first_and_what_it_starts_does_not():
+    def ask():
+        allowed = use_realtime_priority()
+        mine = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+        return allowed, mine, in_a_thread(lambda: os.sched_getscheduler(0))
+
+    allowed, policy, inherited = in_a_thread(ask)
+    assert policy == (os.SCHED_FIFO if allowed else os.SCHED_OTHER)
+    assert inherited == os.SCHED_OTHER
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
 def priority():
-    return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, niceness()
+    niceness = os.getpriority(os.PRIO_PROCESS, 0)
+    return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, niceness
 
 
 @pytest.fixture
