@@ -207,16 +207,18 @@ def test_a_lost_machine_is_reported_and_found_again_and_nothing_moves(machine, r
     move_to(rig, RIGHT)
     motion = under_way(rig)
     machine.cut()
-    with pytest.raises(MachineUnavailable, match="check that the machine runs"):
-        motion.result(60.0)
-    until_true(lambda: not rig.connection.is_up)
-    assert rig.arm.state.mode is Mode.FAULT
-    assert "lost" in rig.connection.words(rig.clock.now())
-    with pytest.raises(MachineUnavailable):
-        rig.arm.stop()
-    with pytest.raises(MachineUnavailable):
-        rig.arm.move(JointGoal(q=READY), wait=False).result(60.0)
-    machine.mend()
+    try:
+        with pytest.raises(MachineUnavailable, match="check that the machine runs"):
+            motion.result(60.0)
+        until_true(lambda: not rig.connection.is_up)
+        assert rig.arm.state.mode is Mode.FAULT
+        assert "lost" in rig.connection.words(rig.clock.now())
+        with pytest.raises(MachineUnavailable):
+            rig.arm.stop()
+        with pytest.raises(MachineUnavailable):
+            rig.arm.move(JointGoal(q=READY), wait=False).result(60.0)
+    finally:
+        machine.mend()
     until_true(lambda: rig.connection.is_up)
     assert rig.connection.words(rig.clock.now()) == "connected"
     until_true(lambda: rig.arm.state.mode is Mode.HOLDING)
