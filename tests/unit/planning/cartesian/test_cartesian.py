@@ -51,6 +51,14 @@ def test_the_pitch_gives_way_where_it_must(model, find):
     assert np.ptp(line.waypoints[:, 1:4].sum(axis=1)) > 0.05
 
 
+def test_the_tool_moves_at_one_speed_and_keeps_its_cap(model, lines, find):
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=0.05)
+    motion = timed(lines, find(READY, (0.0, 0.1, 0.0)), limits, 0.01)
+    speed = lines.tool.speeds(motion.q, motion.qd)
+    assert speed.max() < 0.05 * 1.001
+    assert np.ptp(speed[20:-20]) < 1e-4
+
+
 def test_a_line_without_length_is_no_motion(lines, find):
     motion = timed(lines, find(READY, (0.0, 0.0, 0.0)), LIMITS, 0.01)
     assert len(motion) == 1

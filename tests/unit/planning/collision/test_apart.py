@@ -133,7 +133,7 @@ def stop_from(q, qd):
 
 def test_what_is_known_from_the_cycle_before_changes_no_verdict():
     facing, verdicts = Facing(12), []
-    for _ in range(6):
+    for _ in range(12):
         beside, known = Beside(), [facing.near(), facing.near()]
         qd = facing.random.uniform(-1.0, 1.0, (2, 5))
         for _ in range(60):

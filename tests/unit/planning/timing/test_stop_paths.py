@@ -33,12 +33,13 @@ def by_ruckig(now, period):
 @pytest.mark.parametrize("every", [0.02, 0.003, math.inf])
 def test_it_is_ruckigs(every):
     random, paths, counts = np.random.default_rng(7), StopPaths(LIMITS, DT, every), set()
-    for _ in range(300):
+    for _ in range(1000):
         now = drawn(random)
         found = paths.to_rest(now)
         assert found.step <= every
         expected = by_ruckig(now, found.step)
-        assert found.path == pytest.approx(expected.q[[*range(len(found.path) - 1), -1]], abs=1e-9)
+        along = expected.q[[*range(len(found.path) - 1), -1]]
+        assert np.abs(found.path - along).max() <= 1e-9
         assert found.step * (len(found.path) - 1) == pytest.approx(expected.duration, abs=1e-9)
         assert found.least == pytest.approx(found.path.min(axis=0).tolist(), abs=1e-9)
         assert found.largest == pytest.approx(found.path.max(axis=0).tolist(), abs=1e-9)
@@ -47,7 +48,7 @@ def test_it_is_ruckigs(every):
             mine, others = getattr(found.after, name), getattr(expected, name)
             assert mine == pytest.approx(others, abs=1e-6), name
         counts.add(len(found.path))
-    assert len(counts) > 15 or every == math.inf
+    assert len(counts) > 20 or every == math.inf
 
 
 def test_step_by_step_it_ends_at_rest_where_it_was_announced():
