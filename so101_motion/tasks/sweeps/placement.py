@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from so101_motion.common.errors import PlanningError
+from so101_motion.common.errors import PlanningError, WorkerError
 from so101_motion.common.geometry import Array
 from so101_motion.tasks.sweeps.engine import Progress, SweepResult, run_sweep
 from so101_motion.tasks.sweeps.folder import SweepFolder
@@ -182,6 +182,8 @@ class _Search:
         """Screen the first round; ``PlanningError`` if from no base all poses can be reached."""
         self._note_screened(self._sweep)
         first = tuple(self._screened.values())
+        if not first:
+            raise WorkerError(f"no base could be judged: {'; '.join(self._failed.values())}")
         if not any(math.isfinite(each.time) for each in first):
             task = task_from(json.loads(self._sweep.task))
             further = max(each.missed for each in first)
