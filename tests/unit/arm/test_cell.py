@@ -2,11 +2,14 @@
 
 import re
 from concurrent.futures import Future, wait
+from contextlib import ExitStack
+from functools import partial
 
 import numpy as np
 import pytest
-from harness.facing_arms import FAST, T_LEFT_RIGHT, Facing, crossing_task
+from harness.facing_arms import FAST, T_LEFT_RIGHT, Facing, FacingArms, crossing_task, in_time
 
+from benchmarks.bench_crowd import LAYOUTS, Crowd, by_themselves, follow_targets, together
 from so101_motion.arm import cell_member as member_module
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import CellMember
@@ -20,10 +23,22 @@ from so101_motion.common.errors import (
     So101Error,
 )
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.collision.apart import GUARDED, first_meeting
+from so101_motion.control.streamed_trajectory import TimedPoint
+from so101_motion.planning.cell.grasps import grasps_of
+from so101_motion.planning.cell.handover import JawGeometry
+from so101_motion.planning.collision.apart import (
+    GUARDED,
+    PARTING,
+    ROOM,
+    clearance_over_time,
+    first_meeting,
+)
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.motion_builder import DEPARTURE_SPEED
 from so101_motion.planning.timing import online
 from so101_motion.rig.simulated_rig import open_simulated
 
@@ -360,3 +375,312 @@ def test_a_stop_while_arms_are_planned_for_together_leaves_all_where_they_are(pa
             motion.result()
     np.testing.assert_array_equal(pair.left.state.q_ref, starts[0])
     np.testing.assert_array_equal(pair.right.state.q_ref, starts[1])
+
+
+# Four arms, crowded: a share of benchmarks/bench_crowd.py
+
+
+@pytest.fixture
+def crowd(layout):
+    with Crowd(LAYOUTS[layout], seed=11).opened() as crowd:
+        yield crowd
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_four_arms_that_follow_targets_into_the_middle_keep_apart(crowd):
+    ends = follow_targets(crowd, 150)
+    assert crowd.touching == 0
+    assert ends["held by another [arm ticks]"] > 150
+    assert 0.5 * GUARDED < crowd.solids.nearest_hulls < 2.0 * GUARDED
+
+
+@pytest.mark.parametrize("layout", ["ring"])
+def test_four_arms_that_are_sent_together_arrive_together(crowd):
+    assert together(crowd, 1) == {"arrived": 1}
+    assert crowd.touching == 0
+    assert crowd.solids.nearest_hulls > 0.8 * ROOM
+
+
+@pytest.mark.parametrize("layout", ["square"])
+def test_four_arms_that_are_sent_while_the_others_move_arrive_or_are_told_why_not(crowd):
+    ends = by_themselves(crowd, 2)
+    assert crowd.touching == 0
+    assert ends["hangs"] == 0
+    assert ends["arrived"] > 0
+
+
+# Handing over an object
+
+
+STICK = Box(size=[0.02, 0.02, 0.16])
+
+
+class Bench(FacingArms):
+    """The left arm holds a stick at one end."""
+
+    def __init__(self, stack):
+        jaw = JawGeometry(RobotModel.load())
+        held = next(e for e in grasps_of(STICK) if abs(e.T_object_grip.p[2]) > 0.06)
+        T_tool_object = jaw.T_tool_grip(held.thickness) @ held.T_object_grip.inverse
+        self.stick = Attached(name="stick", shape=STICK, T_tool_object=T_tool_object, mass=0.04)
+        super().__init__(stack, scene=Scene(attached=(self.stick,)))
+
+    def held(self, name):
+        return [each.name for each in self.arms[name].scene.attached]
+
+    def clearance(self):
+        """How near the arms are to each other, without what they hold [m]."""
+        courses = [
+            (bodies_of(), Course.resting(each.state.q_ref, each.state.q_jaw))
+            for each in self.arms.values()
+        ]
+        return clearance_over_time(*courses, T_LEFT_RIGHT, np.zeros(1))[0].distance
+
+    def p_stick(self, name):
+        """Where the middle of the stick is in the left arm's base frame [m]."""
+        [held] = self.arms[name].scene.attached
+        return self.cell.members[name].T_cell_base @ (
+            self.arms[name].model.frame(self.arms[name].state.q_ref) @ held.T_tool_object.p
+        )
+
+    def finish(self, motions, until=lambda: False):
+        def look():
+            assert self.clearance() > 0.7 * GUARDED
+
+        self.pass_time([each.future for each in motions.values()], until, look)
+
+
+@pytest.fixture
+def bench():
+    with ExitStack() as stack:
+        yield Bench(stack)
+
+
+def test_a_stick_goes_from_hand_to_hand_with_its_shape_and_weight(bench):
+    plan = bench.cell.plan_handover("left", "right", "stick")
+    motions = bench.cell.start_handover(plan)
+    bench.finish(motions, until=lambda: bench.held("right") == ["stick"])
+    assert bench.held("left") == ["stick"], "both hold it"
+    np.testing.assert_allclose(bench.p_stick("left"), bench.p_stick("right"), atol=1e-6)
+    where = bench.p_stick("right")
+    bench.finish(motions)
+    for motion in motions.values():
+        motion.result()
+    assert bench.held("left") == []
+    [taken] = bench.arms["right"].scene.attached
+    assert (taken.mass, taken.passed_to) == (0.04, "")
+    np.testing.assert_array_equal(taken.shape.size, STICK.size)
+    np.testing.assert_allclose(bench.p_stick("right"), where, atol=1e-6)
+
+    # And back again: nothing is left over from the first time.
+    back = bench.cell.start_handover(bench.cell.plan_handover("right", "left", "stick"))
+    bench.finish(back)
+    for motion in back.values():
+        motion.result()
+    assert (bench.held("left"), bench.held("right")) == (["stick"], [])
+
+
+def test_stopping_one_arm_ends_the_handover_and_the_stick_stays_where_it_is(bench):
+    motions = bench.cell.start_handover(bench.cell.plan_handover("left", "right", "stick"))
+    bench.finish(motions, until=lambda: bench.arms["right"].is_moving)
+    for _ in range(20):
+        bench.clock.advance(0.01)
+    bench.arms["right"].start_stop()
+    bench.finish(motions)
+    for motion in motions.values():
+        with pytest.raises(Interrupted):
+            motion.result()
+    assert (bench.held("left"), bench.held("right")) == (["stick"], [])
+
+
+def test_a_hand_that_closes_on_nothing_takes_nothing(bench):
+    plan = bench.cell.plan_handover("left", "right", "stick")
+    bench.cell.members["right"].gripper.feels = True  # as a real one, and there is no stick
+    motions = bench.cell.start_handover(plan)
+    bench.finish(motions)
+    with pytest.raises(MotionError, match=r"'stick' cannot be passed .* left still holds it"):
+        motions["right"].result()
+    with pytest.raises(Interrupted):
+        motions["left"].result()
+    assert (bench.held("left"), bench.held("right")) == (["stick"], [])
+
+
+def test_an_object_that_was_lost_is_not_passed_on(bench):
+    plan = bench.cell.plan_handover("left", "right", "stick")
+    bench.arms["left"].scene = Scene()
+    with pytest.raises(ConfigError, match=r"'stick' is not in the hand of left"):
+        bench.cell.start_handover(plan)
+
+
+# Followings, jogs and streams
+
+
+def test_followings_with_targets_in_each_other_hold_and_go_on_when_they_can(pair_of, clock):
+    facing = Facing(24)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, *starts)
+    followings = [
+        in_time(clock, partial(arm.follow, limits=FAST, stale_after=None))
+        for arm in (pair.left, pair.right)
+    ]
+    held = set()
+    for k in range(300):
+        for following, q, other in zip(followings, goals, (starts[0], starts[1]), strict=True):
+            following.aim(q if k < 150 else other)
+            held.update(following.held_by)
+        pair.advance()
+    assert any("left's" in each or "right's" in each for each in held)
+    for following in followings:
+        following.close()
+    pair.finish(*followings)
+
+
+@pytest.fixture
+def pair_in_the_way(pair_of):
+    """The right arm reaches to the middle; the left one is turned aside."""
+    left, right = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
+    return pair_of(Facing(0), left, right)
+
+
+def test_a_jog_towards_another_arm_slows_down_before_it_and_slides_along_it_at_a_slant(
+    pair_in_the_way, clock
+):
+    pair = pair_in_the_way
+    jog = in_time(clock, pair.left.jog)
+    begin, nearest = pair.left.T_base("tool").p, np.inf
+    for _ in range(400):
+        jog.twist((0.04, 0.03, 0.0))
+        pair.advance()
+        nearest = min(nearest, pair.gap())
+    assert pair.left.T_base("tool").p[0] > begin[0] + 0.02, "as far as there is room"
+    assert np.abs(pair.left.state.qd_ref).max() < 0.01
+    assert any("right's" in each for each in jog.held_by)
+    along, begin = np.array([0.0275, -0.0119, 0.0]), pair.left.T_base("tool").p  # into it by 10 deg
+    for _ in range(150):
+        jog.twist(along)
+        pair.advance()
+        nearest = min(nearest, pair.gap())
+    assert (pair.left.T_base("tool").p - begin) @ along / np.linalg.norm(along) > 0.01
+    assert 1.1 * GUARDED < nearest < 1.3 * GUARDED
+
+
+def test_an_arm_with_a_following_that_has_no_target_yet_is_seen_where_it_stands(pair_of, clock):
+    before, there = np.radians([[100.0, -90.0, 80.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
+    beside, beyond = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -60.0, 50.0, 60.0, 0.0]])
+    pair = pair_of(Facing(0), before, beside)
+    (left, right), arm = pair.rigs, pair.left
+    further = before + np.array([0.05, 0.0, 0.0, 0.0, 0.0])
+    move = online.point_to_point(before, further, arm.limits, 0.01)
+    in_time(clock, lambda: left.executor.execute(move).result())
+    in_time(clock, partial(arm.set_torque, False))
+    in_time(clock, left.executor.call(lambda driver: driver.push(there)).result)
+    in_time(clock, partial(arm.set_torque, True))
+    in_time(clock, arm.follow)
+
+    crossing = online.point_to_point(beside, beyond, pair.right.limits, 0.01)
+    moving = right.executor.execute(crossing)
+    for _ in range(400):
+        pair.advance()
+    with pytest.raises(MotionError, match="stopped with the wrist close to left's"):
+        moving.result(timeout=0)
+
+
+def test_two_jogs_towards_each_other_hold_and_part_again(pair_of, clock):
+    starts = np.radians([[55.0, -60.0, 60.0, 45.0, 0.0], [-55.0, -60.0, 60.0, 45.0, 0.0]])
+    pair = pair_of(Facing(0), *starts)
+    jogs = [in_time(clock, arm.jog) for arm in (pair.left, pair.right)]
+    held, nearest = set(), np.inf
+    for k in range(500):
+        for jog in jogs:  # first each towards the other's base
+            jog.twist((0.05 if k < 250 else -0.05, 0.0, 0.0))
+            held.update(jog.held_by)
+        pair.clock.advance(0.01)
+        nearest = min(nearest, pair.gap())
+    assert any("left's" in each for each in held)
+    assert any("right's" in each for each in held)
+    assert 0.99 * GUARDED < nearest < 1.5 * GUARDED
+    assert pair.gap() > 2.0 * GUARDED
+
+
+def test_a_stream_into_another_arm_ends_before_it(pair_in_the_way, clock):
+    pair = pair_in_the_way
+    stream = in_time(clock, pair.left.stream)
+    q, share = pair.left.state.q_ref, np.linspace(0.0, 1.0, 301)
+    turn = np.radians(-80.0) * (10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5)
+    stream.push(
+        [
+            TimedPoint(t=0.02 * k, q=q + np.array([each, 0.0, 0.0, 0.0, 0.0]))
+            for k, each in enumerate(turn)
+        ]
+    )
+    pair.finish(stream)
+    with pytest.raises(MotionError, match="right's"):
+        stream.future.result()
+
+
+@pytest.fixture
+def pair_up_close(pair_of, clock):
+    """The left arm followed a target up to the right one, and braked into what must stay free."""
+    starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [80.0, -60.0, 60.0, 40.0, 0.0]])
+    pair = pair_of(Facing(0), *starts)
+    approach = in_time(clock, partial(pair.left.follow, guard=None, limits=FAST, gate=9.0))
+    for _ in range(60):
+        approach.aim(np.radians([0.0, 10.0, 0.0, 0.0, 0.0]))
+        pair.clock.advance(0.01)
+    assert any("right's" in each for each in approach.held_by)
+    assert 0.7 * GUARDED < pair.gap() < GUARDED
+    pair.following = in_time(clock, partial(pair.left.follow, limits=FAST, gate=9.0))
+    return pair
+
+
+def test_an_arm_that_came_up_to_another_backs_out_slowly_and_goes_where_it_is_sent(
+    pair_up_close,
+):
+    pair = pair_up_close
+    begin = pair.gap()
+    motion = pair.left.move(JointGoal(q=np.radians([-60.0, -40.0, 50.0, 40.0, 0.0])), wait=False)
+    while not motion.future.done():
+        pair.clock.advance(0.01)
+        assert pair.gap() > begin - 2.0 * PARTING
+    motion.result()
+    assert motion.plan.report.departure
+    assert np.abs(motion.plan.trajectory.qd[:30]).max() <= DEPARTURE_SPEED
+    assert pair.gap() >= ROOM
+
+
+def test_an_arm_that_came_up_to_another_follows_a_target_away_and_no_nearer(pair_up_close):
+    pair = pair_up_close
+    begin, following = pair.gap(), pair.following
+    for _ in range(3):  # again and again
+        for aim in (pair.left.state.q_ref, np.radians([0.0, 10.0, 0.0, 0.0, 0.0])):
+            for _ in range(8):
+                following.aim(aim)
+                pair.clock.advance(0.01)
+                assert pair.gap() > begin - 2.0 * PARTING
+    for _ in range(40):
+        following.aim(np.radians([-50.0, -30.0, 40.0, 30.0, 0.0]))
+        pair.clock.advance(0.01)
+        assert pair.gap() > begin - 2.0 * PARTING
+    assert pair.gap() > 2.0 * GUARDED
+    assert following.held_by == ()
+
+
+def test_an_arm_that_follows_a_target_into_another_slides_along_it(pair_of, clock):
+    starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [0.0, -60.0, 60.0, 40.0, 0.0]])
+    pair = pair_of(Facing(0), *starts)
+    following = in_time(clock, partial(pair.left.follow, limits=FAST, gate=9.0))
+    wanted, nearest = np.radians([50.0, -10.0, 30.0, 20.0, 40.0]), np.inf
+    for _ in range(300):  # the target of pan is in the right arm, the others need not stop for that
+        following.aim(wanted)
+        pair.clock.advance(0.01)
+        nearest = min(nearest, pair.gap())
+    assert GUARDED < nearest < 1.3 * GUARDED
+    assert any("right's" in each for each in following.held_by)
+    off = np.degrees(wanted - pair.left.state.q_ref)
+    assert off[0] > 40.0
+    assert np.abs(off[1:]).max() < 8.0
+    for _ in range(200):
+        following.aim(np.radians([-50.0, -30.0, 40.0, 30.0, 0.0]))
+        pair.clock.advance(0.01)
+    assert following.held_by == ()
+    assert pair.gap() > 2.0 * GUARDED

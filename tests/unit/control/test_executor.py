@@ -1,10 +1,27 @@
+import subprocess
+import sys
+import threading
+from concurrent.futures import wait
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from harness.retarget import retarget
 
-from so101_motion.common.errors import FollowingError, Interrupted, MotionError
+from so101_motion.common.clock import MonotonicClock
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import (
+    BusError,
+    FollowingError,
+    Interrupted,
+    MotionError,
+    NotHolding,
+)
 from so101_motion.common.modes import Mode
-from so101_motion.control.executor import Channel, Tolerances
+from so101_motion.control.executor import Channel, Executor, Tolerances
+from so101_motion.control.following import Following
+from so101_motion.control.streamed_trajectory import TimedPoint
+from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
@@ -273,3 +290,793 @@ def test_a_listener_that_fails_harms_nobody(sim, caplog):
     sim.clock.advance(0.05)
     assert "a listener failed" in caplog.text
     sim.after(3.0, sim.executor.execute(sim.to_goal(np.full(5, 0.2))))
+
+
+# Manual mode
+
+
+def test_released_joints_can_be_pushed_and_are_held_where_they_are(sim):
+    sim.after(0.0, sim.executor.release())
+    assert sim.state.mode is Mode.LIMP
+    assert not sim.arm.torque
+    sim.arm.push(Q_GOAL, 0.7)
+    sim.clock.advance(0.05)
+    np.testing.assert_array_equal(sim.state.q, Q_GOAL)
+    np.testing.assert_array_equal(sim.state.q_ref, Q_GOAL)
+    sim.after(0.0, sim.executor.hold())
+    assert sim.state.mode is Mode.HOLDING
+    sim.clock.advance(1.0)
+    np.testing.assert_array_equal(sim.state.q, Q_GOAL)
+    np.testing.assert_array_equal(sim.arm.torques[-1][1], Q_GOAL)
+
+
+def looks(sim, seconds):
+    """How often the arm is looked at meanwhile."""
+    times = {sim.state.t}
+    for _ in range(round(seconds / 0.01)):
+        sim.clock.advance(0.01)
+        times.add(sim.state.t)
+    return len(times) - 1
+
+
+def test_a_quiet_arm_is_looked_at_five_times_a_second_until_something_happens(sim):
+    assert looks(sim, 1.0) in (19, 20)
+    sim.clock.advance(1.5)
+    assert looks(sim, 2.0) in (9, 10)
+    sim.after(0.0, sim.executor.release())
+    sim.clock.advance(2.5)
+    assert looks(sim, 2.0) in (9, 10)
+    sim.arm.push(sim.state.q + 0.02)
+    sim.clock.advance(0.2)
+    assert looks(sim, 1.0) in (19, 20)
+
+
+def test_a_quiet_arm_serves_a_request_at_once(sim):
+    sim.clock.advance(5.05)
+    begin = sim.clock.now()
+    future = sim.executor.execute(sim.to_goal(Q_GOAL))
+    sim.clock.advance(0.0)
+    assert sim.state.t == begin
+    assert sim.state.arm_moving
+    stop = sim.executor.stop()
+    sim.clock.advance(1.0)
+    assert future.done()
+    assert stop.done()
+
+
+@pytest.mark.parametrize(
+    ("guided", "says"),
+    [
+        (False, "the arm is limp; let it hold first"),
+        (True, "guided by hand; leave manual mode first"),
+    ],
+)
+def test_limp_and_guided_joints_refuse_to_move(sim, guided, says):
+    sim.after(0.0, sim.executor.guide(Compliance()) if guided else sim.executor.release())
+    for future in (
+        sim.executor.execute(sim.to_goal(Q_GOAL)),
+        retarget(sim.executor, Q_GOAL, sim.limits),
+        sim.stream().future,
+    ):
+        with pytest.raises(NotHolding, match=says):
+            sim.after(0.02, future)
+
+
+def test_a_guided_arm_stays_where_it_is_pushed_and_is_held_there(sim):
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    assert sim.state.mode is Mode.GUIDING
+    assert sim.arm.torque
+    sim.arm.push(Q_GOAL)
+    sim.clock.advance(0.5)
+    np.testing.assert_array_equal(sim.state.q, Q_GOAL)
+    np.testing.assert_array_equal(sim.state.q_ref, Q_GOAL)
+    sim.after(0.0, sim.executor.hold())
+    assert sim.state.mode is Mode.HOLDING
+    with pytest.raises(RuntimeError, match="driven"):
+        sim.arm.push(np.zeros(5))
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    sim.after(0.0, sim.executor.stop())
+    assert sim.state.mode is Mode.HOLDING
+    sim.after(5.0, sim.executor.execute(sim.to_goal(np.zeros(5))))
+
+
+def test_a_limp_arm_is_held_before_it_is_guided_and_can_be_let_go_again(sim):
+    sim.after(0.0, sim.executor.release())
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    assert sim.arm.torque
+    sim.after(0.0, sim.executor.release())
+    assert sim.state.mode is Mode.LIMP
+    assert not sim.arm.torque
+
+
+def test_a_guided_arm_is_looked_at_in_every_tick(sim):
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    before = sim.state.t
+    sim.clock.advance(0.0101)
+    assert sim.state.t == pytest.approx(before + 0.01, abs=1e-3)
+
+
+def test_what_fails_while_it_is_guided_is_a_fault_and_it_yields_no_more(sim):
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    sim.arm.disconnect(ConnectionError("the cable"))
+    sim.clock.advance(0.1)
+    assert sim.state.mode is Mode.FAULT
+    sim.arm.reconnect()
+    sim.after(0.1, sim.executor.hold())
+    assert sim.state.mode is Mode.HOLDING
+    with pytest.raises(RuntimeError, match="driven"):
+        sim.arm.push(Q_GOAL)
+
+
+def test_holding_what_is_held_changes_nothing(sim):
+    sim.after(0.0, sim.executor.hold())
+    move = sim.executor.execute(sim.to_goal(Q_GOAL))
+    sim.after(0.1, sim.executor.hold())
+    assert len(sim.arm.torques) == 1
+    sim.after(5.0, move)
+
+
+# Jobs on the bus
+
+
+def test_a_job_runs_with_the_driver_on_the_io_thread(sim):
+    def job(driver):
+        return driver, threading.current_thread().name
+
+    assert sim.after(0.0, sim.executor.call(job)) == (sim.arm, "so101-io-test")
+
+
+@pytest.mark.parametrize(
+    ("ask", "says"),
+    [
+        (lambda it: it.guide(Compliance()), "guided by hand while the arm is moving; stop it or"),
+        (lambda it: it.release(), "torque cannot go off while the arm is moving"),
+        (lambda it: it.call(lambda driver: driver.read()), "busy with a motion"),
+    ],
+)
+def test_a_moving_arm_is_neither_guided_nor_let_go_and_does_no_jobs(sim, ask, says):
+    move = sim.executor.execute(sim.to_goal(Q_GOAL))
+    with pytest.raises(MotionError, match=says):
+        sim.after(0.1, ask(sim.executor))
+    sim.after(5.0, move)
+
+
+def test_a_failed_job_is_not_a_fault_of_the_arm(sim):
+    def job(driver):
+        raise LookupError("no such register")
+
+    with pytest.raises(LookupError, match="no such register"):
+        sim.after(0.0, sim.executor.call(job))
+    assert sim.state.mode is Mode.HOLDING
+
+
+# Ending
+
+
+def test_closing_stops_smoothly_ends_the_thread_and_releases_the_driver(sim):
+    future = sim.executor.execute(sim.slow_move())
+    sim.clock.advance(5.0)
+    sim.executor.close()
+    assert future.exception(timeout=0).by == "shutdown"
+    assert sim.arm.is_closed
+    assert sim.arm.torque  # it goes on holding
+    qd = np.diff(sim.arm.goals[-30:], axis=0) / sim.dt
+    assert np.max(np.abs(np.diff(qd, axis=0))) / sim.dt <= sim.stop_limits.acceleration[0] * 1.01
+    np.testing.assert_allclose(qd[-1], 0.0, atol=1e-9)
+    sim.executor.close()
+
+
+def test_after_closing_every_request_ends_with_shutdown(sim):
+    sim.executor.close()
+    for request in (
+        sim.executor.execute(sim.to_goal(Q_GOAL)),
+        sim.executor.hold(),
+        sim.executor.call(lambda driver: driver.read()),
+    ):
+        with pytest.raises(Interrupted, match="shutdown"):
+            request.result(timeout=0)
+    assert sim.executor.stop().result(timeout=0) is None
+
+
+def test_closing_what_was_never_started_releases_the_driver(make_sim):
+    sim = make_sim()
+    sim.executor.close()
+    assert sim.arm.is_closed
+
+
+def test_many_threads_may_ask_at_once(sim):
+    futures = []
+
+    def ask():
+        for _ in range(20):
+            futures.append(retarget(sim.executor, Q_GOAL, sim.limits))
+            futures.append(sim.executor.hold())
+            futures.append(sim.executor.stop())
+            _ = sim.state
+
+    threads = [threading.Thread(target=ask) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    sim.clock.advance(20.0)
+    assert not wait(futures, timeout=0).not_done
+    assert sim.state.mode is Mode.HOLDING
+
+
+def test_importing_the_executor_is_cheap():
+    script = (
+        "import sys, so101_motion.control.executor;"
+        "print([m for m in ('pinocchio', 'toppra', 'viam', 'scipy', 'matplotlib')"
+        " if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+# Streams
+
+
+TRAVEL = np.array([0.9, -0.6, 0.7, 0.4, -1.1])
+
+
+def batches(duration=2.0, period=0.02, size=10):
+    """A smooth motion from zero to ``TRAVEL``, ten points a batch."""
+    t = np.arange(round(duration / period) + 1) * period
+    u = t / duration
+    q = (10 * u**3 - 15 * u**4 + 6 * u**5)[:, None] * TRAVEL
+    all_points = [TimedPoint(t=float(at), q=where) for at, where in zip(t, q, strict=True)]
+    return [all_points[k : k + size] for k in range(0, len(all_points), size)]
+
+
+def assert_within_limits(sim, limits):
+    q = sim.arm.goals[1:]
+    for limit, order in (("velocity", 1), ("acceleration", 2), ("jerk", 3)):
+        figure = np.max(np.abs(np.diff(q, order, axis=0))) / sim.dt**order
+        assert figure <= getattr(limits, limit)[0] * 1.02, limit
+
+
+def test_points_arriving_while_the_arm_moves_are_followed_to_the_end(sim):
+    stream = sim.stream()
+    todo = batches()
+    stream.push(todo[0])
+    for batch in todo[1:]:
+        stream.push(batch)  # one batch ahead of what is played
+        sim.clock.advance(0.2)
+        assert sim.state.mode is Mode.MOVING
+    sim.after(2.0, stream.finish())
+    np.testing.assert_allclose(sim.state.q, TRAVEL, atol=1e-4)
+    assert sim.state.mode is Mode.HOLDING
+    assert_within_limits(sim, sim.limits)
+
+
+def test_an_opened_stream_holds_still_until_points_come(sim):
+    stream = sim.stream()
+    sim.clock.advance(1.0)
+    assert sim.state.arm_moving
+    np.testing.assert_array_equal(sim.state.q, np.zeros(5))
+    sim.after(1.0, sim.executor.interrupt(stream.future, "cancelled"))
+    with pytest.raises(Interrupted, match="cancelled"):
+        stream.push(batches()[0])
+
+
+def test_a_stream_that_runs_dry_slows_down_holds_and_says_so(sim):
+    stream = sim.stream()
+    todo = batches()
+    for batch in todo[:5]:
+        stream.push(batch)
+    error = sim.error_after(3.0, stream.future)
+    assert isinstance(error, MotionError)
+    assert "the stream ran dry: its last point was for 0.980 s" in str(error)
+    assert sim.state.mode is Mode.HOLDING
+    assert 0.2 < sim.state.q_ref[0] / TRAVEL[0] < 0.8
+    assert_within_limits(sim, sim.stop_limits)
+    with pytest.raises(MotionError, match="ran dry"):
+        stream.push(todo[5])
+
+
+def test_a_stream_can_be_stopped(sim):
+    stream = sim.stream()
+    for batch in batches():
+        stream.push(batch)
+    sim.clock.advance(1.0)
+    sim.after(2.0, sim.executor.stop())
+    assert stream.future.exception(timeout=0).by == "stop"
+    assert_within_limits(sim, sim.stop_limits)
+
+
+def test_a_stream_can_be_superseded_without_stopping(sim):
+    stream = sim.stream()
+    for batch in batches():
+        stream.push(batch)
+    sim.clock.advance(1.0)
+    sim.after(4.0, retarget(sim.executor, np.zeros(5), sim.limits))
+    assert stream.future.exception(timeout=0).by == "a newer motion"
+    np.testing.assert_allclose(sim.state.q, np.zeros(5), atol=1e-4)
+
+
+def test_a_stream_that_ends_at_speed_comes_to_rest_at_its_last_point(sim):
+    stream = sim.stream()
+    t = np.arange(0.0, 1.01, 0.02)
+    q = (0.5 * np.minimum(t, 0.4) ** 2 / 0.4 + np.maximum(t - 0.4, 0.0))[:, None] * np.ones(5)
+    stream.push([TimedPoint(t=float(at), q=where) for at, where in zip(t, q, strict=True)])
+    sim.after(4.0, stream.finish())
+    np.testing.assert_allclose(sim.state.q, q[-1], atol=1e-4)
+    assert_within_limits(sim, sim.limits)
+
+
+# Faults
+
+
+def unplug(sim):
+    sim.arm.disconnect(BusError("unplugged"))
+    sim.clock.advance(0.1)
+
+
+def start_moving(sim):
+    future = sim.executor.execute(
+        online.point_to_point(sim.state.q_ref, Q_GOAL, sim.limits, sim.dt)
+    )
+    sim.clock.advance(0.4)
+    return future
+
+
+def test_a_driver_that_raises_in_mid_motion_ends_everything_with_its_error(sim):
+    move = start_moving(sim)
+    stopping = sim.executor.stop()
+    sim.clock.advance(0.01)
+    unplugged = BusError("servo 3 does not answer")
+    sim.arm.disconnect(unplugged)
+    assert sim.error_after(0.01, move) is unplugged
+    assert stopping.exception(timeout=0) is unplugged
+    assert sim.state.mode is Mode.FAULT
+    assert sim.state.fault == "servo 3 does not answer"
+    assert not sim.state.arm_moving
+
+
+def test_a_joint_that_fell_silent_while_it_lagged_is_not_sent_back_to_where_it_was(
+    make_sim, taped_arm, clock
+):
+    class SilentArm(taped_arm):
+        """Its first servo is not heard from the hundredth goal on."""
+
+        heard = 0.0
+
+        def read(self):
+            reading = super().read()
+            if len(self.tape) < 100:
+                self.heard = reading.q[0]
+                return reading
+            q = np.array([self.heard, *reading.q[1:]])
+            return replace(reading, q=q, unanswered=frozenset({"shoulder_pan"}))
+
+    sim = make_sim(SilentArm(clock))
+    sim.executor.start()
+    error = sim.error_after(5.0, sim.executor.execute(sim.slow_move(3.0)))
+    assert isinstance(error, FollowingError)
+    steps = np.diff(sim.arm.goals[:, 0])
+    assert steps.min() > -1e-3
+    assert sim.state.mode is Mode.HOLDING
+
+
+def test_a_fault_refuses_motion_and_says_why(sim):
+    sim.arm.disconnect(BusError("servo 3 restarted: check it, then let the arm hold again"))
+    sim.clock.advance(0.1)
+    with pytest.raises(NotHolding, match=r"in a fault: .*check it; clear it, then let .* hold"):
+        sim.after(0.1, retarget(sim.executor, Q_GOAL, sim.limits))
+
+
+def test_holding_again_leads_out_of_a_fault_without_a_jump(sim):
+    start_moving(sim)
+    unplug(sim)
+    assert sim.state.mode is Mode.FAULT
+    with pytest.raises(BusError, match="unplugged"):
+        sim.after(0.0, sim.executor.hold())
+    sim.arm.reconnect()
+    sim.clock.advance(10.0)
+    assert sim.state.mode is Mode.FAULT  # it is the user who says go on
+    assert sim.clock.now() - sim.state.t <= 0.05, "and sees where it is"
+    sim.after(0.0, sim.executor.hold())
+    assert sim.state.mode is Mode.HOLDING
+    assert sim.state.fault is None
+    np.testing.assert_array_equal(sim.state.q_ref, sim.state.q)
+    sim.after(5.0, start_moving(sim))
+
+
+def test_joints_can_be_released_out_of_a_fault(sim):
+    unplug(sim)
+    sim.arm.reconnect()
+    sim.after(0.0, sim.executor.release())
+    assert sim.state.mode is Mode.LIMP
+    assert sim.state.fault is None
+
+
+def test_a_driver_that_fails_to_let_go_is_a_fault(sim):
+    sim.arm.disconnect(BusError("unplugged"))
+    with pytest.raises(BusError, match="unplugged"):
+        sim.after(0.0, sim.executor.release())
+    assert sim.state.mode is Mode.FAULT
+
+
+def test_a_fault_is_logged_once(sim, caplog):
+    unplug(sim)
+    sim.clock.advance(1.0)
+    assert caplog.messages == ["the arm is in a fault: unplugged"]
+
+
+def test_a_driver_that_fails_at_the_start_is_closed_and_the_error_reaches_the_caller(make_sim):
+    sim = make_sim()
+    sim.arm.disconnect(BusError("no servo answers"))
+    with pytest.raises(BusError, match="no servo answers"):
+        sim.executor.start()
+    assert sim.arm.is_closed
+    sim.executor.close()
+
+
+def test_an_arm_in_a_fault_can_be_closed(sim):
+    start_moving(sim)
+    unplug(sim)
+    sim.executor.close()
+    assert sim.arm.is_closed
+
+
+def test_a_listener_for_failures_that_fails_itself_ends_nothing_else(sim):
+    def no_threads(error, recent):
+        raise RuntimeError("can't start new thread")
+
+    sim.executor.on_failure(no_threads)
+    motion = sim.executor.execute(sim.to_goal(Q_GOAL))
+    sim.clock.advance(0.1)
+    sim.arm.disconnect(ConnectionError("the cable"))
+    with pytest.raises(ConnectionError):
+        sim.after(0.1, motion)
+    sim.arm.reconnect()
+    sim.after(0.1, sim.executor.stop())
+    sim.after(0.1, sim.executor.hold())
+    assert sim.state.mode is Mode.HOLDING
+
+
+# Time
+
+
+def test_a_resting_arm_is_looked_at_twenty_times_a_second_and_told_nothing(sim):
+    sim.arm.tape.clear()
+    seen = {sim.state.t}
+    for _ in range(100):
+        sim.clock.advance(0.01)
+        seen.add(sim.state.t)
+    assert len(seen) == 1 + 20
+    assert sim.arm.tape == []
+
+
+@pytest.fixture
+def pausing(make_sim, taped_arm, clock):
+    """Starts an arm that pauses before and after a goal goes out, when so many have [s]."""
+
+    def start(when, after, before=0.0):
+        class Arm(taped_arm):
+            def write(self, *command, **more):
+                count = len(self.tape) + 1
+                if before and when(count):
+                    clock.wait(clock.now() + before, threading.Event())
+                super().write(*command, **more)
+                if after and when(count):
+                    clock.wait(clock.now() + after, threading.Event())
+
+        sim = make_sim(Arm(clock))
+        sim.executor.start()
+        sim.arm.tape.clear()
+        return sim
+
+    return start
+
+
+def hundredth(count):
+    return count == 100
+
+
+def test_late_ticks_are_left_out_and_counted_and_no_two_goals_are_sent_at_once(pausing, clock):
+    sim = pausing(lambda count: count % 10 == 0, 0.023)
+    trajectory = sim.slow_move(3.0)
+    t0 = clock.now()
+    sim.after(5.0, sim.executor.execute(trajectory))
+    gaps = np.diff(sim.arm.times)
+    # after a long exchange two ticks are gone and the third comes 3 ms late, then all is on time
+    np.testing.assert_allclose(np.unique(np.round(gaps, 6)), [0.007, 0.01, 0.023])
+    assert sim.state.late_ticks == np.sum(np.isclose(gaps, 0.023))
+    k = np.round((sim.arm.times - t0) / sim.dt - 0.2).astype(int)
+    np.testing.assert_array_equal(sim.arm.goals, trajectory.q[np.minimum(k, 300)])
+
+
+def test_a_short_pause_is_made_up_for_by_arriving_later(pausing):
+    sim = pausing(hundredth, 0.1)
+    trajectory = sim.slow_move(3.0)
+    sim.after(5.0, sim.executor.execute(trajectory))
+    goals, expected = np.unique(sim.arm.goals, axis=0), np.unique(trajectory.q, axis=0)
+    np.testing.assert_array_equal(goals, expected)  # each setpoint, none twice
+    assert sim.state.late_ticks == 9  # 10 periods, and the tick after them comes
+
+
+def test_after_a_pause_in_which_joints_came_to_rest_they_speed_up_again(pausing):
+    sim = pausing(hundredth, 0.5)
+    trajectory = sim.slow_move(3.0)
+    sim.after(6.0, sim.executor.execute(trajectory))
+
+    times, goals = sim.arm.times, sim.arm.goals
+    gap = int(np.argmax(np.diff(times)))
+    assert times[gap + 1] - times[gap] > 0.49
+    after = goals[gap:]  # the joints stood at the last goal when the pause ended
+    acceleration = np.diff(after, 2, axis=0, prepend=after[:1]) / sim.dt**2
+    assert np.abs(acceleration).max() <= 1.1 * np.abs(trajectory.qdd).max()
+    np.testing.assert_array_equal(after[-1], trajectory.q[-1])
+    assert 3.0 + 0.5 < times[-1] - times[0] < 6.0
+    path = trajectory.at(np.arange(0.0, 3.001, 1e-4))[0]
+    on_path = [np.abs(path - q).max(axis=1).min() for q in after]
+    assert max(on_path) < 2e-4
+
+
+@pytest.mark.parametrize(("before", "after"), [(0.12, 0.0), (0.5, 0.0), (0.06, 0.06), (0.0, 0.11)])
+def test_a_pause_around_a_setpoint_is_no_sudden_stop(pausing, before, after):
+    sim = pausing(lambda count: count == 151, after, before)
+    trajectory = sim.slow_move(3.0)
+    assert np.degrees(trajectory.qd.max()) > 100.0
+    sim.after(6.0, sim.executor.execute(trajectory))
+    np.testing.assert_array_equal(sim.arm.goals[-1], trajectory.q[-1])
+
+
+@pytest.mark.parametrize("pause", [0.15, 0.9])
+def test_a_stop_under_way_in_a_pause_is_over_after_it(pausing, clock, pause):
+    sim = pausing(hundredth, pause)
+    moving = sim.executor.execute(sim.slow_move(3.0))
+    clock.advance(0.97)
+    stopping = sim.executor.stop()
+    sim.after(3.0, stopping)
+    assert moving.exception(timeout=0) is not None
+    times, goals = sim.arm.times, sim.arm.goals
+    gap = int(np.argmax(np.diff(times)))
+    assert times[gap + 1] - times[gap] > pause - 0.01
+    np.testing.assert_allclose(goals[gap:], goals[gap:][:1].repeat(len(goals) - gap, axis=0))
+
+
+def test_a_long_standstill_ends_the_motion_without_a_jump(pausing):
+    sim = pausing(hundredth, 2.0)
+    future = sim.executor.execute(sim.slow_move(3.0))
+    error = sim.error_after(5.0, future)
+    assert isinstance(error, MotionError)
+    assert "no setpoint could be sent for 2.00 s" in str(error)
+    assert np.max(np.abs(np.diff(sim.arm.goals, axis=0))) < 0.03
+    assert sim.state.mode is Mode.HOLDING
+
+
+def test_a_short_move_in_real_time_arrives():
+    clock = MonotonicClock()
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=30.0, jerk=600.0)
+    q_goal = np.full(5, 0.05)
+    with Executor(SimArm(clock), clock, dt=0.01, stop_limits=limits) as executor:
+        trajectory = online.point_to_point(np.zeros(5), q_goal, limits, 0.01)
+        executor.execute(trajectory).result(timeout=30.0)
+        np.testing.assert_allclose(executor.state.q, q_goal, atol=1e-3)
+
+
+def test_joints_that_follow_targets_speed_up_again_after_a_pause(pausing):
+    sim = pausing(hundredth, 0.3)
+    limits = MotionLimits.uniform(velocity=1.0, acceleration=4.0, jerk=80.0)
+    following = sim.executor.play(
+        Following(
+            q_start=np.zeros(5), lower=np.full(5, -3.0), upper=np.full(5, 3.0), limits=limits,
+            stop_limits=limits, dt=sim.dt, each=lambda following: following.aim(np.full(5, 2.0)),
+        )
+    )  # fmt: skip
+    sim.clock.advance(2.0)
+
+    times, goals = sim.arm.times, sim.arm.goals
+    gap = int(np.argmax(np.diff(times)))
+    assert times[gap + 1] - times[gap] > 0.29
+    acceleration = np.diff(goals[gap:], 2, axis=0, prepend=goals[gap : gap + 1]) / sim.dt**2
+    assert 3.0 < np.abs(acceleration).max() < 4.2
+    assert not following.future.done()
+    sim.after(3.0, sim.executor.stop())
+
+
+# Stopping
+
+
+FAR = np.array([1.2, -0.8, 1.0, -0.6, 2.0])
+
+
+def set_off(sim, for_=0.8):
+    future = sim.executor.execute(online.point_to_point(np.zeros(5), FAR, sim.limits, sim.dt))
+    sim.clock.advance(for_)
+    return future
+
+
+def test_the_next_setpoint_after_a_stop_already_slows_down(sim):
+    move = set_off(sim)
+    asked = sim.clock.now()
+    sim.arm.tape.clear()
+    before = sim.state
+    stopped = sim.executor.stop()
+    sim.clock.advance(2 * sim.dt)
+    assert sim.state.mode is Mode.STOPPING
+    speeds = np.diff(np.vstack([before.q_ref, sim.arm.goals]), axis=0) / sim.dt
+    assert sim.arm.times[0] - asked <= 2 * sim.dt
+    assert np.all(np.abs(speeds[0]) < np.abs(before.qd_ref))
+    assert np.all(np.abs(speeds[1]) < np.abs(speeds[0]))
+    sim.after(2.0, stopped)
+    assert move.exception(timeout=0).by == "stop"
+
+
+@pytest.mark.parametrize("for_", [0.05, 0.3, 0.8, 1.3, 1.6])
+def test_stop_keeps_within_speed_acceleration_and_jerk(sim, for_):
+    set_off(sim, for_)
+    sim.after(2.0, sim.executor.stop())
+    q = sim.arm.goals[1:]
+    for limit, order in (("velocity", 1), ("acceleration", 2), ("jerk", 3)):
+        cap = max(getattr(sim.limits, limit)[0], getattr(sim.stop_limits, limit)[0])
+        assert np.max(np.abs(np.diff(q, order, axis=0))) / sim.dt**order <= cap * 1.02
+
+
+def test_stop_stays_on_the_path_that_was_being_followed(sim):
+    set_off(sim)
+    sim.after(2.0, sim.executor.stop())
+    along = sim.state.q_ref @ FAR / (FAR @ FAR)
+    assert 0.0 < along < 1.0
+    np.testing.assert_allclose(
+        sim.arm.goals[1:] @ FAR / (FAR @ FAR) * FAR[:, None],
+        sim.arm.goals[1:].T,
+        atol=1e-6,
+    )
+
+
+def test_a_stop_is_over_when_the_joints_are_at_rest(sim):
+    move = set_off(sim)
+    stopped = sim.executor.stop()
+    while not stopped.done():
+        assert not move.done()
+        sim.clock.advance(sim.dt)
+    assert move.done()
+    assert np.max(np.abs(sim.state.qd)) <= 0.01
+    assert sim.state.mode is Mode.HOLDING
+    held = sim.state.q_ref
+    sim.clock.advance(1.0)
+    np.testing.assert_allclose(sim.state.q, held, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", [Mode.HOLDING, Mode.LIMP])
+def test_stopping_what_does_not_move_is_over_at_once(sim, mode):
+    if mode is Mode.LIMP:
+        sim.after(0.0, sim.executor.release())
+    assert sim.after(0.0, sim.executor.stop()) is None
+    assert sim.state.mode is mode
+
+
+def test_a_second_stop_joins_the_first_and_the_first_reason_counts(sim):
+    move = set_off(sim)
+    first = sim.executor.stop(by="cancelled")
+    sim.clock.advance(0.05)
+    second = sim.executor.stop()
+    sim.clock.advance(2.0)
+    assert first.done()
+    assert second.done()
+    assert move.exception(timeout=0).by == "cancelled"
+
+
+def test_a_motion_asked_for_before_the_stop_never_begins(sim):
+    sim.arm.tape.clear()
+    trajectory = online.point_to_point(np.zeros(5), FAR, sim.limits, sim.dt)
+    entered, leave = threading.Event(), threading.Event()  # the I/O thread is busy meanwhile
+    gate = sim.executor.call(lambda _: entered.set() or leave.wait(60.0))
+    entered.wait(60.0)
+    move = sim.executor.execute(trajectory)
+    stopped = sim.executor.stop()
+    assert move.exception(timeout=0).by == "stop"
+    leave.set()
+    sim.clock.advance(1.0)
+    assert gate.done()
+    assert stopped.done()
+    assert sim.arm.tape == []
+
+
+def test_a_motion_asked_for_after_a_stop_at_rest_begins(sim):
+    sim.executor.stop()
+    move = set_off(sim)
+    sim.after(5.0, move)
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_a_stop_cannot_be_undone_by_a_newer_motion(sim, turns):
+    set_off(sim)
+    stopped = sim.executor.stop()
+    sim.clock.advance(0.03)
+    if turns:
+        newer = retarget(sim.executor, np.zeros(5), sim.limits)
+    else:
+        newer = sim.executor.execute(
+            online.point_to_point(sim.state.q_ref, FAR, sim.limits, sim.dt)
+        )
+    assert isinstance(sim.error_after(0.01, newer), MotionError)
+    sim.after(2.0, stopped)
+
+
+def test_stopping_the_jaw_leaves_the_arm_alone(sim):
+    arm = set_off(sim, 0.1)
+    jaw = retarget(sim.executor, np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
+    sim.clock.advance(0.3)
+    stopped = sim.executor.stop(Channel.JAW)
+    sim.clock.advance(0.02)
+    assert sim.state.mode is Mode.MOVING
+    sim.after(1.0, stopped)
+    assert isinstance(jaw.exception(timeout=0), Interrupted)
+    assert 0.0 < sim.state.q_jaw_ref < 1.0
+    sim.after(5.0, arm)
+
+
+def test_the_jaw_may_set_off_while_the_arm_is_stopping(sim):
+    set_off(sim)
+    stopped = sim.executor.stop(Channel.ARM)
+    sim.clock.advance(0.02)
+    jaw = retarget(sim.executor, np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
+    sim.after(3.0, jaw)
+    assert stopped.done()
+
+
+def test_stopping_everything_waits_for_both(sim):
+    set_off(sim, 0.8)
+    retarget(sim.executor, np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
+    sim.clock.advance(0.3)
+    stopped = sim.executor.stop()
+    while not stopped.done():
+        sim.clock.advance(sim.dt)
+    assert not sim.state.arm_moving
+    assert not sim.state.jaw_moving
+
+
+def test_interrupting_ends_that_motion_and_completes_at_rest(sim):
+    move = set_off(sim)
+    sim.after(2.0, sim.executor.interrupt(move, "cancelled"))
+    assert move.exception(timeout=0).by == "cancelled"
+    assert not sim.state.arm_moving
+
+
+def test_interrupting_a_motion_that_is_over_leaves_its_successor_alone(sim):
+    first = set_off(sim, 5.0)
+    second = retarget(sim.executor, np.zeros(5), sim.limits)
+    sim.clock.advance(0.5)
+    sim.after(0.0, sim.executor.interrupt(first, "cancelled"))
+    sim.after(5.0, second)
+
+
+def test_interrupting_the_motion_that_a_newer_one_has_just_superseded_does_nothing(sim):
+    first = set_off(sim)
+    second = retarget(sim.executor, np.zeros(5), sim.limits)
+    interrupted = sim.executor.interrupt(first, "a newer motion")
+    sim.after(0.01, interrupted)
+    assert first.exception(timeout=0).by == "a newer motion"
+    sim.after(5.0, second)
+
+
+def test_interrupting_a_motion_before_its_first_setpoint_keeps_the_arm_where_it_is(sim):
+    move = sim.executor.execute(online.point_to_point(np.zeros(5), FAR, sim.limits, sim.dt))
+    sim.after(1.0, sim.executor.interrupt(move, "cancelled"))
+    assert move.exception(timeout=0).by == "cancelled"
+    assert np.max(np.abs(sim.state.q)) < 1e-5
+
+
+def test_a_stop_while_settling_ends_the_motion_as_interrupted(sim):
+    move = set_off(sim, 0.0)
+    while sim.state.arm_moving and np.any(sim.state.q_ref != FAR):
+        sim.clock.advance(sim.dt)
+    sim.after(1.0, sim.executor.stop())
+    assert move.exception(timeout=0).by == "stop"
+    np.testing.assert_array_equal(sim.state.q_ref, FAR)
+
+
+def test_the_outcome_is_seen_only_after_the_state_shows_it(sim):
+    seen = []
+    move = set_off(sim)
+    move.add_done_callback(lambda _: seen.append((sim.state.arm_moving, sim.state.mode)))
+    sim.executor.stop()
+    sim.clock.advance(2.0)
+    assert seen == [(False, Mode.HOLDING)]

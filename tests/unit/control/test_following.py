@@ -17,7 +17,8 @@ from so101_motion.control.following import (
     Approach,
     Following,
 )
-from so101_motion.control.joint_group import Channel
+from so101_motion.control.following_check import FollowingCheck, LatestRows
+from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -58,17 +59,20 @@ class Fence:
         return bool(np.all(way[:, 0] <= self.at))
 
 
-def follow(sim, **settings):
-    following = Following(
-        q_start=sim.state.q_ref,
-        lower=LOWER,
-        upper=UPPER,
-        limits=CAPS,
-        stop_limits=sim.executor.stop_limits(Channel.ARM),
-        dt=sim.dt,
-        **settings,
+def made(**settings):
+    return Following(
+        **{"q_start": np.zeros(5), "lower": LOWER, "upper": UPPER, "limits": CAPS, "dt": 0.01}
+        | settings
     )
-    return sim.executor.play(following)
+
+
+def made_for(sim, **settings):
+    stop = sim.executor.stop_limits(Channel.ARM)
+    return made(**{"q_start": sim.state.q_ref, "stop_limits": stop} | settings)
+
+
+def follow(sim, **settings):
+    return sim.executor.play(made_for(sim, **settings))
 
 
 def chase(sim, motion, guard=None):
@@ -168,10 +172,7 @@ def test_an_arm_with_little_room_to_brake_sets_out_gently_and_is_not_held_for_go
     caps = MotionLimits.uniform(velocity=3.0, acceleration=6.0, jerk=500.0)
     stop = MotionLimits.uniform(velocity=3.0, acceleration=6.0, jerk=60.0)
     narrow = Narrow(0.01)
-    following = Following(
-        q_start=np.zeros(5), lower=LOWER, upper=UPPER, limits=caps, stop_limits=stop, dt=0.01,
-        guard=narrow, stale_after=None,
-    )  # fmt: skip
+    following = made(limits=caps, stop_limits=stop, guard=narrow, stale_after=None)
     following.aim([0.5, 0.0, 0.0, 0.0, 0.0])
     at_once = Pursuit(5, 0.01).towards(following.now, [0.5, 0, 0, 0, 0], np.zeros(5), caps)
     stopping = online.stop(at_once.q, at_once.qd, at_once.qdd, stop, 0.01).q
@@ -397,10 +398,7 @@ def test_a_guarded_one_lets_a_planned_motion_come_to_rest_on_its_own_path_first(
     plan = sim.to_goal(np.array([1.0, 0.5, 0.0, 0.0, 0.0]))
     sim.executor.execute(plan)
     sim.clock.advance(0.5)
-    following = Following(
-        q_start=sim.state.q_ref, lower=LOWER, upper=UPPER, limits=CAPS, dt=sim.dt,
-        stop_limits=sim.stop_limits, guard=Fence(2.0), stale_after=None,
-    )  # fmt: skip
+    following = made_for(sim, guard=Fence(2.0), stale_after=None)
     following.aim([0.0, 0.0, 0.5, 0.0, 0.0])
     sim.executor.turn(following)
     begin = len(sim.arm.tape)
@@ -414,10 +412,7 @@ def test_a_guarded_one_lets_a_planned_motion_come_to_rest_on_its_own_path_first(
 
 
 def test_one_that_is_to_end_at_its_target_says_that_it_was_stopped_short(sim):
-    following = Following(
-        q_start=sim.state.q_ref, lower=LOWER, upper=UPPER, limits=CAPS, dt=sim.dt,
-        stop_limits=sim.stop_limits, guard=Fence(0.4), stale_after=None, ends_there=True,
-    )  # fmt: skip
+    following = made_for(sim, guard=Fence(0.4), stale_after=None, ends_there=True)
     following.aim(np.full(5, 0.9))
     error = sim.error_after(4.0, sim.executor.turn(following))
     assert isinstance(error, MotionError)
@@ -446,12 +441,12 @@ def test_the_guard_hears_when_the_servos_may_be_ahead_of_the_setpoint(sim):
     assert not any(guard.ahead[82:])
 
 
-def guarded(sim, **settings):
-    return Following(
-        q_start=np.zeros(5), lower=np.full(5, -3.0), upper=np.full(5, 3.0), limits=CAPS,
-        stop_limits=MotionLimits.uniform(velocity=math.pi, acceleration=6.6, jerk=60.0),
-        dt=sim.dt, guard=Fence(at=2.0), stale_after=None, **settings,
-    )  # fmt: skip
+FAR = {"lower": np.full(5, -3.0), "upper": np.full(5, 3.0), "stale_after": None}
+
+
+def guarded():
+    stop = MotionLimits.uniform(velocity=math.pi, acceleration=6.6, jerk=60.0)
+    return made(**FAR, stop_limits=stop, guard=Fence(at=2.0))
 
 
 def on_its_way(sim, k):
@@ -467,7 +462,7 @@ def on_its_way(sim, k):
 @pytest.mark.parametrize("k", range(5, 90, 5))
 def test_a_planned_motion_is_left_on_its_path_however_hard_it_moved(sim, k):
     planned, now, goal = on_its_way(sim, k)
-    following = guarded(sim)
+    following = guarded()
     following.aim(np.full(5, -0.5))
     following.take_over(now, planned, sim.executor.stop_limits(Channel.ARM))
     while following.keeps_apart is following.is_guarded is False and now.qd.any():
@@ -478,7 +473,7 @@ def test_a_planned_motion_is_left_on_its_path_however_hard_it_moved(sim, k):
 
 def test_a_following_that_was_still_slowing_another_motion_goes_on_from_rest_after_a_pause(sim):
     planned, now, _ = on_its_way(sim, 45)
-    following, brakes = guarded(sim), sim.executor.stop_limits(Channel.ARM)
+    following, brakes = guarded(), sim.executor.stop_limits(Channel.ARM)
     following.aim(np.full(5, -0.5))
     following.take_over(now, planned, brakes)
     now = following.sample(0)
@@ -493,10 +488,7 @@ def test_joints_that_are_told_to_brake_while_they_speed_up_keep_their_speed_cap(
     rng = np.random.default_rng(1)
     caps = MotionLimits.uniform(velocity=1.0, acceleration=6.0, jerk=jerk)
     stop = MotionLimits.uniform(velocity=3.0, acceleration=6.0, jerk=60.0)
-    following = Following(
-        q_start=np.zeros(5), lower=np.full(5, -3.0), upper=np.full(5, 3.0), limits=caps,
-        stop_limits=stop, dt=0.01, stale_after=None,
-    )  # fmt: skip
+    following = made(**FAR, limits=caps, stop_limits=stop)
     q = [following.now.q]
     for k in range(2000):
         if k % 40 == 0:
@@ -508,3 +500,221 @@ def test_joints_that_are_told_to_brake_while_they_speed_up_keep_their_speed_cap(
         q.append(following.sample(k).q)
     speeds = np.abs(np.diff(q, axis=0)) / 0.01
     assert 0.95 < speeds.max() <= 1.0 + 1e-6
+
+
+# Whether joints follow
+
+
+DT = 0.01
+TOLERANCES = Tolerances(
+    following_lag=0.15,
+    contact_distance=np.radians(1.6),
+    pressed_stray=np.radians(0.5),
+)
+
+
+def way(speed, ticks):
+    """Setpoints of a steady speed [deg]."""
+    return speed * DT * np.arange(float(ticks))
+
+
+def met(setpoints, tick):
+    """A joint that follows until it meets something at a tick."""
+    return np.where(np.arange(len(setpoints)) < tick, setpoints, setpoints[tick])
+
+
+IN_PLAY = 0.8  # how far an emulated joint falls behind in its play at 10 deg/s, and a margin [deg]
+
+
+def seen(setpoints, joints, tolerances=TOLERANCES, pressed_from=1000, in_play=IN_PLAY):
+    """At which tick a joint that goes through ``joints`` [deg] is held up; None if never."""
+    check = FollowingCheck(tolerances, DT)
+    check.begin(np.radians(setpoints[:1]))
+    for k, (setpoint, joint) in enumerate(zip(setpoints, joints, strict=True)):
+        check.want(np.radians([setpoint]))
+        if check.held_up(np.radians([joint]), np.radians([in_play * (k < pressed_from)]))[0]:
+            return k
+    return None
+
+
+@pytest.mark.parametrize(
+    ("speed", "ticks", "pressed_from"),
+    [
+        *((speed, 9, 1000) for speed in (25.0, -25.0, 90.0, 180.0)),  # within 90 ms
+        # one that followed slowly, once it stands longer than its play lets it
+        *((10.0, 9, 1000), (-10.0, 9, 1000), (15.0, 6, 1000), (20.0, 5, 1000)),
+        # sooner, if its load stays on one side
+        *((8.0, 8, 0), (-10.0, 6, 0), (15.0, 5, 0), (20.0, 5, 0)),
+    ],
+)
+def test_a_joint_that_meets_something_is_held_up_soon(speed, ticks, pressed_from):
+    setpoints = way(speed, 150)
+    found = seen(setpoints, met(setpoints, 80), pressed_from=pressed_from)
+    assert 80 < found <= 80 + ticks
+
+
+def test_one_whose_load_came_to_that_side_just_now_may_stand_for_its_play():
+    setpoints = way(10.0, 200)
+    crossing = np.maximum(np.minimum(setpoints, setpoints[100]), setpoints - 0.75)
+    assert seen(setpoints, crossing, pressed_from=95) is None
+    assert seen(setpoints, crossing, pressed_from=0) is not None
+
+
+def test_one_that_fell_through_its_play_waits_for_its_motor_though_its_load_was_on_one_side():
+    # As an emulated shoulder_lift did near the place where it balances.
+    setpoints = way(5.0, 200)
+    falls = setpoints.copy()
+    falls[100:103] = setpoints[100] + 0.9
+    falls[103:] = np.maximum(setpoints[100] + 0.6, setpoints[103:] - 0.75)
+    assert seen(setpoints, falls, pressed_from=0) is None
+    assert seen(setpoints, np.minimum(setpoints, setpoints[100]), pressed_from=0) is not None
+
+
+@pytest.mark.parametrize("speed", [5.0, 10.0, 20.0, 30.0])
+@pytest.mark.parametrize("in_play", [0.6, 0.8, 1.0])
+def test_one_whose_load_changes_sides_on_its_way_stands_for_its_play(speed, in_play):
+    setpoints = way(speed, 200)
+    crossing = np.maximum(np.minimum(setpoints, setpoints[100]), setpoints - 0.99 * in_play)
+    assert seen(setpoints, crossing, in_play=in_play) is None
+
+
+def test_one_whose_load_turns_round_while_it_stands_falls_back_on_its_motor():
+    setpoints = way(7.0, 100)
+    crossing = np.maximum(np.minimum(setpoints, setpoints[70]), setpoints - 0.1)
+    crossing[70:81] = setpoints[70]
+    crossing[78:81] = setpoints[70] - np.array(
+        [0.27, 0.0, -0.17]
+    )  # an emulated one, with 1.02 deg of play
+    assert seen(setpoints, crossing) is None
+
+
+def test_one_that_trembles_at_what_it_met_is_held_up():
+    setpoints = way(10.0, 120)
+    joint = met(setpoints, 80)
+    joint[80:90] += [0.0, -0.09, 0.0, 0.09, -0.09, 0.0, 0.09, 0.0, 0.18, 0.18]
+    joint[90:] += 0.26
+    assert 80 < seen(setpoints, joint) <= 80 + 11
+
+
+TURN = np.abs(np.linspace(-30.0, 30.0, 120))
+STOPPING = -np.array([67.4, 68.0, 68.7, 69.2, 69.8, 70.3, 70.8, 71.2, 71.6, 71.9, 72.3, 72.6,
+                      72.8, 73.0, 73.2, 73.4, 73.5, 73.6, 73.7, 73.8, 73.8])  # fmt: skip
+ARRIVING = np.concatenate([np.linspace(-15.0, STOPPING[0], 50), STOPPING])
+SOFT = {"tolerances": Tolerances(following_lag=0.15)}
+
+
+@pytest.mark.parametrize(
+    ("setpoints", "joint", "options"),
+    [
+        (way(10.0, 200), 0.4 * np.floor(way(10.0, 200) / 0.4), {"pressed_from": 0}),
+        (TURN, np.where(np.arange(120) < 60, TURN, np.maximum(TURN - 1.3, 0.0)), {}),
+        (way(50.0, 60), np.minimum(way(50.0, 60) + 4.0, np.maximum(way(50.0, 60), 20.0)), {}),
+        (ARRIVING, np.maximum(ARRIVING - 1.0, -72.9), {}),
+        (way(15.0, 60), way(15.0, 60) - np.linspace(0.0, 1.0, 60) * 1.2, {}),
+        (way(90.0, 100), np.minimum(way(90.0, 100), 40.0), SOFT),
+    ],
+    ids=[
+        "sticks and slips by little",
+        "loses its play at a turn",
+        "ran ahead and waits for its setpoints",
+        "ran ahead and stands where they come to rest, an emulated shoulder from 120 deg/s",
+        "falls back",
+        "shall be stopped by what it meets, and presses",
+    ],
+)
+def test_a_joint_that_has_met_nothing_is_not_held_up(setpoints, joint, options):
+    assert seen(setpoints, joint, **options) is None
+
+
+@pytest.mark.parametrize("lag", [0, 5, 10, 14])
+def test_a_joint_that_lags_by_a_constant_time_is_not_held_up(lag):
+    t = DT * np.arange(400.0)
+    way = 60.0 * np.cos(2.5 * t)  # up to 150 deg/s
+    late = np.concatenate([np.full(lag, way[0]), way[: len(way) - lag]])
+    assert seen(way, late) is None
+
+
+def test_the_latest_rows_are_those_of_a_list_however_many_came():
+    rows, kept = LatestRows(7), []
+    for k in range(100):
+        rows.append(np.array([k, -k], dtype=float))
+        kept = [*kept, [k, -k]][-7:]
+        assert rows.last(7).tolist() == kept
+        assert rows.last(3).tolist() == kept[-3:]
+        assert len(rows) == len(kept)
+    rows.clear()
+    assert len(rows) == len(rows.last(7)) == 0
+    rows.append(np.array([1.0, 2.0]))
+    assert rows.last(7).tolist() == [[1.0, 2.0]]
+
+
+def told_in_silence(missed, ticks, speed=15.0, tolerances=TOLERANCES):
+    """What is said of a joint whose servo is silent for ``ticks`` and may miss its goals."""
+    check, way = FollowingCheck(tolerances, DT), np.radians(speed * DT * np.arange(150.0))
+    check.begin(way[:1])
+    for k, setpoint in enumerate(way):
+        silent = 80 <= k < 80 + ticks
+        behind = min(max(k - 80, 0), ticks) * (way[1] - way[0]) if missed else 0.0
+        check.want(np.array([setpoint]))
+        q = setpoint if silent else setpoint - behind
+        if check.held_up(np.array([q]), np.array([np.radians(IN_PLAY)]), silent=silent)[0]:
+            return check.words(0, held_up=True)
+    return None
+
+
+@pytest.mark.parametrize(
+    ("missed", "ticks", "speed"),
+    [(False, 20, 15.0), (True, 4, 15.0), (True, 4, 45.0), (True, 4, -90.0)],
+)
+def test_joints_that_get_their_goals_in_a_silence_or_miss_a_few_go_on(missed, ticks, speed):
+    assert told_in_silence(missed, ticks, speed) is None
+
+
+@pytest.mark.parametrize("speed", [15.0, 45.0, -90.0])
+def test_joints_that_miss_many_goals_are_told(speed):
+    happened, to_check = told_in_silence(missed=True, ticks=7, speed=speed)
+    assert happened == "missed its goals while no servo answered for 0.07 s, and is"
+    assert "USB cable" in to_check
+
+
+def off_after_late_ticks(joint_speed, gap, since):
+    """How far a joint at 120 deg/s is off that ran on for ``gap`` [s] without setpoints [deg].
+
+    Its setpoints go on for ``since`` [s] then; the joint keeps ``joint_speed`` [deg/s] meanwhile.
+    """
+    check, speed = FollowingCheck(TOLERANCES, DT), np.radians([120.0])
+    check.begin(np.zeros(1))
+    for k in range(50):
+        check.want(k * DT * speed)
+        check.off(k * DT * speed)
+    wanted = 49 * DT * speed
+    check.run_on(wanted, speed, gap)
+    joint = wanted + gap * np.radians([joint_speed])
+    for _ in range(round(since / DT)):
+        wanted, joint = wanted + DT * speed, joint + DT * np.radians([joint_speed])
+        check.want(wanted)
+        off = check.off(joint)
+    return float(np.degrees(off[0])), check.words(0, held_up=False)
+
+
+LATE, BUSY = "was without setpoints for {} s, and is", "how busy the computer is"
+
+
+@pytest.mark.parametrize(
+    ("joint_speed", "gap", "since", "off", "happened"),
+    [
+        (120.0, 0.1, DT, 1.2, LATE.format("0.10")),  # what it has run on since
+        (140.0, 0.1, 0.25, 19.0, LATE.format("0.10")),
+        (120.0, 0.1, 0.5, 12.0, "is"),
+        # longer than servos need to their goals: beyond a tenth of a second, and since
+        (120.0, 0.2, DT, 13.2, LATE.format("0.20")),
+        (0.0, 0.05, 0.25, 12.0, "is"),  # stopped: behind all setpoints of the last 0.15 s
+    ],
+)
+def test_a_joint_that_ran_on_without_setpoints_is_off_if_it_goes_on(
+    joint_speed, gap, since, off, happened
+):
+    found, words = off_after_late_ticks(joint_speed, gap, since)
+    assert found == pytest.approx(off)
+    assert words[0] == happened
+    assert (words[1] == BUSY) == (happened != "is")

@@ -6,16 +6,21 @@ import numpy as np
 import pytest
 
 from so101_motion.common.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
-from so101_motion.common.geometry import SE3
+from so101_motion.common.geometry import SE3, rot_z
+from so101_motion.planning.checkpoint import Abandoned
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, PointCloud, Scene, Sphere
+from so101_motion.planning.goal_configurations import simplified
 from so101_motion.planning.goals import (
     ApproachGoal,
     GoalMetric,
     JointGoal,
+    LeaveContactGoal,
     LineGoal,
     PathGoal,
     PoseGoal,
 )
-from so101_motion.planning.planner import PlanRequest
+from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.verify import limit_report
 
@@ -303,3 +308,192 @@ def test_a_goal_out_of_this_world_is_refused(goal, far):
 def test_a_line_that_would_take_long_to_look_along_is_refused():
     with pytest.raises(ConfigError, match="within 5 m"):
         LineGoal(T_base_tool=SE3.from_translation([30.0, 0.0, 0.1]))
+
+
+# Waypoints that say nothing new
+
+
+LINE = np.linspace(0.0, 1.0, 11)[:, None] * np.array([0.3, -0.2])
+
+
+@pytest.mark.parametrize(
+    ("points", "kept"),
+    [
+        ([[0, 0], [1, 0], [1, 0], [1, 1], [1, 1]], [0, 1, 3]),  # repeated
+        (LINE, [0, 10]),
+        ([[0.0], [1.0], [0.5]], [0, 1, 2]),  # a turn back is a corner
+        (np.zeros((4, 5)), [0, 3]),  # the ends stay
+        ([[0, 0], [1, 0], [1, 1], [1, 1 + 1e-8]], [0, 1, 3]),  # the last exactly
+        ([np.zeros(5), np.full(5, 0.5), np.full(5, 0.5015), np.arange(5)], [0, 1, 3]),
+    ],
+)
+def test_repeated_waypoints_and_those_on_a_line_are_left_out(points, kept):
+    points = np.array(points, dtype=float)
+    np.testing.assert_array_equal(simplified(points), points[kept])
+
+
+# A plan that is given up
+
+
+Q_START = np.radians([60.0, 0.0, 0.0, 0.0, 0.0])
+Q_GOAL = np.radians([-60.0, 0.0, 10.0, 0.0, 0.0])
+
+
+def scene():
+    post = Obstacle(
+        name="post",
+        shape=Box(size=np.array([0.05, 0.05, 0.3])),
+        T_base_obstacle=SE3.from_translation((0.3, 0.0, 0.15)),
+    )
+    points = np.random.default_rng(0).uniform(-0.05, 0.05, (40_000, 3))
+    cloud = Obstacle(
+        name="cloud",
+        shape=PointCloud(points=points, resolution=0.01),
+        T_base_obstacle=SE3.from_translation((0.2, 0.3, 0.05)),
+    )
+    return Scene(obstacles=(post, cloud))
+
+
+class Patience:
+    """A checkpoint that gives up at a certain call."""
+
+    def __init__(self):
+        self.calls, self.last = 0, None
+
+    def __call__(self):
+        self.calls += 1
+        if self.calls == self.last:
+            raise Abandoned
+
+
+@pytest.mark.parametrize("kind", ["joints", "pose", "line", "path"])
+def test_a_plan_that_is_given_up_anywhere_leaves_the_planner_as_it_was(model, kind):
+    goal = {
+        "joints": JointGoal(q=Q_GOAL),
+        "pose": PoseGoal(T_base_tool=model.frame(Q_GOAL)),
+        "line": LineGoal(
+            T_base_tool=SE3(
+                model.frame(Q_START).R, model.frame(Q_START).p + np.array([0.0, 0.02, 0.02])
+            )
+        ),
+        "path": PathGoal(waypoints=np.array([Q_START + 0.1, Q_START - 0.1])),
+    }[kind]
+    request = PlanRequest(q_start=Q_START, goal=goal, limits=LIMITS, scene=scene())
+    patience = Patience()
+    wanted = Planner(model, patience).plan(request)
+    assert patience.calls > 20
+    planner, given_up = Planner(model, patience), 0
+    for last in np.unique(np.geomspace(1, patience.calls, 12).astype(int)).tolist():
+        patience.calls, patience.last = 0, last
+        try:
+            planner.plan(request)  # what has been built for the scene by now is kept
+        except Abandoned:
+            given_up += 1
+    assert given_up > 5
+    patience.last = None
+    made = planner.plan(request)
+    assert np.array_equal(made.trajectory.q, wanted.trajectory.q)
+    assert np.array_equal(made.path, wanted.path)
+
+
+# From above, all over the table
+
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+HOVER, DESCENDED = 0.040, 0.005
+CUBE = 0.020
+JAW_OPEN = 0.5
+
+PLACES = [
+    (radius, azimuth)
+    for radius in (0.11, 0.16, 0.22)
+    for azimuth in np.radians((-80.0, -25.0, 30.0, 85.0))
+]
+YAWS = np.radians((0.0, 50.0, 100.0, 170.0, 230.0, 310.0))
+
+
+def over(model, radius, azimuth, yaw, height):
+    """The jaw's tip, pointing down, so far above the middle of a cube on the table."""
+    x, y = (0.0388353, 0.0) + radius * np.array([np.cos(azimuth), np.sin(azimuth)])
+    return SE3(rot_z(yaw) @ DOWN, (x, y, FLOOR_Z + 0.5 * CUBE + height))
+
+
+def request(q_start, goal):
+    return PlanRequest(q_start=q_start, goal=goal, limits=LIMITS, q_jaw=JAW_OPEN)
+
+
+@pytest.mark.parametrize(("radius", "azimuth"), PLACES)
+def test_from_above_every_place_and_yaw_is_reached_and_left_again(model, planner, radius, azimuth):
+    for yaw in YAWS:
+        goal = ApproachGoal(
+            T_base_tool=over(model, radius, azimuth, yaw, DESCENDED),
+            hover=(0.0, 0.0, HOVER - DESCENDED),
+            frame="jaw_tip",
+        )
+        down = planner.plan(request(np.zeros(5), goal))
+        tip = model.frame(down.q_goal, "jaw_tip")
+        assert tip.p == pytest.approx(goal.T_base_tool.p, abs=1e-4)
+        assert tip.R[:, 2] == pytest.approx([0.0, 0.0, -1.0], abs=0.02)
+        last = np.array([model.frame(q, "jaw_tip").p for q in down.trajectory.q[-20:]])
+        assert np.abs(last[:, :2] - tip.p[:2]).max() < 1e-4  # straight down
+        up = LineGoal(
+            T_base_tool=over(model, radius, azimuth, yaw, HOVER),
+            frame="jaw_tip",
+            metric=GoalMetric.POSITION_AND_APPROACH,
+        )
+        planner.plan(request(down.q_goal, up))
+
+
+def test_an_approach_that_cannot_be_followed_says_why(model, planner):
+    T = over(model, 0.16, 0.0, 0.0, -0.03)
+    with pytest.raises(Exception, match=r"the jaw_tip can follow \d+ of the 40 mm .* the floor"):
+        planner.plan(request(np.zeros(5), ApproachGoal(T_base_tool=T, frame="jaw_tip")))
+
+
+def test_a_place_above_which_nothing_can_hover_is_refused_as_a_goal(model, planner):
+    T = over(model, 0.6, 0.0, 0.0, 0.0)
+    with pytest.raises(Unreachable, match="out of reach"):
+        planner.plan(request(np.zeros(5), ApproachGoal(T_base_tool=T, frame="jaw_tip")))
+
+
+# Leaving contact
+
+
+LOW = np.array([0.3, 1.2, 0.0, 1.2, 0.5])
+"""The gripper is far below the table."""
+
+CALM = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
+
+
+def left(model, q_start, scene=None):
+    request = PlanRequest(
+        q_start=q_start, goal=LeaveContactGoal(), limits=CALM, scene=scene or Scene()
+    )
+    return Planner(model).plan(request)
+
+
+def test_it_rises_and_stops_as_soon_as_it_is_free(model):
+    found = left(model, LOW)
+    collision = CollisionModel(model)
+    heights = [model.frame(q).p[2] for q in found.trajectory.q]
+    assert np.all(np.diff(heights) > -1e-6)
+    assert collision.is_free(found.q_goal)
+    halfway = LOW + 0.5 * (found.q_goal - LOW)
+    assert not collision.is_free(halfway), "it goes no farther than it must"
+
+
+def test_a_free_arm_stays(model):
+    found = left(model, np.zeros(5))
+    assert found.trajectory.duration == 0.0
+
+
+def test_an_arm_that_is_buried_is_told_of_the_hand(model):
+    buried = Obstacle(name="heap", shape=Sphere(radius=0.9), T_base_obstacle=SE3.identity())
+    with pytest.raises(InCollision, match="no straight motion frees it; move the arm by hand"):
+        left(model, np.zeros(5), Scene(obstacles=(buried,)))
+
+
+@pytest.mark.parametrize("farthest", [0.0, -1.0, 2.1, np.nan])
+def test_an_invalid_length_is_refused(farthest):
+    with pytest.raises(ConfigError, match="farthest"):
+        LeaveContactGoal(farthest=farthest)

@@ -3,11 +3,17 @@ import sys
 
 import numpy as np
 import pytest
+import qpsolvers
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import sparse
 
+from benchmarks.bench_servo import as_problem
 from so101_motion.common.geometry import SE3, rotation_angle, rotation_by
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
-from so101_motion.planning.differential.servo import Servo, Step
+from so101_motion.planning.differential.servo import MovingAverage, Servo, Step
+from so101_motion.planning.differential.servo_qp import ROWS, WORTH, ServoQp
 from so101_motion.planning.differential.targets import STILL, Twist
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
@@ -227,3 +233,134 @@ def test_what_is_too_heavy_at_the_start_may_only_get_lighter() -> None:
     assert np.all(shares(pressed) <= np.maximum(begin, 1.001) + 1e-6)
     back = run(servo(heavy, held=HELD), twist(x=-0.06, z=0.02), 200)
     assert shares(back)[-1].max() < 1.0
+
+
+# The moving average that bounds jerk
+
+
+START = np.array([0.1, -0.2, 0.3, 0.4, -0.5])
+seeds = st.integers(min_value=0, max_value=2**32 - 1)
+
+
+def bounded(acceleration: float = 2.0, jerk: float = 20.0) -> MotionLimits:
+    return MotionLimits.uniform(velocity=1.0, acceleration=acceleration, jerk=jerk)
+
+
+def erratic(rng: np.random.Generator, most: float, steps: int) -> np.ndarray:
+    """A reference whose accelerations jump from one extreme to the other."""
+    qdd = most * rng.choice([-1.0, 0.0, 1.0], (steps, 5)).repeat(rng.integers(1, 30), axis=0)
+    return START + np.cumsum(np.cumsum(qdd[:steps], axis=0), axis=0) * DT**2
+
+
+@given(seeds, st.floats(0.5, 10.0), st.floats(0.001, 0.3))
+def test_jerk_is_bounded_whatever_the_reference_does(seed: int, most: float, rise: float) -> None:
+    average = MovingAverage(START, bounded(most, most / rise), DT)
+    reference = erratic(np.random.default_rng(seed), most, 80)
+    q = np.array([START, START, START, *(average.step(each) for each in reference)])
+    assert np.abs(np.diff(q, 3, axis=0)).max() / DT**3 <= most / rise * (1.0 + 1e-6) + 1e-6
+    assert np.abs(np.diff(q, 2, axis=0)).max() / DT**2 <= most * (1.0 + 1e-6) + 1e-9
+    assert np.all(q >= np.minimum(START, reference.min(axis=0)) - 1e-12)
+    assert np.all(q <= np.maximum(START, reference.max(axis=0)) + 1e-12)
+
+
+@given(seeds, st.integers(1, 30))
+def test_it_goes_where_it_said_it_would(seed: int, known: int) -> None:
+    average = MovingAverage(START, bounded(), DT)
+    reference = erratic(np.random.default_rng(seed), 2.0, 40)
+    for each in reference[:-known]:
+        average.step(each)
+    ahead = average.ahead(reference[-known:])
+    waiting = [reference[-1]] * (average.steps - 1)
+    np.testing.assert_allclose(
+        ahead, [average.step(each) for each in (*reference[-known:], *waiting)], atol=1e-12
+    )
+
+
+def test_it_stands_exactly_where_the_reference_stands() -> None:
+    average = MovingAverage(START, bounded(), DT)
+    end = START + 1.0 / 3.0
+    q = [average.step(end) for _ in range(average.steps)]
+    assert not np.array_equal(q[-2], end)
+    assert np.array_equal(q[-1], end)
+    assert np.array_equal(average.ahead(end[None])[0], end)
+
+
+def test_it_is_late_by_half_its_window() -> None:
+    average = MovingAverage(START, bounded(2.0, 20.0), DT)
+    assert average.steps == 20
+    for k in range(100):
+        q = average.step(START + 0.5 * DT * k)
+    assert START + 0.5 * DT * 99 - q == pytest.approx(np.full(5, 0.5 * DT * 9.5))
+
+
+def test_without_a_bound_worth_the_name_it_is_where_the_reference_is() -> None:
+    average = MovingAverage(START, bounded(2.0, 1e6), DT)
+    assert average.steps == 1
+    assert np.array_equal(average.step(2.0 * START), 2.0 * START)
+    assert np.array_equal(average.ahead(2.0 * START[None]), 2.0 * START[None])
+
+
+# Its programs
+
+
+def a_program(rng: np.random.Generator):
+    """Jacobian, wish, bounds that hold zero, rows that zero keeps."""
+    J = np.vstack([0.2 * rng.normal(size=(3, 5)), rng.normal(size=(3, 5))])
+    wish = rng.normal(size=5) * rng.choice([0.01, 0.3, 2.0])
+    lower, upper = -rng.uniform(0.0, 1.0, 5), rng.uniform(0.0, 1.0, 5)
+    rows = rng.integers(0, ROWS + 1)
+    return J, wish, lower, upper, 0.2 * rng.normal(size=(rows, 5)), -rng.uniform(0.0, 0.1, rows)
+
+
+def cost(program, qd: np.ndarray, share: float) -> float:
+    P, q, *_ = as_problem(*program)
+    x = np.append(qd / np.abs(program[1]).max(), share)
+    return float(0.5 * x @ P @ x + q @ x)
+
+
+@pytest.mark.filterwarnings("ignore:The default value of raise_error")  # qpsolvers' call of OSQP
+@pytest.mark.parametrize("seed", range(8))
+def test_it_solves_the_program_as_qpsolvers_does_with_osqp(seed: int) -> None:
+    rng, qp = np.random.default_rng(seed), ServoQp()
+    for _ in range(20):
+        program = a_program(rng)
+        P, q, G, h, lb, ub = as_problem(*program)
+        exact = qpsolvers.solve_qp(
+            sparse.csc_matrix(P),
+            q,
+            sparse.csc_matrix(G) if len(G) else None,
+            h if len(G) else None,
+            lb=lb,
+            ub=ub,
+            solver="osqp",
+            eps_abs=1e-9,
+            eps_rel=1e-9,
+            max_iter=100000,
+        )
+        qd, share = qp.solve(*program)
+        size = np.abs(program[1]).max()
+        assert np.all((qd >= program[2]) & (qd <= program[3]))
+        assert 0.0 <= share <= 1.0
+        assert np.all(program[4] @ qd >= program[5] - 5e-3 * size)
+        assert cost(program, qd, share) == pytest.approx(
+            cost(program, size * exact[:5], exact[5]), abs=1e-2 * WORTH
+        )
+
+
+def test_a_wish_that_fits_is_granted() -> None:
+    J = np.vstack([0.2 * np.eye(3, 5), np.eye(3, 5)])
+    wish = np.array([0.1, 0.2, -0.3, 0.1, 0.0])
+    wide = np.ones(5)
+    qd, share = ServoQp().solve(J, wish, -wide, wide, np.zeros((0, 5)), np.zeros(0))
+    assert qd == pytest.approx(wish, abs=1e-3)
+    assert share == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_joint_that_gives_only_half_slows_all() -> None:
+    J = np.vstack([0.2 * np.eye(3, 5), np.zeros((3, 5))])
+    wish = np.array([0.4, 0.4, 0.4, 0.0, 0.0])
+    upper = np.array([0.2, 1.0, 1.0, 1.0, 1.0])
+    qd, share = ServoQp().solve(J, wish, -np.ones(5), upper, np.zeros((0, 5)), np.zeros(0))
+    assert share == pytest.approx(0.5, abs=0.04)
+    assert qd[1:] == pytest.approx(0.5 * wish[1:], abs=0.02)
+    assert qd[0] <= upper[0]

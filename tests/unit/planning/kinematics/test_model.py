@@ -9,6 +9,7 @@ from so101_description import URDF_PATH
 from so101_motion.arm.joint_caps import JointRange
 from so101_motion.common.errors import ConfigError, OutsideLimits
 from so101_motion.common.geometry import SE3, rotation_angle
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.model import LINKS, RobotModel
 
 
@@ -130,3 +131,40 @@ def test_limits_are_shown_so_that_both_ends_can_be_reached(model):
                 sign = 1.0 if inside == lower[i] else -1.0
                 assert sign * math.radians(float(end)) >= inside - math.radians(1e-4)
                 assert check(math.radians(float(end)) * np.eye(5)[i]) is None
+
+
+# Many at once
+
+
+T_TOOL_PEN = SE3.from_rpy((0.3, -0.2, 0.1), (0.02, -0.03, 0.12))
+
+
+@pytest.fixture(scope="module")
+def penned():
+    return RobotModel.load().with_frame("pen", T_TOOL_PEN)
+
+
+@pytest.fixture(scope="module")
+def q(penned):
+    return np.random.default_rng(0).uniform(penned.lower, penned.upper, (40, 5))
+
+
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip", "pen"])
+def test_many_postures_at_once_are_what_the_model_says_of_each(penned, q, frame):
+    chain = ArmChain(penned, frame)
+    p, J = chain.positions_and_jacobians(q)
+    R = chain.rotations(q)
+    for k, configuration in enumerate(q):
+        T = penned.frame(configuration, frame)
+        assert p[k] == pytest.approx(T.p, abs=1e-14)
+        assert R[k] == pytest.approx(T.R, abs=1e-14)
+        assert J[k] == pytest.approx(penned.frame_jacobian(configuration, frame)[:3], abs=1e-14)
+    assert chain.positions(q) == pytest.approx(p, abs=1e-15)
+
+
+def test_speeds_are_those_of_the_jacobian(penned, q):
+    chain = ArmChain(penned)
+    qd = np.random.default_rng(1).standard_normal(q.shape)
+    _, J = chain.positions_and_jacobians(q)
+    expected = np.linalg.norm(np.einsum("nij,nj->ni", J, qd), axis=1)
+    assert chain.speeds(q, qd) == pytest.approx(expected, abs=1e-14)

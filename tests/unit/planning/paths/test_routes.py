@@ -6,18 +6,28 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from harness.coal_check import CoalJudge
+from harness.facing_arms import T_LEFT_RIGHT, Facing
 from harness.random_scenes import LEFT, POST, RIGHT
 
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, NoPath
+from so101_motion.common.geometry import SE3
 from so101_motion.planning.checkpoint import Abandoned
+from so101_motion.planning.collision.apart import ROOM, placement
+from so101_motion.planning.collision.batch_check import Couple, LineCheck
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE, Box, Obstacle, Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
 from so101_motion.planning.paths import routes
-from so101_motion.planning.paths.compiled_search import Deadline
-from so101_motion.planning.paths.path import PathFinder
+from so101_motion.planning.paths.compiled_search import (
+    CompiledSearch,
+    Deadline,
+    Seeds,
+    Space,
+    compiled_shortened,
+)
+from so101_motion.planning.paths.path import SPACING, PathFinder
 from so101_motion.planning.paths.routes import Routing
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
@@ -131,3 +141,110 @@ def test_a_cap_on_the_tool_and_weak_servos_hold(planner):
 def test_an_effort_out_of_range_is_refused(effort):
     with pytest.raises(ConfigError, match=r"route_effort.*1 to 10000"):
         request(effort)
+
+
+# The compiled search
+
+
+def length(points):
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_path_around_a_post_is_proven_by_coal_and_the_same_at_any_width(model, seed):
+    judge = CoalJudge(model, POST)
+    found = []
+    for lanes in (4, 8):
+        native().library.so101_start(lanes)
+        finder = PathFinder(model, CollisionModel(model, POST), seed=seed)
+        found.append(finder.find(LEFT, [RIGHT], 10.0).waypoints)
+    native().library.so101_start(native().lanes)
+    assert judge.first_blocked(found[0]) is None
+    assert len(found[0]) > 2
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0], other)
+    assert length(found[0]) < 3.6  # the straight line: 1.6
+
+
+def test_of_several_goals_the_one_that_is_reached_is_reported(model):
+    finder = PathFinder(model, CollisionModel(model, POST))
+    goals = [RIGHT, RIGHT + 0.1]
+    found = finder.find(LEFT, goals, 10.0)
+    np.testing.assert_array_equal(found.waypoints[-1], goals[found.goal])
+
+
+def walled_in():
+    """A scene without a way from straight ahead to the right."""
+    turn = np.array([0.75, 0.75 + np.pi])
+    at = np.column_stack((0.039 + 0.32 * np.cos(turn), 0.32 * np.sin(turn), (0.6, 0.6)))
+    walls = tuple(
+        Obstacle(
+            name=f"wall {k}",
+            shape=Box(size=np.array([0.5, 0.01, 1.2])),
+            T_base_obstacle=SE3.from_rpy((0.0, 0.0, turn[k]), at[k]),
+        )
+        for k in range(2)
+    )
+    lid = Obstacle(
+        name="lid",
+        shape=Box(size=np.array([0.3, 0.3, 0.01])),
+        T_base_obstacle=SE3.from_translation((0.039, 0.0, 0.3)),
+    )
+    return Scene(obstacles=(*walls, lid))
+
+
+def test_a_search_that_fails_says_what_was_in_the_way(model):
+    finder = PathFinder(model, CollisionModel(model, walled_in()))
+    with pytest.raises(NoPath, match=r"configurations reached from the start") as caught:
+        finder.find(np.zeros(5), [np.array([-1.5, 0.0, 0.2, 0.9, 0.0])], 0.1)
+    assert "wall 0" in caught.value.blockers
+
+
+def test_a_search_asks_as_often_when_its_trees_are_large(model):
+    asked = 0
+
+    def ask():
+        nonlocal asked
+        asked += 1
+
+    collision = CollisionModel(model, walled_in(), ask)
+    checker = collision.sampled_check(0.0, spacing=SPACING)
+    goal = np.array([-1.5, 0.0, 0.2, 0.9, 0.0])
+    space = Space(lower=model.lower, upper=model.upper, weights=collision.reach)
+    search = CompiledSearch(space, checker, np.zeros(5), [goal], Seeds(0))
+    apart = []
+    for _ in range(2):
+        before = collision.batch.tally()[0], asked
+        assert search.run(Deadline(60.0), most=2_000) is None
+        apart.append((collision.batch.tally()[0] - before[0]) / (asked - before[1]))
+    assert apart[1] < 0.8 * apart[0]  # configurations between two asks; comparing nodes takes long
+
+
+def two_arms(facing, *, spacing=0.01, room=ROOM):
+    arms = [facing.collision.sampled_check(0.3 * k, spacing=spacing).arms[0] for k in range(2)]
+    bodies = [(each.handle, each.levers_pointer) for each in (facing.bodies, facing.bodies)]
+    (a, levers_a), (b, levers_b) = bodies
+    couple = Couple(0, 1, a, b, levers_a, levers_b, tuple(placement(T_LEFT_RIGHT)))
+    return LineCheck(arms, [couple], room)
+
+
+def test_a_path_of_two_arms_is_clear_for_both_and_between_them():
+    facing = Facing(11)
+    team, model, reach = two_arms(facing), facing.model, facing.collision.reach
+    limits = np.tile(model.lower, 2), np.tile(model.upper, 2)
+    space = Space(lower=limits[0], upper=limits[1], weights=np.tile(reach, 2))
+    kept = two_arms(facing, spacing=1.0, room=0.7 * ROOM)  # a proof leaves seven eighths
+    seeds, deadline = Seeds(0), Deadline(60.0)
+    for _ in range(2):
+        start = goal = np.zeros(10)
+        while not team.is_free(start) or not team.is_free(goal) or team.is_clear(start, goal):
+            start, goal = (np.concatenate([facing.near(), facing.near()]) for _ in range(2))
+        found = CompiledSearch(space, team, start, [goal], seeds).run(deadline)
+        points = compiled_shortened(found[0], team, seeds, deadline)
+        for each in (found[0], points):
+            np.testing.assert_array_equal([each[0], each[-1]], [start, goal])
+            for q in each:
+                assert facing.are_apart(q[:5], q[5:], 0.99 * ROOM)
+                assert all(facing.collision.is_free(q[k : k + 5], 0.06 * k) for k in (0, 5))
+            assert all(kept.is_clear(*line) for line in pairwise(each))
+        assert length(points) <= length(found[0])
