@@ -168,6 +168,16 @@ def test_joints_that_have_just_lost_their_power_are_not_held_where_they_once_wer
     assert len(stand.port.sent) == before
 
 
+def test_torque_does_not_come_on_at_a_position_that_no_two_answers_confirm(stand):
+    stand.seed()
+    stand.port.faults.loss = 1.0
+    stand.follow(0.15)
+    stand.port.faults.loss = 0.0
+    with pytest.raises(NoReply, match=r"the position of .* is not clear: no two"):
+        stand.arm.set_torque(True)
+    assert stand.torque() == [0] * 6
+
+
 def test_an_unplugged_port_is_an_error_at_once_and_comes_back_without_a_jump(make_stand):
     stand = make_stand(gravity=heavy)
     stand.connect(gravity=weightless)
