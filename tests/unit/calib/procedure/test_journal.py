@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from harness.calibration_rig import LentArm
+from harness.calibration_rig import LentArm, all_held
 
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
@@ -28,6 +28,7 @@ AFTER = {joint: HeldCalibration.of(entry) for joint, entry in CALIBRATION.items(
 SAVING = Saving(calibration=CALIBRATION, zeros={"elbow_flex": Zero(by="stops", angle=-0.1)})
 OPEN = Journal(before=BEFORE, meanwhile=MEANWHILE)
 DECIDED = Journal(before=BEFORE, meanwhile=MEANWHILE, saving=SAVING, is_decided=True)
+CALLED_OFF = replace(DECIDED, is_decided=False)
 
 
 @pytest.fixture
@@ -41,11 +42,7 @@ def hold(arm, *sides):
         write_held(arm.bus, SERVO_IDS[joint], sides[min(i, len(sides) - 1)][joint])
 
 
-def held(arm):
-    return {joint: arm.held(joint) for joint in JOINTS}
-
-
-@pytest.mark.parametrize("noted", [OPEN, DECIDED, replace(DECIDED, is_decided=False)])
+@pytest.mark.parametrize("noted", [OPEN, DECIDED, CALLED_OFF])
 def test_a_journal_is_read_as_it_was_written(file, noted):
     journal.write(file, noted)
     assert journal.read(file) == noted
@@ -56,12 +53,18 @@ def test_without_a_journal_there_is_nothing_to_do(arm, file):
     assert journal.recover(arm.bus, file) is None
 
 
-@pytest.mark.parametrize("sides", [(BEFORE,), (MEANWHILE, BEFORE), (MEANWHILE,)])
-def test_an_unsaved_calibration_is_rolled_back(arm, file, sides):
+@pytest.mark.parametrize(
+    ("noted", "sides"),
+    [
+        *((OPEN, sides) for sides in [(BEFORE,), (MEANWHILE, BEFORE), (MEANWHILE,)]),
+        *((CALLED_OFF, sides) for sides in [(MEANWHILE,), (AFTER, MEANWHILE), (BEFORE, AFTER)]),
+    ],
+)
+def test_an_unsaved_calibration_is_rolled_back(arm, file, noted, sides):
     hold(arm, *sides)
-    journal.write(file, OPEN)
+    journal.write(file, noted)
     assert "were restored" in journal.recover(arm.bus, file)
-    assert held(arm) == BEFORE
+    assert all_held(arm) == BEFORE
     assert not file.exists()
     assert journal.read(file) is None
 
@@ -73,18 +76,10 @@ def test_an_interrupted_save_is_completed(arm, file, sides):
     hold(arm, *sides)
     journal.write(file, DECIDED)
     assert "complete" in journal.recover(arm.bus, file)
-    assert held(arm) == AFTER
+    assert all_held(arm) == AFTER
     assert store.read(file).calibration == CALIBRATION
     assert store.read(file).zeros["elbow_flex"].angle == pytest.approx(-0.1, abs=1e-5)
     assert journal.read(file) is None
-
-
-@pytest.mark.parametrize("sides", [(MEANWHILE,), (AFTER, MEANWHILE), (BEFORE, AFTER)])
-def test_a_save_that_was_called_off_is_put_back(arm, file, sides):
-    hold(arm, *sides)
-    journal.write(file, replace(DECIDED, is_decided=False))
-    journal.recover(arm.bus, file)
-    assert held(arm) == BEFORE
 
 
 def test_a_servo_caught_between_offset_and_limits_is_known(arm, file):
@@ -92,17 +87,17 @@ def test_a_servo_caught_between_offset_and_limits_is_known(arm, file):
     write_held(arm.bus, 2, HeldCalibration(homing_offset=AFTER["shoulder_lift"].homing_offset))
     journal.write(file, DECIDED)
     journal.recover(arm.bus, file)
-    assert held(arm) == AFTER
+    assert all_held(arm) == AFTER
 
 
 @pytest.mark.parametrize("noted", [OPEN, DECIDED])
 def test_servos_that_were_calibrated_by_other_means_since_are_left_alone(arm, file, noted):
     hold(arm, MEANWHILE)
     write_held(arm.bus, 4, HeldCalibration(homing_offset=7, range_min=800, range_max=3100))
-    before = held(arm)
+    before = all_held(arm)
     journal.write(file, noted)
     assert "by other means" in journal.recover(arm.bus, file)
-    assert held(arm) == before
+    assert all_held(arm) == before
     assert journal.read(file) is None
 
 
@@ -136,7 +131,7 @@ def test_the_next_look_at_the_servos_ends_an_interrupted_calibration(arm, file):
     )
     assert "A calibration was interrupted while it was saved; it is complete now." in found.notes
     assert {joint: setup.calibration for joint, setup in found.setups.items()} == CALIBRATION
-    assert held(arm) == AFTER
+    assert all_held(arm) == AFTER
 
 
 def broken(change):
@@ -172,8 +167,8 @@ HOSTILE = [
 
 @pytest.mark.parametrize("text", HOSTILE)
 def test_a_journal_that_makes_no_sense_is_a_sentence_and_changes_nothing(arm, file, text):
-    before = held(arm)
+    before = all_held(arm)
     journal.path_for(file).write_text(text)
     with pytest.raises(CalibrationError, match=r"arm\.json\.unfinished"):
         journal.recover(arm.bus, file)
-    assert held(arm) == before
+    assert all_held(arm) == before

@@ -104,8 +104,30 @@ def workshops(tmp_path, monkeypatch):
     return make
 
 
-@pytest.mark.parametrize(("has_file", "step"), [(True, 1), (False, 4)])
-def test_dying_anywhere_leaves_the_former_calibration_or_the_new_one(workshops, has_file, step):
+def power_cut(shop):
+    for servo in shop.arm.world.servos:
+        servo.boot()
+    shop.recover()
+
+
+def new_start(shop):
+    session = Session(shop.file)
+    session.start(shop.arm)
+    session.abort()
+
+
+@pytest.mark.parametrize(
+    ("put_right", "has_file", "step"),
+    [
+        (Workshop.recover, True, 1),
+        (Workshop.recover, False, 4),
+        (power_cut, True, 7),
+        (new_start, True, 9),
+    ],
+)
+def test_dying_anywhere_leaves_the_former_calibration_or_the_new_one(
+    workshops, put_right, has_file, step
+):
     whole = workshops(has_file=has_file)
     whole.calibrate()
     new, traces = whole.state(), whole.death.count
@@ -117,7 +139,7 @@ def test_dying_anywhere_leaves_the_former_calibration_or_the_new_one(workshops, 
         assert shop.die(at, shop.calibrate)
         file_said = shop.state()[1]
         assert file_said in (shop.former[1], new[1])  # even before anybody has looked
-        shop.recover()
+        put_right(shop)
         shop.check(shop.former, new)
         became_new.append(shop.state() == new)
     # There is one instant before which nothing has happened and after which all has.
@@ -151,29 +173,3 @@ def test_dying_again_while_that_is_put_right_changes_nothing_about_it(workshops)
             shop.recover()
             shop.check(*((outcome,) if outcome else (shop.former, new)))
             again += 4
-
-
-def test_dying_together_with_the_servos_power_is_no_different(workshops):
-    whole = workshops()
-    whole.calibrate()
-    new = whole.state()
-    for at in range(0, whole.death.count, 7):
-        shop = workshops()
-        shop.die(at, shop.calibrate)
-        for servo in shop.arm.world.servos:
-            servo.boot()
-        shop.recover()
-        shop.check(shop.former, new)
-
-
-def test_a_new_start_puts_right_what_the_last_one_left(workshops):
-    whole = workshops()
-    whole.calibrate()
-    new = whole.state()
-    for at in range(0, whole.death.count, 9):
-        shop = workshops()
-        shop.die(at, shop.calibrate)
-        session = Session(shop.file)
-        session.start(shop.arm)
-        session.abort()
-        shop.check(shop.former, new)

@@ -39,22 +39,19 @@ def line(*corners, step=25):
 # Sweeps
 
 
-def test_a_sweep_across_the_seam_goes_on_below_zero_or_above_4095():
-    assert swept(*line(4000, 4500, 3000)).arc == TravelArc(3000, 1500)
-    assert swept(*line(100, 1500, -300)).arc == TravelArc(-300, 1800)
-
-
-def test_a_single_reading_may_cross_the_seam_in_one_jump():
-    assert swept(*[3900] * 3, *[300] * 3).arc == TravelArc(-196, 496)
-
-
-def test_two_readings_are_no_travel_yet():
-    assert swept(100, 100).arc is None
-    assert swept(100, 100, 100).arc == TravelArc(100, 0)
-
-
-def test_a_whole_turn_and_more_is_a_whole_turn():
-    assert swept(*line(0, 9000)).arc.travel == 4095
+@pytest.mark.parametrize(
+    ("ticks", "arc"),
+    [
+        (line(4000, 4500, 3000), TravelArc(3000, 1500)),
+        (line(100, 1500, -300), TravelArc(-300, 1800)),
+        ([3900] * 3 + [300] * 3, TravelArc(-196, 496)),  # across the seam in one jump
+        ([100] * 2, None),
+        ([100] * 3, TravelArc(100, 0)),
+        (line(0, 9000), TravelArc(1, 4095)),  # a whole turn and more
+    ],
+)
+def test_a_sweep_goes_on_below_zero_and_above_4095(ticks, arc):
+    assert swept(*ticks).arc == arc
 
 
 def test_after_a_pause_the_way_in_between_is_unknown_until_it_is_passed():
@@ -102,26 +99,20 @@ def test_an_offset_of_newer_firmware_has_an_equal_that_every_servo_holds():
     assert representable(-7) == -7
 
 
-def test_a_travel_that_fits_keeps_the_offset_of_the_pose():
-    found = fit(TravelArc(700, 2700), offset=-150, home=2047)
-    assert (found.homing_offset, found.lower, found.upper, found.home) == (-150, 700, 3400, 2047)
-
-
-def test_a_travel_across_the_seam_is_moved_to_the_middle():
-    found = fit(TravelArc(-300, 2700), offset=1000, home=2047)
-    assert (found.homing_offset, found.lower, found.upper, found.home) == (3, 697, 3397, 3044)
-
-
-def test_a_travel_next_to_the_seam_is_moved_as_well():
-    assert fit(TravelArc(10, 2700), offset=0, home=2047).lower == 697
-    assert fit(TravelArc(4095 - 2710, 2700), offset=0, home=2047).lower == 697
-    assert fit(TravelArc(64, 2700), offset=0, home=2047).lower == 64
-
-
-def test_the_widest_travel_still_finds_a_place():
-    found = fit(TravelArc(2000, 4000), offset=0, home=2047)
-    assert 0 <= found.lower < found.upper <= 4095
-    assert found.upper - found.lower == 4000
+@pytest.mark.parametrize(
+    ("lower", "offset", "fitted"),
+    [
+        (700, -150, (-150, 700, 2047)),
+        (64, 0, (0, 64, 2047)),
+        (-300, 1000, (3, 697, 3044)),  # across the seam, or next to it
+        (10, 0, (-687, 697, 2734)),
+        (4095 - 2710, 0, (688, 697, 1359)),
+    ],
+)
+def test_a_travel_keeps_the_offset_of_the_pose_or_is_moved_to_the_middle(lower, offset, fitted):
+    found = fit(TravelArc(lower, 2700), offset=offset, home=2047)
+    assert (found.homing_offset, found.lower, found.home) == fitted
+    assert found.upper == found.lower + 2700
 
 
 def test_a_full_turn_has_its_zero_in_the_middle():
@@ -132,12 +123,12 @@ def test_a_full_turn_has_its_zero_in_the_middle():
 DEG = 4096 / 360
 
 
-def judged(joint, share=1.0, home=MIDDLE, **more):
+def judged(joint, share, **more):
     """What is said of ``share`` of the expected travel, its middle at ``MIDDLE``."""
     expected = round(zero.expected_travel(joint))
     travel = round(share * expected)
     arc = TravelArc(MIDDLE - travel // 2, travel) if travel else None
-    return assess(joint, arc, expected=expected, home=home, **more)
+    return assess(joint, arc, expected=expected, home=MIDDLE, **more)
 
 
 @pytest.mark.parametrize("joint", [joint for joint in JOINTS if joint != "wrist_roll"])
@@ -202,34 +193,25 @@ def test_a_servo_that_counts_down_is_named_before_it_has_moved():
     assert not said.is_usable
 
 
-@pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
-def test_a_roll_that_was_not_swept_counts_as_a_full_turn(share):
-    said = judged("wrist_roll", share)
-    assert (said.verdict, said.is_usable) == (Verdict.FULL_TURN, True)
+ROLL = round(zero.expected_travel("wrist_roll"))
 
 
-def test_a_roll_swept_to_its_stops_keeps_them():
-    assert judged("wrist_roll").verdict is Verdict.COMPLETE
-
-
-def test_a_roll_whose_zero_is_far_off_its_middle_is_asked_about():
-    expected = round(zero.expected_travel("wrist_roll"))
-    said = assess("wrist_roll", TravelArc(100, expected), expected=expected, home=100 + 1000)
-    assert said.is_usable
-    assert "did the gripper open upwards?" in said.sentence
-
-
-def test_a_roll_without_stops_counts_as_a_full_turn():
-    expected = round(zero.expected_travel("wrist_roll"))
-    said = assess("wrist_roll", TravelArc(0, 4095), expected=expected, home=MIDDLE)
-    assert (said.verdict, said.is_usable) == (Verdict.FULL_TURN, True)
-
-
-def test_a_roll_that_went_more_than_half_a_turn_to_one_side_needs_its_stops():
-    expected = round(zero.expected_travel("wrist_roll"))
-    said = assess("wrist_roll", TravelArc(-100, 2200), expected=expected, home=MIDDLE)
-    assert (said.verdict, said.is_usable) == (Verdict.TOO_SHORT, False)
-    assert "more than half a turn" in said.sentence
+@pytest.mark.parametrize(
+    ("arc", "home", "verdict", "is_usable", "words"),
+    [
+        (None, MIDDLE, Verdict.FULL_TURN, True, ""),
+        (TravelArc(MIDDLE - ROLL // 10, ROLL // 5), MIDDLE, Verdict.FULL_TURN, True, ""),
+        (TravelArc(MIDDLE - ROLL // 4, ROLL // 2), MIDDLE, Verdict.FULL_TURN, True, ""),
+        (TravelArc(0, 4095), MIDDLE, Verdict.FULL_TURN, True, ""),
+        (TravelArc(MIDDLE - ROLL // 2, ROLL), MIDDLE, Verdict.COMPLETE, True, ""),
+        (TravelArc(100, ROLL), 1100, Verdict.COMPLETE, True, "did the gripper open upwards?"),
+        (TravelArc(-100, 2200), MIDDLE, Verdict.TOO_SHORT, False, "more than half a turn"),
+    ],
+)
+def test_a_roll_is_a_full_turn_or_has_its_stops(arc, home, verdict, is_usable, words):
+    said = assess("wrist_roll", arc, expected=ROLL, home=home)
+    assert (said.verdict, said.is_usable) == (verdict, is_usable)
+    assert words in said.sentence
 
 
 def test_only_a_travel_that_can_be_stored_can_be_accepted():
@@ -245,17 +227,16 @@ def test_only_a_travel_that_can_be_stored_can_be_accepted():
 
 def test_a_hole_that_may_be_taken_for_the_part_out_of_reach_is_passed_again_first():
     """Or a roll whose readings paused while it moved would get the limits of that pause."""
-    expected = round(zero.expected_travel("wrist_roll"))
-    out_of_reach = 4096 - expected
+    out_of_reach = 4096 - ROLL
     sweep = TravelRecorder()
-    ticks = [MIDDLE] * 3 + [*range(MIDDLE, MIDDLE + expected // 2, 20)]
-    back = [*range(MIDDLE - expected // 2, MIDDLE - expected // 2 + 600, 20)]  # not seen on the way
+    ticks = [MIDDLE] * 3 + [*range(MIDDLE, MIDDLE + ROLL // 2, 20)]
+    back = [*range(MIDDLE - ROLL // 2, MIDDLE - ROLL // 2 + 600, 20)]  # not seen on the way
     for t, tick in enumerate(ticks):
         sweep.feed(0.01 * t, tick % 4096)
     for t, tick in enumerate(back):
         sweep.feed(100.0 + 0.01 * t, tick % 4096)
     assert sweep.arc is not None
-    said = assess("wrist_roll", sweep.arc, expected=expected, home=MIDDLE)
+    said = assess("wrist_roll", sweep.arc, expected=ROLL, home=MIDDLE)
     assert (said.verdict, said.is_usable) == (Verdict.NOT_SEEN, False)
     assert "deg of its way were not seen; move it through all of its way" in said.sentence
     assert not can_be_accepted(said.verdict, sweep.arc.travel)
@@ -264,14 +245,13 @@ def test_a_hole_that_may_be_taken_for_the_part_out_of_reach_is_passed_again_firs
     for t, tick in enumerate(range(back[-1], MIDDLE + 100, 20)):
         sweep.feed(100.3 + 0.01 * t, tick % 4096)
     assert sweep.arc.hole == 0
-    said = assess("wrist_roll", sweep.arc, expected=expected, home=MIDDLE)
+    said = assess("wrist_roll", sweep.arc, expected=ROLL, home=MIDDLE)
     assert said.verdict in (Verdict.COMPLETE, Verdict.ALMOST)
 
 
 def test_a_small_hole_costs_nothing():
-    expected = round(zero.expected_travel("wrist_roll"))
-    arc = TravelArc(MIDDLE - expected // 2, expected, (4096 - expected) // 3)
-    assert assess("wrist_roll", arc, expected=expected, home=MIDDLE).is_usable
+    arc = TravelArc(MIDDLE - ROLL // 2, ROLL, (4096 - ROLL) // 3)
+    assert assess("wrist_roll", arc, expected=ROLL, home=MIDDLE).is_usable
     pan = round(zero.expected_travel("shoulder_pan"))
     arc = TravelArc(MIDDLE - pan // 2, pan, 600)
     assert assess("shoulder_pan", arc, expected=pan, home=MIDDLE).is_usable
