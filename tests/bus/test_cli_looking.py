@@ -92,16 +92,6 @@ def test_a_port_is_listed_with_what_is_on_it(arm):
     assert found["servo_ids"] == [1, 2, 3, 4, 5, 6]
 
 
-def test_a_port_that_is_in_use_or_not_there_says_why(arm):
-    port = SerialPort(arm.port)
-    try:
-        result = run("ports", "--port", arm.port, "--port", "/dev/no-such-port")
-    finally:
-        port.close()
-    assert "in use by" in result.stdout
-    assert "there is no such port" in result.stdout
-
-
 # A configuration
 
 

@@ -116,13 +116,6 @@ def test_an_arm_is_found_with_all_that_can_be_configured(table):
     assert not report.in_use
 
 
-def test_nothing_is_written_to_anybody(table):
-    emulator = table.arm(calibrated=False, ids=dict.fromkeys(range(1, 7), 1), q_start=APART)
-    before = [bytes(servo.memory.bytes[:56]) for servo in emulator.world.servos]
-    table.look()
-    assert [bytes(servo.memory.bytes[:56]) for servo in emulator.world.servos] == before
-
-
 def test_one_port_that_fails_hides_no_other(table):
     table.port("gone", "/dev/ttyACM9")
     table.port("nothing", os.devnull)

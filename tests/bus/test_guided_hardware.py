@@ -4,7 +4,7 @@ from concurrent.futures import wait
 
 import numpy as np
 import pytest
-from harness.emulated_rig import ModelBench, arm_client, hardware_bench
+from harness.emulated_rig import hardware_bench
 
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator.hand import Hand, parse_script
@@ -103,24 +103,3 @@ def test_a_cable_that_comes_out_loses_nothing_of_the_path(bench, rig):
     assert np.degrees(recorder.end().q[-1, 0]) > 20.0
     bench.emulator.plug()
     bench.advance(1.0)
-
-
-async def test_the_component_records_and_replays(tmp_path, monkeypatch, planning_process):
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
-    models = ModelBench(tmp_path)
-    arm = models.new_arm(speed_degs_per_sec=60.0)
-    await models.pass_time(1.0)
-    async with arm_client(arm) as client:
-        await models.in_time(client.do_command({"command": "record_path", "name": "wave"}))
-        lead(models)
-        await models.pass_time(3.4)
-        told = await models.in_time(client.do_command({"command": "end_path"}))
-        assert told["points"] > 50
-        again = await models.in_time(
-            client.do_command({"command": "replay_path", "name": "wave"}), at_most=120.0
-        )
-        assert again["replay_s"] > 1.0
-        status = await client.get_status()
-        assert status["state"] == "holding"
-        assert status["joint_positions_deg"]["shoulder_lift"] == pytest.approx(-40.0, abs=5.0)
-    await models.end()
