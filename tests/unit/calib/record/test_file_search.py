@@ -38,10 +38,6 @@ def found_in(folder):
     return [found for found in file_search.find() if found.path.is_relative_to(folder)]
 
 
-def test_nothing_is_found_where_there_is_nothing(tmp_path):
-    assert found_in(tmp_path) == []
-
-
 @pytest.mark.parametrize(
     ("where", "origin", "role"),
     [
@@ -133,10 +129,3 @@ def test_a_folder_that_may_not_be_read_is_left_out(tmp_path):
         assert found_in(tmp_path) == []
     finally:
         locked.chmod(0o700)
-
-
-def test_a_folder_full_of_files_takes_no_time_to_speak_of(tmp_path):
-    for number in range(300):
-        put(tmp_path / "work" / f"{number:03d}.json", "[]")
-
-    assert found_in(tmp_path) == []

@@ -53,12 +53,6 @@ def test_joints_that_are_null_or_missing_are_missing():
     assert "wrist_flex" not in found
 
 
-def test_a_wrist_that_turns_all_the_way_round_may_say_so():
-    entry = {"id": 5, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
-
-    assert record.parse({"wrist_roll": entry})["wrist_roll"].range_max == 4095
-
-
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -125,15 +119,7 @@ def test_an_offset_of_half_a_turn_becomes_what_a_servo_stores(offset):
 
 
 @pytest.mark.parametrize(
-    "changes",
-    [
-        {"range_min": 10, "range_max": 4090},
-        {"range_max": 800},
-        {"range_max": 4096},
-        {"homing_offset": 2049},
-        {"drive_mode": 2},
-        {"range_min": None},
-    ],
+    "changes", [{"range_max": 800}, {"homing_offset": 2049}, {"drive_mode": 2}, {"range_min": None}]
 )
 def test_one_impossible_joint_does_not_lose_the_others(changes):
     found = record.usable(seed_with(**changes))
@@ -149,10 +135,7 @@ def test_one_impossible_joint_does_not_lose_the_others(changes):
 def test_the_calibration_of_another_arm_is_refused_as_a_whole(changes):
     with pytest.raises(CalibrationError, match="belongs to this arm"):
         record.usable(seed_with(**changes))
-
-
-def test_a_calibration_without_a_possible_joint_is_refused():
-    with pytest.raises(CalibrationError, match="must be an object"):
+    with pytest.raises(CalibrationError, match="must be an object"):  # or without a possible joint
         record.usable({"shoulder_pan": 5, "gripper": {"id": 6}})
 
 
@@ -274,9 +257,9 @@ def test_each_number_stands_beside_what_the_servo_holds():
     )
 
 
-def test_the_tolerance_can_be_chosen():
-    exact = diff(CALIBRATION, {"shoulder_pan": PAN_HELD}, tolerance=0)
-    loose = diff(CALIBRATION, {"shoulder_pan": PAN_HELD}, tolerance=10)
-
-    assert [row.field for row in exact if row.differs] == ["homing_offset", "range_max"]
-    assert not any(row.differs for row in loose)
+@pytest.mark.parametrize(
+    ("tolerance", "differ"), [(0, ["homing_offset", "range_max"]), (1, ["range_max"]), (10, [])]
+)
+def test_the_tolerance_can_be_chosen(tolerance, differ):
+    rows = diff(CALIBRATION, {"shoulder_pan": PAN_HELD}, tolerance=tolerance)
+    assert [row.field for row in rows if row.differs] == differ

@@ -43,14 +43,6 @@ def test_joints_that_were_not_looked_at_keep_their_figures(path):
     assert set(servo_file.read(path).servos) == {"elbow_flex", "wrist_flex"}
 
 
-def test_one_can_go_back_to_the_figures_of_before(path):
-    servo_file.save(path, record({"elbow_flex": ELBOW}))
-    servo_file.save(path, record({"elbow_flex": WRIST}))
-    assert servo_file.before(path).servos["elbow_flex"].torque == 0.9
-    assert servo_file.restore(path).servos["elbow_flex"].torque == 0.9
-    assert servo_file.read(path).servos["elbow_flex"].torque == 0.9
-
-
 def test_restored_figures_follow_what_they_once_followed(path):
     for torque in (0.8, 0.9, 1.0):
         servo_file.save(path, record({"elbow_flex": replace(ELBOW, torque=torque)}))

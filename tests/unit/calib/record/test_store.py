@@ -67,20 +67,16 @@ def test_saving_writes_what_the_published_module_writes_and_nothing_else(file):
     assert os.listdir(file.parent) == ["arm.json"]
 
 
-def test_nulls_of_the_published_module_do_not_come_back(file):
-    put(file, json.dumps({"elbow_flex": ELBOW.to_json(), "shoulder_pan": None}))
-    store.save(file, {"gripper": JAW})
-
-    assert set(json.loads(file.read_text())) == {"elbow_flex", "gripper"}
-
-
-def test_a_joint_that_makes_no_sense_does_not_cost_the_others(file):
-    wrong = {**PAN.to_json(), "range_min": "left"}
-    put(file, json.dumps({"shoulder_pan": wrong, "elbow_flex": ELBOW.to_json()}))
+@pytest.mark.parametrize("pan", [None, {**PAN.to_json(), "range_min": "left"}])
+def test_a_joint_that_makes_no_sense_does_not_cost_the_others(file, pan):
+    """The published module writes null for a joint that was left out."""
+    put(file, json.dumps({"shoulder_pan": pan, "elbow_flex": ELBOW.to_json()}))
     found = store.save(file, {"gripper": JAW})
 
+    assert set(json.loads(file.read_text())) == {"elbow_flex", "gripper"}
     assert set(found.calibration) == {"elbow_flex", "gripper"}
-    assert any("range_min" in note and "kept as a version" in note for note in found.notes)
+    kept = [note for note in found.notes if "range_min" in note and "kept as a version" in note]
+    assert len(kept) == (pan is not None)
 
 
 def test_a_joint_that_makes_no_sense_is_left_out_when_the_file_is_read(file):
@@ -197,6 +193,7 @@ def test_a_writer_that_hangs_is_not_waited_for_for_ever(file, monkeypatch):
 def test_every_state_of_the_file_is_kept_and_can_be_restored(file):
     for offset in range(4):
         store.save(file, {"gripper": JointCalibration(id=6, homing_offset=offset)})
+        store.save(file, {"gripper": JointCalibration(id=6, homing_offset=offset)})  # no new state
     numbers = [version.number for version in store.versions(file)]
     found = store.restore(file, numbers[-1])
 
@@ -219,13 +216,6 @@ def test_restoring_is_replacing_not_merging(file):
     store.save(file, {"gripper": JAW})
 
     assert set(store.restore(file, 1).calibration) == {"elbow_flex"}
-
-
-def test_a_file_that_is_gone_can_be_restored(file):
-    store.save(file, {"elbow_flex": ELBOW})
-    file.unlink()
-
-    assert store.restore(file).calibration == {"elbow_flex": ELBOW}
 
 
 @pytest.mark.parametrize(
@@ -253,13 +243,6 @@ def test_files_of_the_same_name_have_versions_of_their_own(tmp_path):
     store.save(tmp_path / "b" / "arm.json", {"shoulder_pan": PAN})
 
     assert len(store.versions(tmp_path / "a" / "arm.json")) == 1
-
-
-def test_saving_the_same_again_is_no_new_version(file):
-    store.save(file, {"gripper": JAW})
-    store.save(file, {"gripper": JAW})
-
-    assert len(store.versions(file)) == 1
 
 
 # The module's data directory, which viam-server deletes
@@ -292,6 +275,7 @@ def test_a_file_that_a_person_removed_elsewhere_stays_removed(file):
     file.unlink()
     with pytest.raises(CalibrationError, match=r"cannot be read.*calibration restore"):
         store.load(file)
+    assert store.restore(file).calibration == {"gripper": JAW}
 
 
 def test_a_file_that_was_spoiled_points_to_the_versions(module_file):

@@ -38,11 +38,7 @@ def mapped(joint, entry, known):
     return joint_map(joint, entry, offset=0, zero=known)
 
 
-@given(
-    joint=st.sampled_from(SWEPT),
-    middle=st.floats(1500, 2600),
-    drive_mode=st.integers(0, 1),
-)
+@given(joint=st.sampled_from(SWEPT), middle=st.floats(1500, 2600), drive_mode=st.integers(0, 1))
 def test_a_joint_swept_from_stop_to_stop_has_the_model_s_zero(joint, middle, drive_mode):
     entry, middle_deg = recorded(joint, middle=middle, drive_mode=drive_mode)
     known = zero.by_stops(joint, entry)
@@ -54,10 +50,7 @@ def test_a_joint_swept_from_stop_to_stop_has_the_model_s_zero(joint, middle, dri
     assert abs(math.degrees(angle)) < 0.1
 
 
-@given(
-    joint=st.sampled_from(SWEPT),
-    short=st.tuples(st.floats(-1.5, 1.9), st.floats(-1.5, 1.9)),
-)
+@given(joint=st.sampled_from(SWEPT), short=st.tuples(*[st.floats(-1.5, 1.9)] * 2))
 def test_of_what_a_sweep_misses_half_is_in_the_zero(joint, short):
     entry, middle_deg = recorded(joint, short_deg=short)
     known = zero.by_stops(joint, entry)
@@ -115,10 +108,8 @@ def test_the_published_module_s_newer_zero_is_the_homing_tick(drive_mode):
 
     assert map_.to_rad(Ticks(2047)) == pytest.approx(0.0)
     assert ends == pytest.approx(sorted((sign * -103.8, sign * 90.2)), abs=0.05)
-    told = zero.about_homing({"elbow_flex": entry}, {})
-    assert f'"joint_zero": "homing" would add elbow_flex {-6.8 * sign:+.1f} deg' in told.replace(
-        "(", ""
-    )
+    told = zero.about_homing({"elbow_flex": entry}, {}).replace("(", "")
+    assert f'"joint_zero": "homing" would add elbow_flex {-6.8 * sign:+.1f} deg' in told
     assert not zero.about_homing({"elbow_flex": entry}, {"elbow_flex": MIDDLE})
     even = JointCalibration(id=3, range_min=947, range_max=3147)
     assert not zero.about_homing({"elbow_flex": even}, {})
@@ -129,19 +120,18 @@ def test_the_emulated_arm_has_the_stops_that_calibration_knows():
         assert STOPS[joint.name] == pytest.approx((joint.lower, joint.upper))
 
 
-def test_the_model_stays_inside_its_stops():
-    model = RobotModel.load()
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load()
+
+
+def test_the_model_stays_inside_its_stops(model):
     for i, joint in enumerate(ARM_JOINTS):
         assert STOPS[joint][0] <= model.lower[i]
         assert model.upper[i] <= STOPS[joint][1] + 1e-4
 
 
 # In words
-
-
-@pytest.fixture(scope="module")
-def model():
-    return RobotModel.load()
 
 
 def calibrated(zeros):
@@ -223,19 +213,13 @@ def test_a_written_file_reads_back_the_same(file):
     file.write_bytes(zero.zeros_text((BOTH, ZEROS)))
     zeros, notes = zero.read_zeros(file, BOTH)
 
-    assert {joint: zero.by for joint, zero in zeros.items()} == {
-        "elbow_flex": "stops",
-        "shoulder_pan": "pose",
-    }
+    assert (zeros["elbow_flex"].by, zeros["shoulder_pan"].by) == ("stops", "pose")
     assert zeros["elbow_flex"].angle == pytest.approx(-0.1, abs=1e-6)
     assert notes == ()
 
 
-def test_no_file_knows_no_zeros(file):
+def test_no_file_knows_no_zeros_and_nothing_known_is_no_file(file):
     assert zero.read_zeros(file, BOTH) == ({}, ())
-
-
-def test_nothing_known_is_no_file():
     assert zero.zeros_text((BOTH, {})) == b""
 
 
@@ -252,10 +236,8 @@ def test_the_zero_of_another_record_is_not_used_and_that_is_said(file, change):
 
 
 def test_while_saving_the_old_record_and_the_new_each_have_their_own(file):
-    new, new_zeros = (
-        {"elbow_flex": replace(ELBOW, range_min=900)},
-        {"elbow_flex": Zero(by="pose", angle=0.5)},
-    )
+    new = {"elbow_flex": replace(ELBOW, range_min=900)}
+    new_zeros = {"elbow_flex": Zero(by="pose", angle=0.5)}
     file.write_bytes(zero.zeros_text((BOTH, ZEROS), (new, new_zeros)))
 
     assert zero.read_zeros(file, BOTH)[0]["elbow_flex"].by == "stops"
@@ -263,14 +245,15 @@ def test_while_saving_the_old_record_and_the_new_each_have_their_own(file):
 
 
 def test_a_new_zero_for_the_same_numbers_counts(file):
-    file.write_bytes(
-        zero.zeros_text((BOTH, ZEROS), (BOTH, {"elbow_flex": Zero(by="pose", angle=0)}))
-    )
+    new_zeros = {"elbow_flex": Zero(by="pose", angle=0)}
+    file.write_bytes(zero.zeros_text((BOTH, ZEROS), (BOTH, new_zeros)))
 
     assert zero.read_zeros(file, BOTH)[0]["elbow_flex"].by == "pose"
 
 
-FILED = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 3146}
+def elbow(**zero):
+    filed = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 3146}
+    return {"joints": {"elbow_flex": [{**filed, **zero}]}}
 
 
 @pytest.mark.parametrize(
@@ -281,27 +264,15 @@ FILED = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 314
         ({"joints": []}, 'no "joints"'),
         ({"joints": {"elbow_flex": 5}}, "elbow_flex: its zeros must be a list"),
         ({"joints": {"elbow_flex": [5]}}, "elbow_flex: its zeros must be a list"),
+        (elbow(), 'elbow_flex: "by" is stops or pose or middle or homing, not None'),
+        (elbow(by="luck"), "not 'luck'"),
+        (elbow(by="stops"), '"middle_deg": must be a number from -180 to 180'),
+        (elbow(by="stops", middle_deg=math.nan), '"middle_deg" = nan: must be a finite'),
         (
-            {"joints": {"elbow_flex": [FILED]}},
-            'elbow_flex: "by" is stops or pose or middle or homing, not None',
-        ),
-        ({"joints": {"elbow_flex": [{**FILED, "by": "luck"}]}}, "not 'luck'"),
-        (
-            {"joints": {"elbow_flex": [{**FILED, "by": "stops"}]}},
-            '"middle_deg": must be a number from -180 to 180',
-        ),
-        (
-            {"joints": {"elbow_flex": [{**FILED, "by": "stops", "middle_deg": float("nan")}]}},
-            '"middle_deg" = nan: must be a finite',
-        ),
-        (
-            {"joints": {"elbow_flex": [{**FILED, "by": "stops", "middle_deg": 181}]}},
+            elbow(by="stops", middle_deg=181),
             '"middle_deg" = 181: out of range; must be a number from -180 to 180',
         ),
-        (
-            {"joints": {"elbow_flex": [{**FILED, "by": "stops", "middle_deg": 10**400}]}},
-            '"middle_deg" = 1000.*must be a finite number from -180 to 180',
-        ),
+        (elbow(by="stops", middle_deg=10**400), '"middle_deg" = 1000.*finite number from -180'),
     ],
 )
 def test_a_spoiled_file_is_not_used_and_that_is_said(file, content, says):
