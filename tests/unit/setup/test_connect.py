@@ -23,45 +23,28 @@ FIRST, SECOND = candidate("/dev/ttyACM0"), candidate("/dev/ttyACM1")
 BUSY = candidate("/dev/ttyACM2", port_trouble="in use by python3; end that first")
 
 
-def connection(*candidates: Candidate, picked: str | None = None) -> ConnectOperation:
-    model = ConnectOperation(PortsSeen)
-    model.seen, model.picked = PortsSeen(candidates=candidates), picked
-    return model
-
-
-def test_before_the_first_look_nothing_is_chosen_and_that_is_said() -> None:
+@pytest.mark.parametrize(
+    ("candidates", "picked", "chosen", "words"),
+    [
+        ((), None, None, ""),
+        ((FIRST,), None, FIRST, ""),
+        ((BUSY,), None, BUSY, "in use"),  # so that its trouble is reported
+        ((BUSY, FIRST), None, FIRST, ""),
+        ((FIRST, SECOND), None, None, "2 ports"),  # a person chooses
+        ((FIRST, SECOND), SECOND.name, SECOND, ""),
+        ((FIRST, SECOND), "/dev/ttyACM7", None, ""),  # unplugged: not replaced silently
+    ],
+)
+def test_a_port_is_chosen_if_it_is_the_only_usable_one_or_picked(
+    candidates: tuple[Candidate, ...], picked: str | None, chosen: Candidate | None, words: str
+) -> None:
     model = ConnectOperation(PortsSeen)
     assert model.chosen is None
     assert "looking" in model.check.sentence
-
-
-def test_the_only_port_is_taken_even_if_it_cannot_be_used_so_that_its_trouble_is_reported() -> None:
-    assert connection(FIRST).chosen is FIRST
-    assert connection(BUSY).chosen is BUSY
-    assert "in use" in connection(BUSY).check.sentence
-
-
-def test_a_port_that_can_be_used_goes_before_one_that_cannot() -> None:
-    assert connection(BUSY, FIRST).chosen is FIRST
-
-
-def test_among_several_a_person_chooses() -> None:
-    model = connection(FIRST, SECOND)
-    assert model.chosen is None
-    assert "2 ports" in model.check.sentence
-    model.picked = SECOND.name
-    assert model.chosen is SECOND
-    assert model.check.verdict != "fail"
-
-
-def test_a_port_that_was_picked_and_unplugged_is_not_replaced_silently_by_several() -> None:
-    assert connection(FIRST, SECOND, picked="/dev/ttyACM7").chosen is None
-
-
-def test_without_a_port_nothing_is_chosen() -> None:
-    model = connection()
-    assert model.chosen is None
-    assert model.check.verdict == "fail"
+    model.seen, model.picked = PortsSeen(candidates=candidates), picked
+    assert model.chosen is chosen
+    assert words in model.check.sentence
+    assert (model.check.verdict == "fail") is (chosen in (None, BUSY))
 
 
 def test_it_looks_again_every_second_and_shows_what_is_wrong_with_each_port() -> None:
@@ -77,10 +60,7 @@ def test_it_looks_again_every_second_and_shows_what_is_wrong_with_each_port() ->
     view = model.view
     assert [row.mark for row in view.rows] == ["○", "○"]
     assert view.rows[1].text == "an arm. /dev/ttyACM1"
-    assert [offer.title for offer in view.offers[:2]] == [
-        f"Use {SECOND.name}",
-        f"Use {FIRST.name}",
-    ][::-1]
+    assert [offer.title for offer in view.offers[:2]] == [f"Use {p.name}" for p in (FIRST, SECOND)]
     model.ask("use", port=SECOND.name)
     assert [row.mark for row in model.view.rows[:2]] == ["○", "●"]
     with pytest.raises(ConfigError):

@@ -42,15 +42,6 @@ def test_an_arm_with_a_name_has_a_file_of_that_name_and_never_another_arms(data,
             port_selection.calibration_file(bare, name)
 
 
-def test_a_whole_arm_gets_the_published_names_and_models():
-    suggestions = report().suggestions
-    assert [(one.name, one.api, one.model) for one in suggestions] == [
-        ("so101-arm-58CD", "rdk:component:arm", "devrel:so101:arm"),
-        ("so101-gripper-58CD", "rdk:component:gripper", "devrel:so101:gripper"),
-        ("so101-calibration-58CD", "rdk:component:sensor", "devrel:so101:calibration"),
-    ]
-
-
 def test_without_a_file_the_arm_asks_its_servos_and_the_sensor_gets_a_file_of_its_own():
     found = by_model(report())
     assert found["arm"].attributes == {"port": PORT.name}
@@ -87,7 +78,7 @@ def test_no_gripper_without_its_servo_and_no_arm_without_all_of_its():
     assert PortReport(port=PORT, sentence="nobody").suggestions == ()
 
 
-def test_what_is_suggested_is_accepted(data):
+def test_what_is_suggested_of_a_leader_at_another_rate_is_accepted(data):
     found = by_model(report(role="leader", baudrate=500_000, calibration=data / "a.json"))
     HardwareArmConfig.from_attributes(found["arm"].attributes)
     HardwareGripperConfig.from_attributes(found["gripper"].attributes)

@@ -49,12 +49,6 @@ def test_a_finished_arm_is_seen_without_being_written_to():
     assert all(packet[4] in (1, 2, 0x82) for _, packet in bus.wire.sent)
 
 
-def test_a_silent_bus_shows_no_servo():
-    seen = seen_on(LentBus({}))
-    assert seen.is_empty
-    assert not seen.has_arm
-
-
 def test_an_arm_needs_five_servos_of_its_kind():
     bus = LentBus({1: 1, 2: 2, 3: 3, 5: 5, 6: 6})
     assert not seen_on(bus).has_arm
@@ -68,22 +62,11 @@ def test_an_arm_needs_five_servos_of_its_kind():
     assert seen_on(bus).servos[3].model == "model 4711"
 
 
-def test_new_servos_that_share_an_id_are_seen_as_such():
-    seen = seen_on(LentBus(dict.fromkeys(range(1, 7), 1), calibrated=False))
-    assert seen.shared == (1,)
-    assert not seen.is_empty
-    assert not seen.has_arm
-
-
 def test_wheels_beside_an_arm_are_strangers():
     seen = seen_on(LentBus({1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 9}))
     assert seen.has_arm
     assert not seen.has_gripper
     assert seen.unexpected_ids == (9,)
-
-
-def test_a_servo_as_new_is_not_calibrated():
-    assert not seen_on(LentBus(calibrated=False)).servos[1].is_calibrated
 
 
 def test_a_servo_that_is_not_there_or_not_alone_cannot_be_read():
@@ -150,12 +133,6 @@ def test_lerobots_own_file_decides(kept_for):
 def test_a_file_that_does_not_fit_decides_nothing():
     bus = low_voltage()
     assert role(seen_on(bus), [file_of(bus, role="leader", gripper=-50)])[0] == "unknown"
-
-
-def test_twelve_volts_make_a_follower():
-    found, because = role(seen_on(LentBus()))
-    assert found == "follower"
-    assert "12 V" in because
 
 
 def test_what_lerobot_stores_in_a_follower_makes_a_follower():
