@@ -1,18 +1,24 @@
 """The guided verbs on a terminal, with an emulated arm in the other hand."""
 
 import json
+import signal
 import threading
+import time
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from harness.terminal_user import Typist
 
+from so101_motion.calib.procedure import journal
 from so101_motion.calib.record import store
 from so101_motion.cli.verbs import main
+from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import parse_fault
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
 
 
 @pytest.fixture(autouse=True)
@@ -109,6 +115,36 @@ def test_ctrl_c_puts_everything_back_and_says_how_the_arm_is(arm, tmp_path):
         assert person.code() == 130
     assert eeprom(arm) == before
     assert list(tmp_path.glob("x.json*")) == []
+
+
+@pytest.mark.parametrize("at", ["recording", "saving"])
+def test_a_calibration_that_is_killed_is_put_back_or_completed_by_the_next_start(arm, tmp_path, at):
+    def stored():
+        return [servo.memory.flash for servo in arm.world.servos]
+
+    file, before = tmp_path / "mine.json", stored()
+    with Typist("calibrate", "--port", arm.port, "--file", str(file)) as person:
+        until_recording(person) if at == "recording" else until_asked_to_save(person, arm)
+        homed, until = stored(), time.monotonic() + 20.0
+        assert homed != before
+        if at == "saving":
+            person.presses("\n")
+            while stored()[0] == homed[0]:  # then five servos are left, and the file
+                assert time.monotonic() < until, "nothing is saved"
+        person.command.kill()
+        assert person.code() == -signal.SIGKILL
+    settings = ServoSettings(port=arm.port, timeout=0.0, calibration_file=file)
+    with open_hardware(settings.with_arm(SERVO_IDS), reply_timeout=0.2) as rig:
+        in_use = rig.servos.calibration
+    assert not journal.path_for(file).exists()
+    if at != "saving":
+        assert (stored(), file.exists()) == (before, False)
+        return
+    assert store.read(file).calibration == in_use
+    for servo in arm.world.servos:
+        entry = in_use[servo.joint.name]
+        rows = [servo.memory.raw(row) for row in (reg.OFFSET, reg.MIN_POSITION, reg.MAX_POSITION)]
+        assert rows == [reg.encode_offset(entry.homing_offset), entry.range_min, entry.range_max]
 
 
 def test_quitting_before_the_start_changes_nothing(arm):
