@@ -1,8 +1,9 @@
-"""A lent bus for calibrations and motor setup, without a port or on one that measures real time.
+"""A lent bus for calibrations and motor setup, without a port.
 
-Without a port the emulated servos answer inside the call that asks, at any rate.
+The emulated servos answer inside the call that asks, at any rate.
 """
 
+import time
 from contextlib import nullcontext
 
 import pytest
@@ -23,13 +24,16 @@ APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
 
 
 class WirePort(DirectPort):
-    """Keeps every packet, with the rate it was sent at."""
+    """Keeps every packet with the rate it was sent at; adds up what is waited in vain [s]."""
 
     name = "/dev/wired"
 
     def __init__(self, bus, now, baud):
-        super().__init__(bus, now)
-        self.sent, self.baud = [], baud
+        super().__init__(bus, now, self._wait_in_vain)
+        self.sent, self.baud, self.silence = [], baud, 0.0
+
+    def _wait_in_vain(self, until):
+        self.silence += max(0.0, until - time.monotonic())
 
     def passed(self, request, replies):
         self.sent.append((self.baud, bytes(request)))
@@ -49,7 +53,7 @@ class LentBus:
 
     kind_of_port = WirePort
 
-    def __init__(self, loose=None, *, baud=1_000_000, **options):
+    def __init__(self, loose=None, *, baud=1_000_000, reply_timeout=0.0, **options):
         self.clock = ManualClock()
         options.setdefault("q_start", APART)
         if loose is not None:
@@ -59,11 +63,16 @@ class LentBus:
         self.wire = self.kind_of_port(EmulatedBus(self.world, self.faults), self.clock.now, baud)
         self.rates = []
         self.before = lambda: None
-        self.bus = Bus(self.wire, reply_timeout=0.0)
+        self.bus = Bus(self.wire, reply_timeout=reply_timeout)
 
     @property
     def port(self):
         return self.wire.name
+
+    @property
+    def waited(self):
+        """How long was waited, in vain or on purpose [s]."""
+        return self.wire.silence + self.clock.now()
 
     def lent(self):
         return nullcontext(self)

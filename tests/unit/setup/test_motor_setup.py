@@ -13,6 +13,7 @@ from so101_motion.common.errors import (
     PortUnavailable,
 )
 from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
 from so101_motion.drivers.servo_types import STS3215_7V4
 from so101_motion.setup.motor_operation import MotorOperation
 
@@ -154,8 +155,15 @@ def test_voltage_limits_are_never_touched():
 # What may be wrong, each in its own words
 
 
-def test_nobody_there_means_power_or_cable():
-    bus = LentBus({}, calibrated=False)
+@pytest.mark.parametrize(("baud", "longest"), [(1_000_000, 1.0), (76_800, 3.0)])
+def test_a_servo_is_found_soon_at_the_rates_looked_at_first_and_last(baud, longest):
+    bus, setup = loose(1, baud, reply_timeout=REPLY_TIMEOUT)
+    assert setup.discover("gripper")["found_baudrate"] == baud
+    assert bus.waited < longest
+
+
+def test_nobody_there_means_power_or_cable_and_is_told_within_three_seconds():
+    bus = LentBus({}, calibrated=False, reply_timeout=REPLY_TIMEOUT)
     setup = MotorOperation(bus.lent)
     error = refused(lambda: setup.discover("gripper"), "no servo", "power supply", "3-pin cable")
     motor = setup.state.motors["gripper"]
@@ -163,6 +171,7 @@ def test_nobody_there_means_power_or_cable():
     assert setup.state.next_step == motor.fix
     assert "then discover gripper again" in motor.fix
     assert set(bus.rates) | {1_000_000} == set(reg.BAUDS), "all rates were tried"
+    assert 0.5 < bus.waited < 3.0
 
 
 @pytest.mark.parametrize(
