@@ -5,28 +5,20 @@ One browser, one arm and one page serve a module; before each test the arm is br
 
 import os
 import shutil
-import subprocess
-import sys
 import threading
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
-from harness.browser_user import FEW_PICTURES, HOME, READY, Guest
+from harness.browser_user import FEW_PICTURES, HOME, LAPTOP, READY, Guest, move_to
 from playwright.sync_api import sync_playwright
 from so101_viewer import serve
 
-from so101_motion.common.errors import MotionError
 from so101_motion.common.units import to_mm, to_rad
-from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = ("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking")
-LAPTOP, PHONE = (1280, 720), (400, 800)
-
-ASIDE = np.radians([100.0, 0.0, 0.0, 0.0, 0.0])
 
 LONGEST = 400.0
 """How long a test may take where it does not say so itself [s]: a busy machine draws slowly."""
@@ -34,51 +26,12 @@ LONGEST = 400.0
 
 def pytest_collection_modifyitems(items):
     for item in items:
-        if item.path.is_relative_to(Path(__file__).parent) and not item.get_closest_marker(
-            "timeout"
-        ):
+        if not item.path.is_relative_to(Path(__file__).parent):
+            continue
+        if not item.get_closest_marker("emulator_only"):
+            item.add_marker(pytest.mark.browser)
+        if not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(LONGEST))
-
-
-def move_to(rig, q):
-    """Move the arm there; again where a busy machine had no time for its setpoints."""
-    for _ in range(3):
-        with suppress(MotionError):
-            rig.arm.move(JointGoal(q=q), wait=False).result(60.0)
-            return
-    rig.arm.move(JointGoal(q=q), wait=False).result(60.0)
-
-
-def crawl_aside(rig):
-    """Set out from home on a move that takes half a minute."""
-    rig.arm.set_speed(to_rad(180.0))
-    move_to(rig, HOME)
-    rig.arm.set_speed(to_rad(3.0))
-    rig.arm.move(JointGoal(q=ASIDE), wait=False)
-
-
-class Servos:
-    """``so101 emulate`` in a process of its own: its servos lag, brake, and press on things."""
-
-    def __init__(self, port):
-        command = (sys.executable, "-m", "so101_motion.cli", "emulate", "--realtime", "--link")
-        self._process = subprocess.Popen(
-            [*command, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        assert self._process.stdout is not None
-        self._process.stdout.readline()
-
-    def type(self, line):
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{line}\n")
-        self._process.stdin.flush()
-
-    def close(self):
-        self._process.terminate()
-        self._process.wait(10.0)
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
-            pipe.close()
 
 
 @pytest.fixture(autouse=True)

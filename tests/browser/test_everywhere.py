@@ -2,9 +2,7 @@
 words for what is drawn, and nothing shown as new that is old."""
 
 import pytest
-from conftest import LAPTOP, PHONE, crawl_aside
-
-pytestmark = pytest.mark.browser
+from harness.browser_user import LAPTOP, PHONE, crawl_aside
 
 TABS = ("Move", "Jog", "Program", "World", "Share", "Teach")
 
@@ -102,33 +100,23 @@ def test_nothing_covers_stop_and_a_click_on_it_stops_whatever_is_open(guest, rig
         assert page.locator(ICONS_FOR_DEVELOPERS).filter(visible=True).count() == 0
 
 
-def test_every_target_is_large_enough_for_a_finger(guest):
-    for width, height in (PHONE, (820, 1180), (1024, 700)):
-        guest.page.set_viewport_size({"width": width, "height": height})
-        guest.until(lambda: guest.page.locator("[data-dock-tab]").count() == 0)
-        for name in TABS:
-            tab = guest.page.get_by_role("tab", name=name, exact=True)
+def test_targets_are_large_enough_for_a_finger_and_letters_keep_clear_of_numbers(guest):
+    page = guest.page
+    guest.type_target(-234.5, -160.5, 126.5)
+    for width, height in (PHONE, (820, 1180), (1024, 700), LAPTOP):
+        page.set_viewport_size({"width": width, "height": height})
+        docked = int((width, height) == LAPTOP)
+        guest.until(lambda n=docked: min(page.locator("[data-dock-tab]").count(), 1) == n)
+        for name in () if docked else TABS:
+            tab = page.get_by_role("tab", name=name, exact=True)
             tab.click()
             guest.comes_to("true", lambda tab=tab: tab.get_attribute("aria-selected"))
-            guest.page.wait_for_timeout(150)
-            guest.comes_to([], lambda: guest.page.evaluate(SMALL_TARGETS))
-
-
-def test_a_fields_letter_keeps_clear_of_its_number_also_when_the_window_is_wide_again(guest):
-    page = guest.page
-    docked = page.locator("[data-dock-tab]")
-    guest.type_target(-234.5, -160.5, 126.5)
-    for width, height in (LAPTOP, PHONE, (1024, 700), LAPTOP):
-        page.set_viewport_size({"width": width, "height": height})
-        wanted = 1 if (width, height) == LAPTOP else 0
-        guest.until(lambda wanted=wanted: min(docked.count(), 1) == wanted)
+            page.wait_for_timeout(150)
+            guest.comes_to([], lambda: page.evaluate(SMALL_TARGETS))
+        page.get_by_role("tab", name="Move", exact=True).click()
         guest.until(lambda: page.locator('input[aria-label="Target (mm) Z"]').count() == 1)
         page.wait_for_timeout(300)
-
-        def keep_clear():
-            return [room >= 2.0 for room in page.evaluate(ROOM_BETWEEN)]
-
-        guest.comes_to([True] * 3, keep_clear)
+        guest.comes_to([True] * 3, lambda: [room >= 2.0 for room in page.evaluate(ROOM_BETWEEN)])
 
 
 def test_the_tab_key_reaches_every_control(guest):

@@ -17,8 +17,6 @@ from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 
-pytestmark = pytest.mark.browser
-
 HOSTILE = "<img src=x onerror=window.PWNED=1>"
 
 

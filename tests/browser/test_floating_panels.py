@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 import pytest
-from conftest import LAPTOP, PHONE
+from harness.browser_user import LAPTOP, PHONE
 from harness.web_camera import web_camera
 from so101_viewer import serve_source
 from so101_viewer.page.screen_state import Sentence, Tone
 from so101_viewer.source import Source
-
-pytestmark = pytest.mark.browser
 
 TABLET, LOW = (820, 1180), (1024, 700)
 
@@ -47,13 +45,14 @@ def test_a_cameras_picture_is_free_of_the_arm_and_is_scrolled_by_keys_where_it_i
             window.leave()
 
 
-def test_many_alerts_stand_above_the_picture_of_the_arm_on_tablets_and_in_small_windows(
+def test_many_alerts_stand_above_the_picture_in_small_windows_and_a_click_unfolds_them(
     guest, visit, preview
 ):
     window = visit(TABLET)
     window.open(preview.url)  # without control, which is one alert more
     page = window.page
     alerts, picture = page.locator("#so101-alerts"), page.locator("#root")
+    lines = alerts.locator("p")
 
     def overlap():
         """By how much the alerts lie over the picture [px]."""
@@ -62,38 +61,30 @@ def test_many_alerts_stand_above_the_picture_of_the_arm_on_tablets_and_in_small_
         assert below is not None
         return max(above["y"] + above["height"] - below["y"], 0.0)
 
-    said = [Sentence(text=f"Servo {k} is too hot; let it cool.", tone=Tone.BAD) for k in range(3)]
-    for size in (TABLET, LOW):
-        page.set_viewport_size({"width": size[0], "height": size[1]})
-        for count in (1, 2, 3):
-            preview.bar.alert("test", said[:count])
-            lines = alerts.locator("p")
-            window.until(lambda lines=lines, count=count: lines.count() == count)
-            window.comes_to(count == 1, lambda: overlap() > 0.0)
-        preview.bar.alert("test")
-    window.leave()
-
-
-def test_of_many_alerts_the_first_is_whole_and_a_click_unfolds_another(visit, preview):
-    window = visit()
-    window.open(preview.url)
-    lines = window.page.locator("#so101-alerts p")
-    long = "Servo {} is too hot, so it will switch off soon; let it cool, and hold less weight. "
-    said = [Sentence(text=2 * long.format(k), tone=Tone.BAD) for k in range(4)]
-
     def high():
         """Which have more than one line."""
         boxes = [line.bounding_box() for line in lines.all()]
         return [box is not None and box["height"] > 40.0 for box in boxes]
 
+    hot = "Servo {} is too hot; let it cool."
+    said = [Sentence(text=hot.format(k), tone=Tone.BAD) for k in range(3)]
+    for size in (TABLET, LOW):
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        for count in (1, 2, 3):
+            preview.bar.alert("test", said[:count])
+            window.comes_to(count, lines.count)
+            window.comes_to(count == 1, lambda: overlap() > 0.0)
+        preview.bar.alert("test")
+
+    page.set_viewport_size({"width": LAPTOP[0], "height": LAPTOP[1]})
+    said = [Sentence(text=6 * hot.format(k), tone=Tone.BAD) for k in range(4)]
     preview.bar.alert("test", said[:2])
     window.comes_to([True, True], high)
     preview.bar.alert("test", said)
     window.comes_to([True, False, False, False], high)
-    lines.nth(2).click()
-    window.comes_to([True, False, True, False], high)
-    lines.nth(2).click()
-    window.comes_to([True, False, False, False], high)
+    for is_open in (True, False):
+        lines.nth(2).click()
+        window.comes_to([True, False, is_open, False], high)
     preview.bar.alert("test")
     window.leave()
 
@@ -109,10 +100,7 @@ def strip(guest):
     return is_folded, picture["y"] + picture["height"] - box["y"] - box["height"]
 
 
-@pytest.mark.parametrize("between", [PHONE, TABLET])
-def test_plots_are_folded_or_not_as_they_were_before_the_window_was_narrow(
-    guest, visit, preview, between
-):
+def test_plots_are_folded_or_not_as_they_were_before_the_window_was_narrow(guest, visit, preview):
     window = visit()
     window.open(preview.url)
     page = window.page
@@ -128,13 +116,11 @@ def test_plots_are_folded_or_not_as_they_were_before_the_window_was_narrow(
 
     rests_at(True, 12.0)
     page.get_by_role("tab", name="Velocity").click()
-    rests_at(False, 12.0)
-    resize(between)
-    resize(LAPTOP)
-    rests_at(False, 12.0)
-    page.get_by_label("Minimize panel").filter(visible=True).click()
-    rests_at(True, 12.0)
-    resize(between)
-    resize(LAPTOP)
-    rests_at(True, 12.0)
+    for between, is_folded in ((PHONE, False), (TABLET, True)):
+        if is_folded:
+            page.get_by_label("Minimize panel").filter(visible=True).click()
+        rests_at(is_folded, 12.0)
+        resize(between)
+        resize(LAPTOP)
+        rests_at(is_folded, 12.0)
     window.leave()

@@ -4,34 +4,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import move_to
-from harness.browser_user import READY
+from harness.browser_user import READY, move_to
 from so101_viewer import Source, serve_source
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.rig.simulated_rig import open_simulated
 
-pytestmark = pytest.mark.browser
-
 CUT_OFF = """
 const send = window.so101.send;
 window.so101.send = (...what) => { if (!window.cut) send(...what); };
 """
 VIEW = "window.__viserMutable.camera.position.toArray()"
-
-
-@pytest.fixture(scope="module")
-def leader():
-    with open_simulated() as rig:
-        yield rig
-
-
-@pytest.fixture(scope="module")
-def preview(rig, leader):
-    source = Source(title="Arm", open=lambda: rig, lasts=True, open_leader=lambda: leader)
-    with serve_source(source, port=0) as preview:
-        yield preview
 
 
 def in_front(guest, name):
@@ -215,35 +199,31 @@ def test_the_views_turn_the_picture_and_one_follows_the_tool(guest, rig):
     guest.until(lambda: float(np.linalg.norm(view() - seen[1])) < 0.01)
 
 
-def test_letting_go_asks_first_and_hold_holds_again(guest, rig):
-    guest.press("Let go")
-    asks = guest.page.locator("#so101-buttons .asks")
-    guest.until(lambda: asks.count() == 1)
-    assert rig.arm.state.mode is Mode.HOLDING
-    guest.let_go(lambda: rig.arm.state.mode is Mode.LIMP)
-    guest.until(lambda: guest.says("The arm is limp. Press Hold to keep it where it is."))
-    guest.until(lambda: guest.button("Hold").is_enabled())
-    guest.press("Hold")
-    guest.until(lambda: rig.arm.state.mode is Mode.HOLDING)
-    guest.until(lambda: guest.says("Idle, holding"))
-    guest.until(lambda: guest.says("The arm holds again. Set a target, then press Plan."))
-
-
-def test_a_grey_button_of_the_bar_says_why_it_is_grey(guest, visit, preview, rig):
+def test_a_grey_button_says_why_letting_go_asks_first_and_hold_holds_again(
+    guest, visit, preview, rig
+):
     guest.until(lambda: guest.button("Hold").is_disabled())
     guest.button("Hold").click(force=True)
     guest.until(lambda: guest.says("Hold: The joints are held already."))
     assert guest.button("Hold").get_attribute("title") == "The joints are held already."
     assert rig.arm.state.mode is Mode.HOLDING
     guest.until(lambda: not guest.says("Hold: The joints are held already."))
-
     watcher = visit()  # has no control
     watcher.open(preview.url)
     watcher.until(lambda: watcher.button("Let go").is_disabled())
     watcher.button("Let go").click(force=True)
     watcher.until(lambda: watcher.says("Let go: Another window has control: here only STOP works."))
-    assert guest.button("Let go").is_enabled()
     watcher.leave()
+
+    guest.press("Let go")
+    guest.until(lambda: guest.page.locator("#so101-buttons .asks").count() == 1)
+    assert rig.arm.state.mode is Mode.HOLDING
+    guest.let_go(lambda: rig.arm.state.mode is Mode.LIMP)
+    guest.until(lambda: guest.says("The arm is limp. Press Hold to keep it where it is."))
+    guest.until(lambda: guest.button("Hold").is_enabled())
+    guest.press("Hold")
+    guest.until(lambda: rig.arm.state.mode is Mode.HOLDING)
+    guest.until(lambda: guest.says("The arm holds again. Set a target, then press Plan."))
 
 
 def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(guest, rig, own_files):
@@ -270,3 +250,33 @@ def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(guest, rig, o
     np.testing.assert_allclose(rig.arm.state.q, there, atol=to_rad(1.0))
     assert (own_files / "paths" / "wave.json").exists()
     in_front(guest, "Move")
+
+
+def test_the_arm_follows_a_leader_that_a_hand_moves_until_stop(visit, rig):
+    opened = []  # not until it is wanted
+
+    def open_leader():
+        opened.append(open_simulated())
+        return opened[-1]
+
+    source = Source(title="Arm", open=lambda: rig, lasts=True, open_leader=open_leader)
+    with serve_source(source, port=0) as preview:
+        guest = visit()
+        guest.open(preview.url)
+        in_front(guest, "Teach")
+        guest.until(lambda: guest.says("Keep a hand on the leader"))
+        assert opened == []
+        guest.press("Follow the leader")
+        guest.until(lambda: guest.says("Following the leader."))
+        (leader,) = opened
+        assert leader.arm.state.mode is Mode.LIMP
+        push(leader, there := np.radians([-30.0, 10.0, 5.0, 5.0, 0.0]))
+        guest.until(lambda: np.allclose(rig.arm.state.q, there, rtol=0.0, atol=to_rad(2.0)))
+        guest.press("STOP")
+        guest.until(lambda: guest.button("Follow the leader").count() == 1)
+        push(leader, np.zeros(5))
+        guest.page.wait_for_timeout(500)
+        np.testing.assert_allclose(rig.arm.state.q, there, atol=to_rad(2.0))
+        assert rig.arm.state.mode is Mode.HOLDING
+        assert guest.problems == []
+        guest.leave()

@@ -1,28 +1,22 @@
 """Gripper and programs on emulated servos: what they really do, and what the page says of it."""
 
 from contextlib import suppress
-from dataclasses import replace
 
-import numpy as np
 import pytest
-from conftest import Servos
-from so101_viewer import Source, serve, serve_source
+from harness.browser_user import Servos
+from so101_viewer import serve
 
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.errors import NoReply
 from so101_motion.common.modes import Mode
-from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 
-pytestmark = pytest.mark.browser
-
 WIDTH_MM = 30.0
-NEAR = to_rad(2.0)
 
 
 @pytest.fixture(scope="module")
@@ -50,32 +44,9 @@ def arm_on_port(servos, port):
         yield rig
 
 
-class Leader:
-    """A second arm on a port of its own, which a hand keeps up; opened to be followed."""
-
-    def __init__(self, port):
-        self._port, self.servos = port, Servos(port)
-        self.servos.type("pose")
-        self.rig = None
-
-    def open(self):
-        """Open it as ``--leader`` does."""
-        settings = ServoSettings(port=self._port).with_arm(SERVO_IDS)
-        self.rig = open_hardware(settings, reply_timeout=0.3)
-        return self.rig
-
-
 @pytest.fixture(scope="module")
-def leader(tmp_path_factory):
-    leader = Leader(str(tmp_path_factory.mktemp("leader") / "arm"))
-    yield leader
-    leader.servos.close()
-
-
-@pytest.fixture(scope="module")
-def page_of_it(arm_on_port, leader):
-    source = replace(Source.given(arm_on_port, "Arm"), open_leader=leader.open)
-    with serve_source(source, port=0) as preview:
+def page_of_it(arm_on_port):
+    with serve(arm_on_port, port=0) as preview:
         yield preview
 
 
@@ -99,7 +70,7 @@ def test_what_the_jaw_holds_is_said_with_its_width_and_its_slider_sets_the_force
 ):
     opening = guest.page.get_by_role("slider", name="Opening (%)")
     force = guest.page.get_by_role("slider", name="Grip force (%)")
-    loads, pressed = [], []
+    pressed = []
     for end in ("End", "Home"):
         force.press(end)
         opening.press("End")
@@ -112,43 +83,12 @@ def test_what_the_jaw_holds_is_said_with_its_width_and_its_slider_sets_the_force
         width_mm = float(words.split(" mm")[0].split()[-1])
         assert abs(width_mm - WIDTH_MM) < 3.0
         guest.page.wait_for_timeout(1000)
-        loads.append(abs(arm_on_port.servos.health[-1].load))
         state = arm_on_port.arm.state
         pressed.append(state.q_jaw - state.q_jaw_ref)  # how far it is sent into the thing
     assert pressed[1] < pressed[0]  # how much: tests/unit/arm/test_gripper.py
-    assert loads[1] < loads[0]  # which says little of a stiff thing
     force.press("End")
     servos.type("end object")  # it slips out
     guest.until(lambda: guest.says("Holding nothing, "))
-
-
-def test_the_arm_follows_a_leader_on_a_second_port_until_stop(guest, arm_on_port, leader):
-    arm = arm_on_port.arm
-    guest.page.get_by_role("tab", name="Teach").click()
-    guest.until(lambda: guest.says("Keep a hand on the leader"))
-    assert leader.rig is None  # its port stays closed until it is wanted
-    guest.press("Follow the leader")
-    guest.until(lambda: guest.says("Following the leader."))
-    assert leader.rig is not None
-    leading = leader.rig.arm
-    assert leading.state.mode is Mode.LIMP
-    guest.until(lambda: np.allclose(arm.state.q, leading.state.q, rtol=0.0, atol=NEAR))
-
-    leader.servos.type("sweep=40")  # a hand turns its shoulder first
-
-    def is_beside():
-        behind = float(np.abs(arm.state.q - leading.state.q).max())
-        return float(arm.state.q[0]) < to_rad(-30.0) and behind < to_rad(10.0)
-
-    guest.until(is_beside)
-    guest.press("STOP")
-    guest.until(lambda: guest.button("Follow the leader").count() == 1)
-    leader.servos.type("end sweep")
-    guest.until(lambda: leading.state.mode is Mode.HOLDING and arm.state.mode is Mode.HOLDING)
-    there = arm.state.q
-    guest.page.wait_for_timeout(500)
-    np.testing.assert_allclose(arm.state.q, there, atol=to_rad(1.0))
-    assert guest.problems == []
 
 
 def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_the_page(

@@ -2,13 +2,10 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from conftest import move_to
-from harness.browser_user import HOME, READY
+from harness.browser_user import HOME, READY, move_to
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-
-pytestmark = pytest.mark.browser
 
 ATTEMPTS = 4
 
@@ -146,40 +143,7 @@ def test_the_scene_shows_what_belongs_to_the_tab_in_front(program, rig):
     program.until(lambda: other_path not in program.nodes() and dots not in program.nodes())
 
 
-def test_a_waypoint_is_dragged_to_another_place(program):
-    def names():
-        return program.page.locator(".so101-steps span").all_inner_texts()
-
-    program.until(lambda: names() == ["A", "B"])
-    rows = [{"x": 0.0, "y": 0.0}]
-
-    def are_at_rest():
-        before = list(rows)
-        rows[:] = program.page.locator(".so101-steps button").evaluate_all(
-            "rows => rows.map((row) => row.getBoundingClientRect().toJSON())"
-        )
-        program.page.wait_for_timeout(300)
-        return rows == before
-
-    program.until(are_at_rest)
-    (x0, y0), (x1, y1) = ((row["x"] + 40.0, row["y"] + 12.0) for row in rows)
-    mouse = program.page.mouse
-    mouse.move(x0, y0)
-    mouse.down()
-    mouse.move(x0, y0 + 10.0)
-    mouse.move(x1, y1)
-    mouse.up()
-    program.until(lambda: names() == ["B", "A"])
-    program.press("undo")
-    program.until(lambda: names() == ["A", "B"])
-    x = program.page.locator(".so101-steps i").first.bounding_box()["x"] + 4.0
-    program.finger((x, y0), (x, y0 + 12.0), (x, y1))  # by its number
-    program.until(lambda: names() == ["B", "A"])
-    program.press("undo")
-    program.until(lambda: names() == ["A", "B"])
-
-
-def test_every_edit_is_shown_and_is_undone_and_redone(program, rig):
+def test_waypoints_are_dragged_and_every_edit_is_shown_undone_and_redone(program, rig):
     page = program.page
 
     def click_sphere(k):
@@ -200,6 +164,35 @@ def test_every_edit_is_shown_and_is_undone_and_redone(program, rig):
         program.fields(label).filter(visible=True).first.fill(value)
 
     rows = page.locator(".so101-steps button")
+    boxes = [{"x": 0.0, "y": 0.0}]
+
+    def are_at_rest():
+        before = list(boxes)
+        boxes[:] = rows.evaluate_all(
+            "rows => rows.map((row) => row.getBoundingClientRect().toJSON())"
+        )
+        page.wait_for_timeout(300)
+        return boxes == before
+
+    def drag_by_mouse():
+        page.mouse.move(x0, y0)
+        page.mouse.down()
+        page.mouse.move(x0, y0 + 10.0)
+        page.mouse.move(x1, y1)
+        page.mouse.up()
+
+    def drag_by_finger():
+        x = page.locator(".so101-steps i").first.bounding_box()["x"] + 4.0
+        program.finger((x, y0), (x, y0 + 12.0), (x, y1))  # by its number
+
+    program.until(are_at_rest)
+    (x0, y0), (x1, y1) = ((row["x"] + 40.0, row["y"] + 12.0) for row in boxes)
+    for drag in (drag_by_mouse, drag_by_finger):
+        program.until(lambda: seen()[0] == ["A", "B"])
+        drag()
+        program.until(lambda: seen()[0] == ["B", "A"])
+        program.press("undo")
+
     program.until(lambda: click_sphere(0))
     edits = (
         (lambda: program.press("copy"), (["A", "C", "B"], ["", "", ""], "1")),

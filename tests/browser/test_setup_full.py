@@ -25,8 +25,6 @@ from so101_motion.calib.record import store
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.emulator import registers as reg
 
-pytestmark = pytest.mark.browser
-
 PATIENCE = 0.1  # [s]; a servo is silent after eight of these: the browser needs a processor, too
 SMALL = (760, 480)  # drawn without a GPU, every pixel takes its time
 PHONE = {"width": 390, "height": 844}
@@ -177,7 +175,8 @@ def person(visit, app):
     return Newcomer(guest)
 
 
-def test_from_the_choice_to_the_first_motor(person, kit):
+@pytest.mark.timeout(1200)
+def test_six_motors_get_their_ids_are_verified_and_the_arm_is_assembled(person, kit):
     person.presses("Full Setup")
     person.sees("no servo answers")  # and that is no obstacle yet
     person.reloads("Step 1 of 9")
@@ -192,8 +191,6 @@ def test_from_the_choice_to_the_first_motor(person, kit):
     person.sees("unplug the others")
     assert not person.can("Write id 6 to this motor")
 
-
-def test_each_motor_gets_its_id_when_its_button_is_pressed(person, kit):
     kit.plug_in("gripper")
     write = "Write id 6 to this motor"
     person.guest.until(lambda: person.can(write))
@@ -210,8 +207,6 @@ def test_each_motor_gets_its_id_when_its_button_is_pressed(person, kit):
     person.sees("All six motors are set up or skipped")
     person.presses("Next")
 
-
-def test_a_motor_that_is_silent_in_the_chain_is_named(person, kit):
     person.sees("All six together")
     kit.plug_in(*SETUP_ORDER[1:])
     cable = "Check the cable between servos 5 and 6"
@@ -225,8 +220,6 @@ def test_a_motor_that_is_silent_in_the_chain_is_named(person, kit):
     person.insists("Verify again", until=lambda: person.can("Next"))
     person.double_clicks("Next")
 
-
-def test_the_assembly_is_not_skipped_and_checked_joint_by_joint(person):
     person.guest.page.wait_for_timeout(500)
     person.sees("Motor 1 turns the arm on its base")
     person.sees_lit("shoulder_link", ORANGE)
@@ -240,7 +233,10 @@ def test_the_assembly_is_not_skipped_and_checked_joint_by_joint(person):
     person.presses("Next")
 
 
-def test_the_joints_go_limp_when_that_is_asked_for(person, kit):
+@pytest.mark.timeout(1200)
+def test_an_arm_is_calibrated_by_a_hand_that_trembles_with_a_cable_that_is_pulled(
+    person, kit, folder
+):
     person.sees("it sinks at once")
     assert not person.can("Next")
     kit.hold(elbow_flex=0.4)
@@ -254,8 +250,6 @@ def test_the_joints_go_limp_when_that_is_asked_for(person, kit):
     person.reloads(matches)
     person.guest.until(lambda: "/setup/ghost/gripper_link" in person.guest.nodes())
 
-
-def test_the_pose_is_taken_once_the_arm_is_held_still(person, kit):
     assert not person.can("Next")
     turning = threading.Event()
 
@@ -279,8 +273,6 @@ def test_the_pose_is_taken_once_the_arm_is_held_still(person, kit):
     person.guest.until(lambda: person.can("Next"))
     person.presses("Next")
 
-
-def test_bars_follow_the_hand_and_name_the_joints_left(person, kit):
     person.sees("Still to do: shoulder_pan, shoulder_lift")
     person.guest.until(lambda: person.guest.barriers() == [])
     person.hits_on_a_phone("Finish the recording", *WAYS)
@@ -296,8 +288,6 @@ def test_bars_follow_the_hand_and_name_the_joints_left(person, kit):
     person.reloads("Still to do: shoulder_pan, shoulder_lift")
     person.guest.until(lambda: 25.0 < person.bar("elbow_flex") < 40.0)  # nothing is lost
 
-
-def test_a_cable_pulled_in_mid_recording_costs_nothing(person, kit):
     share = person.bar("elbow_flex")
     kit.unplug()
     person.sees("nothing could be read for")
@@ -306,8 +296,6 @@ def test_a_cable_pulled_in_mid_recording_costs_nothing(person, kit):
     person.guest.until(lambda: not person.guest.says("nothing could be read for"))
     assert person.bar("elbow_flex") == share
 
-
-def test_half_a_sweep_is_refused_or_accepted_on_purpose(person, kit):
     kit.let_go()
     person.sweeps(kit, (0.5, 0.0, 1.0, 0.5), OTHERS, until="Still to do: elbow_flex.")
     assert not person.can("Finish the recording")
@@ -323,8 +311,6 @@ def test_half_a_sweep_is_refused_or_accepted_on_purpose(person, kit):
     person.guest.until(lambda: person.can("Next"))
     person.presses("Next")
 
-
-def test_saving_that_failed_is_tried_again(person, kit, folder):
     person.sees("Look at what was recorded")
     person.reloads("Look at what was recorded")
     person.hits_on_a_phone("Save", *WAYS)
@@ -344,7 +330,8 @@ def test_saving_that_failed_is_tried_again(person, kit, folder):
     kit.let_go()
 
 
-def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(person, kit, monkeypatch):
+@pytest.mark.timeout(1200)
+def test_the_arm_moves_only_when_the_way_is_clear_and_is_ready_to_use(person, kit, monkeypatch):
     monkeypatch.setattr(shared_fields, "ASKED_FOR", 60.0)  # a busy page answers late
     person.presses("Next")
     plans = "This will move:"  # planned anew where a busy machine had no time for it
@@ -372,8 +359,6 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(person, kit, 
     person.guest.let_go(lambda: not any(kit.driven))
     person.guest.until(lambda: not person.guest.says("it was stopped, and the arm holds"))
 
-
-def test_the_test_done_to_its_end_asks_how_the_arm_has_moved(person, kit):
     page = person.guest.page
 
     def is_done():
@@ -397,8 +382,6 @@ def test_the_test_done_to_its_end_asks_how_the_arm_has_moved(person, kit):
         person.presses("Save the report")
     assert json.loads(Path(download.value.path()).read_text())["as_shown"] is True
 
-
-def test_the_configuration_is_ready_to_copy(person, kit):
     person.presses("Next")
     person.sees("devrel:so101:arm")
     person.guest.until(lambda: person.guest.barriers() == [])
@@ -413,8 +396,6 @@ def test_the_configuration_is_ready_to_copy(person, kit):
     person.presses("Open the arm's page")
     person.sees("The preview of the arm")
 
-
-def test_the_arm_makes_its_first_move_in_the_preview(person, kit):
     link = person.guest.page.get_by_role("link", name="The preview of the arm")
     before = angles(kit)
     with person.guest.page.context.expect_page() as opened:

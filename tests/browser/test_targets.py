@@ -1,11 +1,8 @@
 """Targets: set by a click, turned by rings, dragged out of reach, and replaced by the nearest."""
 
 import numpy as np
-import pytest
 
 from so101_motion.common.units import to_mm
-
-pytestmark = pytest.mark.browser
 
 GHOST = "/ghost/gripper_link/"
 BLUE, RED = 0x3C82F6, 0xE03131

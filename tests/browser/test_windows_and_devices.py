@@ -6,15 +6,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from conftest import ASIDE, PHONE, crawl_aside
-from harness.browser_user import HOME
+from harness.browser_user import ASIDE, HOME, PHONE, crawl_aside
 from harness.web_camera import web_camera
 from so101_viewer import Source, serve, serve_source
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-
-pytestmark = pytest.mark.browser
 
 SMALL = (1120, 700)  # the least with panels on both sides
 
@@ -164,10 +161,13 @@ def test_on_phones_and_tablets_bar_picture_and_panels_have_places_of_their_own(
     small.leave()
 
 
-def test_a_window_is_dark_where_and_while_the_browser_prefers_it_and_moves_nothing(
+def test_light_and_dark_windows_keep_nobody_with_other_eyes_or_hands_away_and_move_nothing(
     guest, visit, preview, rig
 ):
     before = rig.arm.state.q_ref
+    guest.press("Plan")  # for the plots to show something
+    meets_no_barrier(guest, "Health", "Events", "Velocity", "Tracking")
+    meets_no_barrier(guest, "Jog", "Program", "World", "Share", "Teach", "Move")
 
     def scheme(window):
         told = window.page.evaluate(
@@ -192,11 +192,29 @@ def test_a_window_is_dark_where_and_while_the_browser_prefers_it_and_moves_nothi
     assert guest.problems == dark.problems == []
 
 
-def test_jogging_lasts_as_long_as_a_key_or_a_button_is_held(guest, rig):
-    def moves():
-        return bool(np.any(np.abs(rig.arm.state.qd_ref) > to_rad(1.0)))
+GAMEPAD = """
+window.pad = {connected: true, axes: [0, 0, 0, 0], buttons: [...Array(16)].map(() => ({value: 0}))};
+navigator.getGamepads = () => [null, window.pad];
+window.dispatchEvent(new Event('gamepadconnected'));
+"""
 
+
+def test_jogging_lasts_as_long_as_a_key_or_a_button_or_one_of_a_gamepad_is_held(guest, rig):
     page = guest.page
+
+    def turns():
+        return float(rig.arm.state.qd_ref[0])
+
+    def moves():
+        return abs(turns()) > to_rad(1.0)
+
+    def holds(pressed, stick):
+        page.evaluate(
+            "([pressed, stick]) => { window.pad.axes[0] = stick;"
+            " window.pad.buttons[5].pressed = pressed; }",
+            [pressed, stick],
+        )
+
     page.get_by_role("tab", name="Jog").click()
     page.keyboard.press("q")  # off until it is switched on
     guest.press("Start jogging")
@@ -217,6 +235,21 @@ def test_jogging_lasts_as_long_as_a_key_or_a_button_is_held(guest, rig):
     guest.until(moves)
     page.mouse.up()
     guest.until(lambda: not moves())
+
+    page.evaluate(GAMEPAD)
+    holds(False, 1.0)
+    page.wait_for_timeout(200)
+    assert not moves()
+    holds(True, 1.0)
+    guest.until(lambda: turns() < -to_rad(1.0))
+    holds(True, 0.1)  # a stick that does not come back to its middle quite
+    guest.until(lambda: abs(turns()) < 1e-6)
+    holds(True, -1.0)
+    guest.until(lambda: turns() > to_rad(1.0))
+    page.evaluate("window.pad.connected = false")  # its battery is empty
+    guest.until(lambda: abs(turns()) < 1e-6)
+    page.evaluate("navigator.getGamepads = () => []")
+
     page.keyboard.down("q")
     guest.until(moves)
     page.keyboard.press("Space")  # Stop ends it, whatever is held
@@ -233,12 +266,6 @@ def meets_no_barrier(guest, *tabs):
         guest.page.wait_for_timeout(400)
         guest.comes_to([], lambda tab=tab: guest.barriers(tab))  # names come a moment later
         assert tab.get_attribute("aria-selected") == "true"
-
-
-def test_tabs_keep_nobody_with_other_eyes_or_hands_away(guest):
-    guest.press("Plan")  # for the plots to show something
-    meets_no_barrier(guest, "Health", "Events", "Velocity", "Tracking")
-    meets_no_barrier(guest, "Jog", "Program", "World", "Share", "Teach", "Move")
 
 
 CHANGING = """
@@ -281,45 +308,9 @@ def test_the_second_half_of_a_double_click_hits_no_other_button(guest):
     page.evaluate("document.querySelector('#hold').remove()")
 
 
-GAMEPAD = """
-window.pad = {connected: true, axes: [0, 0, 0, 0], buttons: [...Array(16)].map(() => ({value: 0}))};
-navigator.getGamepads = () => [null, window.pad];
-window.dispatchEvent(new Event('gamepadconnected'));
-"""
-
-
-def test_a_gamepad_jogs_as_long_as_a_shoulder_button_is_held(guest, rig):
-    def turns():
-        return float(rig.arm.state.qd_ref[0])
-
-    def holds(pressed, stick):
-        guest.page.evaluate(
-            "([pressed, stick]) => { window.pad.axes[0] = stick;"
-            " window.pad.buttons[5].pressed = pressed; }",
-            [pressed, stick],
-        )
-
-    guest.page.get_by_role("tab", name="Jog").click()
-    guest.press("Start jogging")
-    guest.until(lambda: guest.says("Hold a button or its key."))
-    guest.page.evaluate(GAMEPAD)
-    holds(False, 1.0)
-    guest.page.wait_for_timeout(200)
-    assert turns() == 0.0
-    holds(True, 1.0)
-    guest.until(lambda: turns() < -to_rad(1.0))
-    holds(True, 0.1)  # a stick that does not come back to its middle quite
-    guest.until(lambda: abs(turns()) < 1e-6)
-    holds(True, -1.0)
-    guest.until(lambda: turns() > to_rad(1.0))
-    guest.page.evaluate("window.pad.connected = false")  # its battery is empty
-    guest.until(lambda: abs(turns()) < 1e-6)
-    guest.page.evaluate("navigator.getGamepads = () => []")
-    guest.press("End jogging")
-    guest.page.get_by_role("tab", name="Move").click()
-
-
-def test_p_plans_and_no_single_key_moves_the_arm(guest, rig):
+def test_p_plans_escape_and_space_stop_also_in_a_field_and_no_other_key_moves_the_arm(
+    guest, crawl, rig
+):
     guest.page.keyboard.press("p")
     guest.until(lambda: guest.button("Execute").is_enabled())
     guest.page.evaluate("document.activeElement.blur()")  # else Enter presses that button again
@@ -329,8 +320,6 @@ def test_p_plans_and_no_single_key_moves_the_arm(guest, rig):
     assert at_rest(rig)
     guest.until(lambda: guest.button("Execute").is_enabled())
 
-
-def test_escape_and_space_stop_while_a_field_that_takes_no_words_has_the_focus(guest, crawl, rig):
     crawl()
     guest.fields("Target for").first.click()  # Escape closes an open list first
     guest.until(lambda: guest.page.get_by_role("option", name="jaw tip").is_visible())

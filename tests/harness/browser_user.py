@@ -6,6 +6,8 @@ tests look at nodes and widgets and hardly at pixels.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -16,12 +18,18 @@ import pytest
 from axe_playwright_python.base import AXE_SCRIPT
 from playwright.sync_api import Page, TimeoutError
 
+from so101_motion.common.errors import MotionError
 from so101_motion.common.named_poses import POSES
+from so101_motion.common.units import to_rad
+from so101_motion.planning.goals import JointGoal
 
 T = TypeVar("T")
 
 HOME = np.zeros(5)
 READY = next(pose.q for pose in POSES if pose.name == "ready")
+
+ASIDE = np.radians([100.0, 0.0, 0.0, 0.0, 0.0])
+LAPTOP, PHONE = (1280, 720), (400, 800)
 
 STALLED = "No setpoint could be sent"
 
@@ -128,19 +136,6 @@ class Guest:
 
     def says(self, words):
         return self.page.get_by_text(words).count() > 0
-
-    def alerts(self):
-        """What the bar says is wrong: each sentence and how bad it is."""
-        found = self.page.evaluate(
-            "[...document.querySelectorAll('#so101-alerts p')]"
-            ".map((line) => [line.className, line.innerText])"
-        )
-        return [(tone, text) for tone, text in found]
-
-    def has_badge(self):
-        """Whether the Health tab carries the sign of an alarm."""
-        tab = self.page.get_by_role("tab", name="Health")
-        return tab.locator(".icon-tabler-alert-triangle").count() == 1
 
     def let_go(self, is_limp):
         """Press Let go and answer its question; again where the page asks no longer."""
@@ -319,3 +314,44 @@ class Guest:
             fields.nth(k).press("Enter")
             self.page.wait_for_timeout(80)  # the page sends one message per panel every 50 ms
         self.until(lambda: self.target_mm() == target_mm)
+
+
+def move_to(rig, q):
+    """Move the arm there; again where a busy machine had no time for its setpoints."""
+    for _ in range(3):
+        with suppress(MotionError):
+            rig.arm.move(JointGoal(q=q), wait=False).result(60.0)
+            return
+    rig.arm.move(JointGoal(q=q), wait=False).result(60.0)
+
+
+def crawl_aside(rig):
+    """Set out from home on a move that takes half a minute."""
+    rig.arm.set_speed(to_rad(180.0))
+    move_to(rig, HOME)
+    rig.arm.set_speed(to_rad(3.0))
+    rig.arm.move(JointGoal(q=ASIDE), wait=False)
+
+
+class Servos:
+    """``so101 emulate`` in a process of its own: its servos lag, brake, and press on things."""
+
+    def __init__(self, port):
+        command = (sys.executable, "-m", "so101_motion.cli", "emulate", "--realtime", "--link")
+        self._process = subprocess.Popen(
+            [*command, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self._process.stdout is not None
+        self._process.stdout.readline()
+
+    def type(self, line):
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+
+    def close(self):
+        self._process.terminate()
+        self._process.wait(10.0)
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            pipe.close()
