@@ -105,14 +105,11 @@ def test_figures_out_of_the_ordinary_are_coloured(changes, figure, tone):
     assert tones(replace(WELL, **changes))[figure] is tone
 
 
-def test_figures_are_rounded_for_people():
+def test_figures_are_rounded_and_a_silent_servo_has_none():
     page = shown(WELL)
     for figure in (">12.1<", ">0.12<", ">34<", ">25<"):
         assert figure in page
     assert "0.123" not in page
-
-
-def test_a_silent_servo_shows_no_old_figures():
     page = shown(replace(WELL, is_silent=True))
     assert "does not answer" in page
     assert "12.1" not in page
@@ -120,9 +117,8 @@ def test_a_silent_servo_shows_no_old_figures():
 
 def test_names_from_a_machine_are_escaped():
     page = shown(replace(WELL, joint="<b>x</b>", faults=("<i>",)))
-    assert "<b>x" not in page
     assert "<i>" not in page
-    assert "&lt;b&gt;x" in page
+    assert "&lt;b&gt;x&lt;/b&gt;" in page
 
 
 @pytest.mark.parametrize(
@@ -137,14 +133,10 @@ def test_names_from_a_machine_are_escaped():
     ],
 )
 def test_what_is_wrong_with_a_servo_is_said_with_what_to_do(trouble, tone, words):
-    (alarm,) = servo_alarms([WELL, replace(WELL, joint="elbow_flex", **trouble)])
+    (alarm,) = servo_alarms([WELL, replace(WELL, **trouble)])
     assert alarm.joints == ("elbow_flex",)
     assert alarm.sentence.tone is tone
     assert words in alarm.sentence.text
-
-
-def test_a_servo_that_is_well_raises_no_alarm():
-    assert servo_alarms([WELL]) == ()
 
 
 def test_one_supply_is_one_alarm_for_all_its_servos():

@@ -1,24 +1,9 @@
 import numpy as np
-import pytest
-from so101_description import load_visual
-from so101_viewer.scene.robot_view import CELL, LINKS, SweepView
+from so101_viewer.scene.robot_view import LINKS, SweepView
 
-from so101_motion.planning.collision.shape_files import coarse
 from so101_motion.planning.kinematics.model import RobotModel
 
 BLUE = (60, 130, 246)
-
-
-@pytest.mark.parametrize("part", LINKS.values())
-def test_a_coarse_part_is_light_and_of_the_same_size(part):
-    meshes = [surface.mesh for surface in load_visual(part)]
-    vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in meshes], CELL)
-    fine = np.concatenate([surface.mesh.vertices for surface in load_visual(part)])
-    np.testing.assert_allclose(vertices.min(axis=0), fine.min(axis=0), atol=0.003)
-    np.testing.assert_allclose(vertices.max(axis=0), fine.max(axis=0), atol=0.003)
-    count = sum(len(surface.mesh.faces) for surface in load_visual(part))
-    assert 20 < len(faces) < 0.25 * count
-    assert faces.max() < len(vertices)
 
 
 def test_each_link_is_sent_once_and_stands_where_the_postures_say(scene):

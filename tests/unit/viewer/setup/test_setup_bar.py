@@ -81,14 +81,10 @@ def test_each_grey_button_says_why(arm, hold, guide, let_go):
         assert (wanted or "") in (said or "")
 
 
-def test_without_an_arm_nothing_can_be_pressed():
+def test_without_an_arm_nothing_can_be_pressed_and_letting_go_waits_for_nothing():
     assert reasons(None, "") == ("No arm is connected yet.",) * 3
-
-
-def test_letting_go_waits_for_nothing():
-    hold, guide, let_go = reasons(Arm().target(), "planning the test")
-    assert hold == guide == "Wait for the end of this: planning the test."
-    assert let_go is None
+    wait = "Wait for the end of this: planning the test."
+    assert reasons(Arm().target(), "planning the test") == (wait, wait, None)
 
 
 def test_markup_escapes_what_comes_from_outside() -> None:
@@ -133,15 +129,10 @@ def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     assert watch.shown == torque(lost)
 
 
-def test_a_new_bench_is_shown_at_once_even_while_its_motors_are_looked_for() -> None:
+def test_a_new_bench_is_shown_at_once_and_so_is_its_end() -> None:
     watch = TorqueWatch(lambda: 0.0)
     assert watch.look(bench(holds=None), is_blind=True)
     assert watch.shown == torque(bench(holds=None))
-
-
-def test_a_removed_bench_is_shown_at_once() -> None:
-    watch = TorqueWatch(lambda: 0.0)
-    watch.look(bench(), is_blind=False)
     assert watch.look(None, is_blind=False)
     assert watch.shown == torque(None)
 
@@ -166,7 +157,7 @@ def begun(folder: Path) -> StepWizard:
     return StepWizard(SetupProgress(folder / "setup.json", None))
 
 
-def test_nothing_is_under_way_until_somebody_chooses(tmp_path: Path) -> None:
+def test_the_list_shows_what_is_done_what_is_now_and_what_is_left(tmp_path: Path) -> None:
     wizard = begun(tmp_path)
     assert (wizard.workflow, wizard.step, wizard.rows(SetupState()), wizard.where) == (
         None,
@@ -177,11 +168,6 @@ def test_nothing_is_under_way_until_somebody_chooses(tmp_path: Path) -> None:
     wizard.choose(MOTORS_ONLY)
     assert wizard.step is MOTORS_ONLY.steps[0]
     assert wizard.where == f"Step 1 of 3, about {MOTORS_ONLY.minutes} min left"
-
-
-def test_the_list_shows_what_is_done_what_is_now_and_what_is_left(tmp_path: Path) -> None:
-    wizard = begun(tmp_path)
-    wizard.choose(MOTORS_ONLY)
     wizard.go_on()
     rows = wizard.rows(SetupState())
     assert [row.place for row in rows] == ["done", "now", "left"]
