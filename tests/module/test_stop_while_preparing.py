@@ -5,10 +5,13 @@ import asyncio
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
+from harness.fake_machine import FakeMachine, hanging
 from harness.fake_parent import until
 from harness.in_process_module import guarded_arm, in_time, refused
 from viam.components.arm import JointPositions
 from viam.proto.common import Pose
+
+from so101_motion.viam.conversion.frames import set_machine
 
 GOAL = JointPositions(values=[30.0, -45.0, 45.0, 60.0, 0.0])
 
@@ -20,34 +23,46 @@ MOVES = {
 }
 
 
-class Slow:
-    """What a request has to wait for first, such as the other arms of the machine."""
-
-    def __init__(self, resource, monkeypatch):
-        self.waiting, self.go_on = 0, asyncio.Event()
-        monkeypatch.setattr(resource.surroundings, "update_other_arms", self.wait)
-
-    async def wait(self):
-        self.waiting += 1
-        await self.go_on.wait()
-
-
 @pytest.fixture
 async def arm():
     async with guarded_arm(simulate_time=False) as arm:
         yield arm
 
 
-@pytest.mark.parametrize("move", MOVES.values(), ids=MOVES)
-async def test_a_stop_while_a_move_is_prepared_ends_it(arm, move, monkeypatch):
-    slow, before = Slow(arm.resource, monkeypatch), arm.resource.rig.arm.state.q_ref
-    moving = asyncio.ensure_future(move(arm))
-    await until(lambda: slow.waiting)
-    await arm.stop()
-    slow.go_on.set()
+@pytest.fixture
+def machine(arm):
+    """A machine that is asked for its frame system and does not answer yet."""
+    machine = FakeMachine(hanging("arm", joints=5))
+    machine.silent = True
+    set_machine(lambda: machine)
+    yield machine
+    set_machine(lambda: None)
 
-    await refused(in_time(arm, moving), Status.CANCELLED, "ended early by stop")
+
+@pytest.mark.parametrize("move", MOVES.values(), ids=MOVES)
+async def test_a_stop_while_a_move_is_prepared_ends_it(arm, move, machine):
+    before = arm.resource.rig.arm.state.q_ref
+    moving = asyncio.ensure_future(move(arm))
+    await until(lambda: machine.asked > 0)
+    await arm.stop()
+    await refused(moving, Status.CANCELLED, "ended early by stop")
+    assert not arm.resource.rig.arm.is_moving
     np.testing.assert_array_equal(arm.resource.rig.arm.state.q_ref, before)
+
+
+async def test_a_cancelled_call_ends_at_once_and_the_next_one_is_answered(arm, machine):
+    move = asyncio.ensure_future(MOVES["to a position"](arm))
+    await until(lambda: machine.asked > 0)
+    move.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await move
+    await until(lambda: arm.resource.rig.arm.newest_motion.future.done())
+    newer = asyncio.ensure_future(MOVES["to a position"](arm))
+    await until(lambda: machine.asked > 1)
+    machine.configs, machine.silent = GRPCError(Status.UNKNOWN, "broken"), False
+    machine.answer.set()
+    with pytest.raises(GRPCError, match="broken"):
+        await newer
 
 
 async def test_a_move_that_is_asked_for_after_the_stop_is_carried_out(arm):
