@@ -82,7 +82,8 @@ async def test_a_point_out_of_reach_is_refused_with_how_far_and_where_to_go_inst
     [
         ([0, 0, 95, 0, 0], Status.OUT_OF_RANGE, ("elbow_flex", "95", "90.8")),
         ([-111, 0, 0, 0, 0], Status.OUT_OF_RANGE, ("shoulder_pan", "-111", "-109.99")),
-        ([0, 0, 0, 0], Status.INVALID_ARGUMENT, ("got 4 joint values",)),
+        ([], Status.INVALID_ARGUMENT, ("got 0 joint values", "elbow_flex")),
+        ([0, 0, 0, 0], Status.INVALID_ARGUMENT, ("got 4 joint values", "elbow_flex")),
         ([0, 0, 0, 0, 0, 0], Status.INVALID_ARGUMENT, ("got 6 joint values",)),
         ([0, math.nan, 0, 0, 0], Status.INVALID_ARGUMENT, ("shoulder_lift", "finite")),
     ],

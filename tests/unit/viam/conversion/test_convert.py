@@ -44,22 +44,6 @@ def test_joint_values_are_degrees_outside():
     assert list(convert.to_joint_positions(q).values) == pytest.approx([0, 90, -90, 45, 180])
 
 
-@pytest.mark.parametrize("count", [0, 4, 6])
-def test_a_wrong_number_of_joints_is_no_argument_and_the_joints_are_named(count):
-    with pytest.raises(ConfigError) as caught:
-        convert.from_joint_values([0.0] * count)
-
-    error = convert.grpc_error(caught.value)
-    assert error.status is Status.INVALID_ARGUMENT
-    assert f"got {count} joint values" in error.message
-    assert "elbow_flex" in error.message
-
-
-def test_a_joint_value_that_is_no_number_is_named_by_joint():
-    with pytest.raises(ConfigError, match="elbow_flex"):
-        convert.from_joint_values([0.0, 0.0, math.nan, 0.0, 0.0])
-
-
 def test_no_options_are_the_arms_own_limits():
     assert convert.from_move_options(None, BASE) is BASE
 

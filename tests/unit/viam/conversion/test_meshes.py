@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import so101_description
 
-from so101_motion.common.geometry import SE3
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion import convert, kinematics, meshes
 
@@ -38,22 +37,6 @@ def vertices_of(ply):
     count = next(int(line.split()[2]) for line in lines if line.startswith("element vertex"))
     start = lines.index("end_header") + 1
     return np.array([[float(word) for word in line.split()] for line in lines[start:][:count]])
-
-
-def test_models_and_geometries_go_by_the_same_parts(model):
-    links = model.link_placements(np.zeros(5), 0.0)
-    labels = [g.label for g in meshes.arm_geometries("arm", links, SE3.identity())]
-    keys = list(meshes.arm_models(with_tool=True))
-
-    assert labels == [f"arm:{key}" for key in keys]
-    assert keys == ["base", "shoulder", "upper_arm", "lower_arm", "wrist", "tool"]
-
-
-def test_the_tool_marker_is_only_there_when_asked_for(model):
-    links = model.link_placements(np.zeros(5), 0.0)
-
-    assert "tool" not in meshes.arm_models(with_tool=False)
-    assert len(meshes.arm_geometries("arm", links, None)) == 5
 
 
 @pytest.mark.parametrize("part", kinematics.LINKS)

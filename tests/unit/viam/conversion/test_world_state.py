@@ -7,7 +7,6 @@ from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
 from harness.fake_machine import hanging
 from viam.proto.common import (
-    Capsule,
     GeometriesInFrame,
     Geometry,
     Mesh,
@@ -75,22 +74,6 @@ def obstacles(frame, *geometries):
     return WorldState(
         obstacles=[GeometriesInFrame(reference_frame=frame, geometries=list(geometries))]
     )
-
-
-def test_every_shape_of_viam_is_understood():
-    box = from_geometry(CUBE)
-    np.testing.assert_allclose(box.size, (0.02, 0.03, 0.04))
-    assert from_geometry(Geometry(sphere=Sphere(radius_mm=30))).radius == pytest.approx(0.03)
-    capsule = from_geometry(Geometry(capsule=Capsule(radius_mm=10, length_mm=50)))
-    assert (capsule.radius, capsule.length) == pytest.approx((0.01, 0.05))
-
-
-def test_meshes_come_as_files_in_metres():
-    import trimesh
-
-    data = trimesh.creation.box((0.1, 0.2, 0.3)).export(file_type="ply")
-    mesh = read_shape(from_geometry(Geometry(mesh=Mesh(content_type="ply", mesh=data))))
-    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), (0.1, 0.2, 0.3), atol=1e-6)
 
 
 @pytest.mark.parametrize(("scale", "says"), [(120.0, "in millimetres"), (0.001, "in metres")])
