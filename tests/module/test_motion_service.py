@@ -104,6 +104,9 @@ WALL = around(box("wall", (20, 120, 300), 230, 0, 150))
 """Between the two sides of the arm, reaching far out."""
 
 
+STRAIGHT = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
+
+
 async def tool(arm):
     pose = await arm.get_end_position()
     return np.array([pose.x, pose.y, pose.z])
@@ -123,8 +126,7 @@ async def test_the_path_avoids_the_obstacles_of_the_request(arm, motion):
     assert [o.name for o in request.scene.obstacles] == ["wall"]
     assert not plan.report.straight
 
-
-async def test_obstacles_of_a_request_count_for_that_request_alone(arm, motion):
+    # They are those of that request alone.
     with pytest.raises(GRPCError, match="wall"):
         await motion.move("arm", at(230, 0, 150), WALL)
     assert await in_time(arm, motion.move("arm", at(230, 0, 150)))
@@ -133,17 +135,27 @@ async def test_obstacles_of_a_request_count_for_that_request_alone(arm, motion):
 async def test_a_move_is_replanned_when_asked_for_and_alone(arm, motion):
     extra = {"replan": True}
     assert await in_time(arm, motion.move("arm", at(220, -50, 100), extra=extra))
-    straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
     with pytest.raises(GRPCError, match="cannot be combined with world_state, constraints"):
-        await motion.move("arm", at(220, 50, 100), constraints=straight, extra=extra)
+        await motion.move("arm", at(220, 50, 100), constraints=STRAIGHT, extra=extra)
 
 
-async def test_a_line_is_kept_when_asked_for(arm, motion):
+@pytest.mark.parametrize(
+    ("constraints", "within"),
+    [
+        (STRAIGHT, 1e-3),
+        (
+            Constraints(
+                pseudolinear_constraint=[PseudolinearConstraint(line_tolerance_factor=0.05)]
+            ),
+            5e-3,  # of a way of 100 mm
+        ),
+    ],
+)
+async def test_a_line_is_kept_when_asked_for(arm, motion, constraints, within):
     await in_time(arm, motion.move("arm", at(220, -50, 100)))
-    straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
-    await in_time(arm, motion.move("arm", at(220, 50, 100), constraints=straight))
+    assert await in_time(arm, motion.move("arm", at(220, 50, 100), constraints=constraints))
     path = arm.resource.rig.arm.newest[1].tool_path
-    assert np.abs(path[:, [0, 2]] - (0.22, 0.1)).max() < 1e-3
+    assert np.abs(path[:, [0, 2]] - (0.22, 0.1)).max() < within
 
 
 async def test_a_line_ends_in_the_cloud_that_its_destination_has(arm, motion):
@@ -152,8 +164,7 @@ async def test_a_line_ends_in_the_cloud_that_its_destination_has(arm, motion):
     nodded = SE3(rotation_by([0.0, 0.3, 0.0]) @ here.R, here.p + np.array([0.02, 0.0, 0.02]))
     wanted = PoseInFrame(reference_frame="world", pose=convert.to_pose(nodded))
     wanted.goal_cloud.CopyFrom(GoalCloud(o_x=0.02, o_y=0.02, o_z=0.02, theta=180))
-    straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
-    assert await in_time(arm, motion.move("arm", wanted, constraints=straight))
+    assert await in_time(arm, motion.move("arm", wanted, constraints=STRAIGHT))
     there = arm.resource.rig.arm.T_base()
     np.testing.assert_allclose(there.R[:, 2], nodded.R[:, 2], atol=0.03)
 
@@ -161,9 +172,9 @@ async def test_a_line_ends_in_the_cloud_that_its_destination_has(arm, motion):
     aside.pose.y += 80.0
     aside.goal_cloud.CopyFrom(GoalCloud(o_x=0.02, o_y=0.02, o_z=0.02, theta=180))
     with pytest.raises(GRPCError, match="outside its cloud; widen the tolerances"):
-        await motion.move("arm", aside, constraints=straight)
+        await motion.move("arm", aside, constraints=STRAIGHT)
     aside.goal_cloud.CopyFrom(GoalCloud(o_x=1, o_y=1, o_z=2, theta=180))
-    assert await in_time(arm, motion.move("arm", aside, constraints=straight))
+    assert await in_time(arm, motion.move("arm", aside, constraints=STRAIGHT))
 
 
 async def test_turns_are_limited_when_asked_for(arm, motion):
@@ -183,19 +194,6 @@ async def test_a_turn_of_nothing_is_refused_by_the_name_it_has_in_the_request(mo
     fixed = Constraints(orientation_constraint=[OrientationConstraint()])
     with pytest.raises(GRPCError, match="orientation_tolerance_degs"):
         await motion.move("arm", at(220, 80, 100), constraints=fixed)
-
-
-async def test_steps_for_another_arm_are_not_executed_by_this_one(motion):
-    with pytest.raises(GRPCError, match="is not the arm of this service, arm"):
-        await motion.do_command({"execute": [{"left": [0.0] * 5}]})
-
-
-async def test_a_pseudolinear_constraint_is_kept(arm, motion):
-    await in_time(arm, motion.move("arm", at(220, -50, 100)))
-    nearly = Constraints(
-        pseudolinear_constraint=[PseudolinearConstraint(line_tolerance_factor=0.05)]
-    )
-    assert await in_time(arm, motion.move("arm", at(220, 50, 100), constraints=nearly))
 
 
 async def test_contacts_can_be_allowed_by_name(arm, motion):
@@ -253,11 +251,10 @@ async def test_a_plan_can_be_asked_for_looked_at_and_executed(arm, motion):
     assert (told["waits_s"], told["waits_for"]) == (0.0, [])
     np.testing.assert_allclose(await tool(arm), before, atol=0.01)  # it may be settling still
     steps = (await motion.do_command({"plan": request}))["plan"]
+    with pytest.raises(GRPCError, match="is not the arm of this service, arm"):
+        await motion.do_command({"execute": [{"left": [0.0] * 5}]})
     assert (await in_time(arm, motion.do_command({"execute": steps})))["execute"]
     np.testing.assert_allclose(await tool(arm), (220, 90, 120), atol=0.5)
-
-
-async def test_where_a_component_is_can_be_asked(arm, motion):
     pose = (await motion.get_pose("arm", "world")).pose
     np.testing.assert_allclose((pose.x, pose.y, pose.z), await tool(arm), atol=1e-6)
 
@@ -266,8 +263,9 @@ async def test_where_a_component_is_can_be_asked(arm, motion):
 async def two_arms(**attributes):
     """A gripper hangs from the arm "arm"; beside it stands another, "left"."""
     machine = machine_with_gripper()
+    machine.configs.append(hanging("left", y=900.0, joints=5))
     set_machine(lambda: machine)
-    arms = [new_arm(name=name, simulate_time=False) for name in ("arm", "left")]
+    arms = [new_arm(name=name) for name in ("arm", "left")]
     config = config_of(MOTION, "devrel:so101:motion", attributes, "planner")
     try:
         async with motion_client(So101Motion.new(config, {})) as client:
@@ -276,6 +274,9 @@ async def two_arms(**attributes):
         for arm in arms:
             await arm.close()
         set_machine(lambda: None)
+
+
+STICK = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
 
 
 def to_there(component):
@@ -295,6 +296,14 @@ async def test_of_several_arms_the_one_moves_that_the_component_hangs_from():
             "arm, left",
         )
         assert await motion.get_status() == {"arms": ["arm", "left"]}
+
+        assert (await motion.do_command({"holds": {"left": [STICK]}}))["holds"]
+        for giver, taker, thing, holds in (
+            ("arm", "left", "stick", "nothing"),
+            ("left", "arm", "cup", "stick"),
+        ):
+            request = {"handover": {"from": giver, "to": taker, "object": thing}}
+            await refused(motion.do_command(request), None, f"{giver}, which holds: {holds}")
 
 
 async def test_an_arm_that_the_configuration_misspells_is_named():
