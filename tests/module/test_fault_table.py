@@ -1,11 +1,10 @@
 """Each fault of an arm, through a real module process and over gRPC.
 
 The call under way ends with an error that names the cause; once that is gone the next call works.
-Clients that leave or ask too much delay no other. Servos are emulated; a hand holds the arm.
+Servos are emulated; a hand holds the arm.
 """
 
 import asyncio
-import math
 from contextlib import asynccontextmanager
 from dataclasses import KW_ONLY, dataclass
 
@@ -19,20 +18,16 @@ from harness.fake_parent import (
     GRIPPER,
     HARDWARE_ARM,
     HARDWARE_GRIPPER,
-    MOTION,
     running_module,
     until,
 )
 from viam.components.arm import JointPositions
-from viam.proto.common import Pose, PoseInFrame
 
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.port.serial_port import SerialPort
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.emulator_only]
-
-PLANNER = "devrel:so101:motion"
 FAST = {"speed_degs_per_sec": 80.0, "acceleration_degs_per_sec_per_sec": 400.0}
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
@@ -118,9 +113,8 @@ TABLE = (
 class Bench:
     """The module's arm and gripper, and the emulated servos under them."""
 
-    def __init__(self, emulated, module, arm, gripper, planner):
-        self.emulated, self.module = emulated, module
-        self.arm, self.gripper, self.planner = arm, gripper, planner
+    def __init__(self, emulated, arm, gripper):
+        self.emulated, self.arm, self.gripper = emulated, arm, gripper
 
     async def type(self, lines):
         await self.emulated.fault(lines)
@@ -133,16 +127,6 @@ class Bench:
 
     async def go(self, q_deg):
         await self.arm.move_to_joint_positions(JointPositions(values=list(map(float, q_deg))))
-
-    async def back(self, q_deg):
-        """Go back without waiting for joints to settle that a hand holds as well."""
-        goal = JointPositions(values=list(map(float, q_deg)))
-        await self.arm.move_to_joint_positions(goal, extra={"wait": False})
-
-        async def is_back():
-            return abs((await self.joints())[0] - q_deg[0]) < 1.0 and not await self.arm.is_moving()
-
-        await until(is_back)
 
     @asynccontextmanager
     async def under_way(self, start, degrees=100.0):
@@ -179,8 +163,7 @@ async def bench(tmp_path_factory):
             attributes = {"port": emulated.port, **FAST}
             arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
             gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"arm": "arm"}, "gripper")
-            planner = await module.add(MOTION, PLANNER, {"arm": "arm"}, "planner")
-            yield Bench(emulated, module, arm, gripper, planner)
+            yield Bench(emulated, arm, gripper)
 
 
 @pytest_asyncio.fixture(loop_scope="module")
@@ -283,26 +266,3 @@ async def test_on_a_wire_that_loses_and_garbles_moves_complete(bench, start):
     for figure in ("lost", "corrupt"):
         assert sum(after[joint][figure] - before[joint][figure] for joint in JOINTS) > 5
     assert not any(one["silent"] for one in after.values())
-
-
-# What clients do
-
-
-def turned(pose, degrees):
-    """A place that the pan joint alone brings the tool to."""
-    angle = math.radians(degrees)
-    x = pose.x * math.cos(angle) - pose.y * math.sin(angle)
-    y = pose.x * math.sin(angle) + pose.y * math.cos(angle)
-    return PoseInFrame(reference_frame="arm_origin", pose=Pose(x=x, y=y, z=pose.z, o_z=1.0))
-
-
-async def test_a_move_of_the_motion_service_recovers_from_a_fault_like_any_other(bench, start):
-    async with bench.under_way(start) as move:
-        await bench.type("unplug")
-        with pytest.raises(GRPCError):
-            await asyncio.wait_for(move, 60.0)
-    await bench.type("end unplug")
-    await until(bench.is_well)
-    here = await bench.arm.get_end_position()
-    assert await bench.planner.move("arm", turned(here, 15.0))
-    await bench.back(start)

@@ -11,7 +11,7 @@ import sys
 import pytest
 from grpclib import GRPCError
 from grpclib.exceptions import StreamTerminatedError
-from harness.emulated_port import HardwarePort, emulated_port, patiently, works
+from harness.emulated_port import HardwarePort, emulated_port, works
 from harness.fake_parent import (
     ARM,
     GRIPPER,
@@ -60,44 +60,8 @@ def servos(port):
         bus.close()
 
 
-def inward(q_deg, by):
-    """``by`` degrees nearer to the middle of the travel, or beyond it."""
-    return q_deg - by if q_deg > 0.0 else q_deg + by
-
-
 async def joints(arm):
     return list((await arm.get_joint_positions()).values)
-
-
-async def go(arm, q_deg):
-    await patiently(lambda: arm.move_to_joint_positions(JointPositions(values=q_deg)))
-    assert await joints(arm) == pytest.approx(q_deg, abs=0.5)
-
-
-async def test_a_session_on_a_serial_port(bench):
-    async with running_module() as (module, _, _):
-        attributes = {"port": bench.port, "speed_degs_per_sec": 20.0}
-        answer = await module.validate(ARM, HARDWARE_ARM, attributes)
-        assert list(answer.dependencies) == []
-        arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
-        gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"port": bench.port}, "gripper")
-        await until(lambda: works(arm.get_geometries))
-        await asyncio.sleep(1.5)  # the weight is taken up
-
-        start = await joints(arm)
-        goal = [inward(start[0], 8.0), *start[1:4], inward(start[4], 10.0)]
-        await go(arm, goal)
-        await go(arm, start)
-        await patiently(gripper.open)
-        assert (await gripper.do_command({"get": True}))["position"] == pytest.approx(95.0, abs=3)
-
-        await module.remove(ARM, "arm")
-        await module.remove(GRIPPER, "gripper")
-        again = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
-        await until(lambda: works(again.get_geometries))
-        assert await joints(again) == pytest.approx(start, abs=1.0), "it was left holding"
-        module.process.send_signal(signal.SIGTERM)
-        assert await module.ended() == 0
 
 
 async def test_a_killed_module_leaves_the_arm_holding(bench):
