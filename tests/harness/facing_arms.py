@@ -87,6 +87,12 @@ class Facing:
             if 0.1 < x < 0.28 and abs(y) < 0.12 and z < 0.25 and self.collision.is_free(q):
                 return q
 
+    def drawn(self, fits, count=2):
+        """So many of them that fit each other."""
+        while not fits(*(qs := [self.near() for _ in range(count)])):
+            pass
+        return qs
+
     def are_apart(self, q_left, q_right, room=0.024):
         left, right = (Course.resting(q, 0.0) for q in (q_left, q_right))
         pair = (self.bodies, left), (self.bodies, right)
@@ -94,21 +100,16 @@ class Facing:
 
     def task_of_starts(self):
         """Two starts and two goals, at each of which both may stand."""
-        while True:
-            starts, goals = [self.near(), self.near()], [self.near(), self.near()]
-            if self.are_apart(*starts, 0.03) and self.are_apart(*goals, 0.03):
-                return starts, goals
+        drawn = self.drawn(
+            lambda a, b, *goals: self.are_apart(a, b, 0.03) and self.are_apart(*goals, 0.03), 4
+        )
+        return drawn[:2], drawn[2:]
 
     def task(self):
         """Two starts and two goals; everybody may stand there while the other does."""
-        while True:
-            starts, goals = [self.near(), self.near()], [self.near(), self.near()]
-            if (
-                self.are_apart(*starts)
-                and self.are_apart(*goals)
-                and self.are_apart(goals[0], starts[1])
-            ):
-                return starts, goals
+        apart = self.are_apart
+        drawn = self.drawn(lambda a, b, c, d: apart(a, b) and apart(c, d) and apart(c, b), 4)
+        return drawn[:2], drawn[2:]
 
 
 def in_time(clock, call):
@@ -144,6 +145,12 @@ class Pair(FacingArms):
         pair = (self.facing.bodies, left), (self.facing.bodies, right)
         found = nearness(*pair, T_LEFT_RIGHT, at=0.0, room=0.03)
         return 0.03 if found is None else found
+
+    def arrive(self, *motions, **options):
+        """Finish motions that must not fail."""
+        self.finish(*motions, **options)
+        for each in motions:
+            each.result()
 
     def finish(self, *motions, room=0.7 * GUARDED):
         moving = 0  # cycles; how many pass while a plan is made depends on how busy the machine is

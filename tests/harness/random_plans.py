@@ -1,5 +1,6 @@
 """One planner, and what its requests are drawn from."""
 
+from hypothesis import assume
 from hypothesis import strategies as st
 
 from so101_motion.common.errors import PlanningError
@@ -25,6 +26,13 @@ def free_configuration(rng, q_jaw=0.0, collision=COLLISION):
         if collision.is_free(q, q_jaw):
             return q
     return None
+
+
+def two_free_configurations(rng, q_jaw=0.0, collision=COLLISION):
+    """Or another example, if they are hard to find."""
+    found = [free_configuration(rng, q_jaw, collision) for _ in range(2)]
+    assume(found[0] is not None and found[1] is not None)
+    return found
 
 
 def plan_or_refusal(request, planner=PLANNER):

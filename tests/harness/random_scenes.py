@@ -15,16 +15,15 @@ from so101_motion.planning.collision.scene import (
     Sphere,
 )
 
+
+def obstacle(name, shape, at, **more):
+    """What stands there without being turned; a shape that is three numbers is a box's size."""
+    shape = Box(size=shape) if isinstance(shape, tuple) else shape
+    return Obstacle(name=name, shape=shape, T_base_obstacle=SE3.from_translation(at), **more)
+
+
 # On the way between these two stands a post.
-POST = Scene(
-    obstacles=(
-        Obstacle(
-            name="post",
-            shape=Box(size=np.array([0.06, 0.06, 0.4])),
-            T_base_obstacle=SE3.from_translation((0.28, 0.0, 0.2)),
-        ),
-    )
-)
+POST = Scene(obstacles=(obstacle("post", (0.06, 0.06, 0.4), (0.28, 0.0, 0.2)),))
 LEFT, RIGHT = np.array([0.8, 0.0, 0.2, 0.9, 0.0]), np.array([-0.8, 0.0, 0.2, 0.9, 0.0])
 
 

@@ -131,8 +131,6 @@ def test_every_joint_is_calibrated_wherever_its_seam_its_offset_and_its_pose_are
         assert abs((at_zero - truth + 2048) % 4096 - 2048) < 0.5 * 4096 / 360
 
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="nothing is killed with -9 there")
-
 JAW = {"gripper": JointCalibration(id=6, norm_mode=1)}
 
 
@@ -147,6 +145,8 @@ NEW = known(killed_writer.NEW, killed_writer.NEW_ZEROS)
 @pytest.fixture
 def killed(tmp_path, monkeypatch):
     """The folders that a killed writer leaves, by the step it died at."""
+    if sys.platform == "win32":
+        pytest.skip("nothing is killed with -9 there")
     monkeypatch.setattr(os, "fsync", lambda _: None)
 
     def at_every_step(what):

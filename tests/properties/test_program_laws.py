@@ -8,14 +8,14 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from harness.random_scenes import obstacle
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from so101_motion.arm.cell_member import Stand
 from so101_motion.common.errors import PlanningError
-from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
-from so101_motion.planning.collision.scene import Obstacle, Scene, Sphere
+from so101_motion.planning.collision.scene import Scene, Sphere
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import Plan, PlanRequest
@@ -34,15 +34,7 @@ CAPS = [
 ]
 SCENES = [
     Scene(),
-    Scene(
-        obstacles=(
-            Obstacle(
-                name="ball",
-                shape=Sphere(radius=0.05),
-                T_base_obstacle=SE3.from_translation((0.3, 0.0, 0.25)),
-            ),
-        )
-    ),
+    Scene(obstacles=(obstacle("ball", Sphere(radius=0.05), (0.3, 0.0, 0.25)),)),
 ]
 
 

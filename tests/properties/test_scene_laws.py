@@ -14,6 +14,7 @@ from harness.random_plans import (
     plan_or_refusal,
     random_configuration,
     seeds,
+    two_free_configurations,
 )
 from harness.random_scenes import random_scene
 from hypothesis import assume, given, settings
@@ -39,15 +40,14 @@ from so101_motion.planning.timing.limits import MotionLimits
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
 
 margins = st.sampled_from([0.001, 0.003, 0.02])
+judges = st.sampled_from([CollisionModel, CoalJudge])
 
 
-@given(seed=seeds, q_jaw=jaws, margin=margins, held=st.booleans(), compiled=st.booleans())
+@given(seed=seeds, q_jaw=jaws, margin=margins, held=st.booleans(), judge=judges)
 @settings(max_examples=60)
-def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, held, compiled):
+def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, held, judge):
     rng = np.random.default_rng(seed)
-    collision = (CollisionModel if compiled else CoalJudge)(
-        MODEL, random_scene(rng, margin, held=held)
-    )
+    collision = judge(MODEL, random_scene(rng, margin, held=held))
     for _ in range(20):
         q = random_configuration(rng)
         room = (collision.distances(q, q_jaw) - collision.margins).min()
@@ -55,11 +55,11 @@ def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, h
             assert collision.is_free(q, q_jaw) == (room > 0.0)
 
 
-@given(seed=seeds, q_jaw=jaws, within=st.sampled_from([0.01, 0.05, 0.1]), compiled=st.booleans())
+@given(seed=seeds, q_jaw=jaws, within=st.sampled_from([0.01, 0.05, 0.1]), judge=judges)
 @settings(max_examples=40)
-def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw, within, compiled):
+def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw, within, judge):
     rng = np.random.default_rng(seed)
-    collision = (CollisionModel if compiled else CoalJudge)(MODEL, random_scene(rng, held=True))
+    collision = judge(MODEL, random_scene(rng, held=True))
     for _ in range(8):
         q = random_configuration(rng)
         distances = collision.distances(q, q_jaw)
@@ -78,11 +78,11 @@ def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw
                 assert np.allclose(apart, each.distance * each.normal, atol=1e-6)
 
 
-@given(seed=seeds, q_jaw=jaws, compiled=st.booleans())
+@given(seed=seeds, q_jaw=jaws, judge=judges)
 @settings(max_examples=40)
-def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, compiled):
+def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, judge):
     rng = np.random.default_rng(seed)
-    collision = (CollisionModel if compiled else CoalJudge)(MODEL, random_scene(rng, held=True))
+    collision = judge(MODEL, random_scene(rng, held=True))
     h = 1e-4
     for _ in range(5):
         q = random_configuration(rng)
@@ -99,17 +99,13 @@ def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, com
                 assert np.allclose(each.gradient, 0.5 * (right + left), atol=2e-2)
 
 
-@given(seed=seeds, q_jaw=jaws, held=st.booleans(), compiled=st.booleans())
+@given(seed=seeds, q_jaw=jaws, held=st.booleans(), judge=judges)
 @settings(max_examples=20)
-def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held, compiled):
+def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held, judge):
     rng = np.random.default_rng(seed)
-    collision = (CollisionModel if compiled else CoalJudge)(MODEL, random_scene(rng, held=held))
+    collision = judge(MODEL, random_scene(rng, held=held))
     for _ in range(6):
-        start, end = (
-            free_configuration(rng, q_jaw, collision),
-            free_configuration(rng, q_jaw, collision),
-        )
-        assume(start is not None and end is not None)
+        start, end = two_free_configurations(rng, q_jaw, collision)
         blocked = collision.first_blocked(np.array([start, end]), q_jaw)
         if blocked is None:
             dense = np.linspace(start, end, 150)
@@ -229,11 +225,7 @@ def test_a_plan_touches_nothing_or_says_what_is_in_the_way(seed, q_jaw, held):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=held)
     collision, opinion = CollisionModel(MODEL, scene), SecondOpinion(scene)
-    start, goal = (
-        free_configuration(rng, q_jaw, collision),
-        free_configuration(rng, q_jaw, collision),
-    )
-    assume(start is not None and goal is not None)
+    start, goal = two_free_configurations(rng, q_jaw, collision)
     request = PlanRequest(
         q_start=start, goal=JointGoal(q=goal), limits=LIMITS, q_jaw=q_jaw, scene=scene,
         time_budget=2.0,
@@ -289,8 +281,7 @@ def test_the_same_request_gives_the_same_bytes(seed):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=bool(seed % 2), count=3)
     collision = CollisionModel(MODEL, scene)
-    start, goal = free_configuration(rng, 0.0, collision), free_configuration(rng, 0.0, collision)
-    assume(start is not None and goal is not None)
+    start, goal = two_free_configurations(rng, 0.0, collision)
     T = MODEL.frame(start)
     ahead = SE3(T.R, T.p + 0.05 * rng.normal(size=3) / np.sqrt(3.0))
     metric = list(GoalMetric)[seed // 8 % 3]

@@ -42,15 +42,8 @@ def bounded(steps, *, velocity, acceleration, jerk):
 
 
 def following(q_start, limits, **settings):
-    return Following(
-        q_start=q_start,
-        lower=LOWER,
-        upper=UPPER,
-        limits=limits,
-        stop_limits=STOP,
-        dt=DT,
-        **settings,
-    )
+    more = {"lower": LOWER, "upper": UPPER, "stop_limits": STOP, "dt": DT}
+    return Following(q_start=q_start, limits=limits, **more, **settings)
 
 
 @given(

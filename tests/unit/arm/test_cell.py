@@ -54,9 +54,7 @@ def test_a_move_that_begins_while_another_arm_moves_arrives_without_coming_near(
     while not pair.left.is_moving:
         pair.advance()
     second = pair.right.move(JointGoal(q=goals[1]), wait=False)
-    pair.finish(first, second)
-    first.result()
-    second.result()
+    pair.arrive(first, second)
     np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
 
 
@@ -74,24 +72,16 @@ def test_an_arm_that_waits_longer_than_planned_says_so_once_and_for_whom(pair_of
     second = pair.right.move(plan, wait=False)
     while not (pair.right.is_moving or second.future.done()):
         pair.advance(0.0)
-    pair.finish(first, second)
-    first.result()
-    second.result()
+    pair.arrive(first, second)
     [said] = caplog.messages
     assert re.fullmatch(r"right waits \d\.\d s more before it moves, for left", said)
 
 
 def comes_near(facing, q_left, path, room):
     """Whether the right arm on its path would come near the left one that stands."""
-    left, right = (
-        (facing.bodies, course)
-        for course in (
-            Course.resting(q_left, 0.0),
-            Course(t=0.0, dt=0.01, q=np.column_stack([path, np.zeros(len(path))])),
-        )
-    )
-    met = first_meeting(left, right, T_LEFT_RIGHT, since=0.0, room=room, early=0.0)
-    return met is not None
+    moving = Course(t=0.0, dt=0.01, q=np.column_stack([path, np.zeros(len(path))]))
+    pair = (facing.bodies, Course.resting(q_left, 0.0)), (facing.bodies, moving)
+    return first_meeting(*pair, T_LEFT_RIGHT, since=0.0, room=room, early=0.0) is not None
 
 
 def test_an_arm_that_is_stopped_in_the_way_stops_the_other_and_says_so(pair_of):
@@ -129,10 +119,10 @@ def test_an_arm_that_is_stopped_in_the_way_stops_the_other_and_says_so(pair_of):
 
 def test_a_way_into_another_arm_is_refused_by_a_plan_and_stopped_unguarded_by_its_name(pair_of):
     facing = Facing(25)
-    while True:
-        q_left, q_right, q_goal = (facing.near() for _ in range(3))
-        if facing.are_apart(q_left, q_right, 0.05) and not facing.are_apart(q_goal, q_right, 0.005):
-            break
+    apart = facing.are_apart
+    q_left, q_right, q_goal = facing.drawn(
+        lambda a, b, goal: apart(a, b, 0.05) and not apart(goal, b, 0.005), 3
+    )
     pair = pair_of(facing, q_left, q_right)
     with pytest.raises(InCollision) as caught:
         pair.left.plan(JointGoal(q=q_goal))
@@ -145,19 +135,12 @@ def test_a_way_into_another_arm_is_refused_by_a_plan_and_stopped_unguarded_by_it
 
 def test_arms_that_are_too_near_already_may_part(pair_of):
     facing = Facing(26)
-    while True:
-        q_left, q_right = facing.near(), facing.near()
-        if facing.are_apart(q_left, q_right, 0.004) and not facing.are_apart(
-            q_left, q_right, 0.008
-        ):
-            break
+    apart = facing.are_apart
+    q_left, q_right = facing.drawn(lambda *q: apart(*q, 0.004) and not apart(*q, 0.008))
     pair = pair_of(facing, q_left, q_right)
-    q_goal = facing.near()
-    while not facing.are_apart(q_goal, q_right, 0.05):
-        q_goal = facing.near()
+    [q_goal] = facing.drawn(lambda q: apart(q, q_right, 0.05), 1)
     motion = pair.left.move(JointGoal(q=q_goal), wait=False)
-    pair.finish(motion, room=0.002)
-    motion.result()
+    pair.arrive(motion, room=0.002)
 
 
 def test_arms_that_touch_at_the_start_are_told_to_be_moved_apart():
@@ -263,9 +246,7 @@ def test_an_arm_that_is_ready_late_begins_with_the_other(pair_of, monkeypatch):
             if arm.is_moving:
                 began.setdefault(name, pair.clock.now())
     assert abs(began["left"] - began["right"]) < 0.011, "one cycle"
-    pair.finish(*motions.values())
-    for motion in motions.values():
-        motion.result()
+    pair.arrive(*motions.values())
 
 
 @pytest.mark.parametrize(("seconds", "overslept"), [(0.3, 0.0), (0.0, 0.3)])
@@ -317,9 +298,8 @@ def planned_pair(pair_of):
 def test_a_common_motion_that_was_looked_at_is_carried_out_as_it_is(pair_of):
     pair, plans = planned_pair(pair_of)
     motions = pair.cell.move(plans, wait=False)
-    pair.finish(*motions.values())
+    pair.arrive(*motions.values())
     for name, motion in motions.items():
-        motion.result()
         assert motion.plan is plans[name]
         np.testing.assert_allclose(pair.cell.members[name].arm.state.q_ref, plans[name].q_goal)
 
@@ -329,25 +309,17 @@ def test_a_common_motion_is_refused_when_an_arm_holds_more_than_it_was_planned_f
     plank = Attached(name="plank", shape=Box(size=[0.02, 0.02, 0.5]), T_tool_object=SE3.identity())
     pair.right.scene = Scene(attached=(plank,), floor_z=None)
     motions = pair.cell.move(plans, wait=False)
-    ends = [
-        motion.future.exception() for motion in motions.values()
-    ]  # the first ends those of the others
+    ends = [each.future.exception() for each in motions.values()]  # the first ends the others
     assert any(isinstance(end, InCollision) and "plank" in str(end) for end in ends)
     assert all(isinstance(end, InCollision | Interrupted) for end in ends)
 
 
-def test_a_common_motion_needs_a_plan_for_every_arm(pair_of):
+def test_a_common_motion_needs_its_arms_and_a_plan_for_each(pair_of):
     pair, plans = planned_pair(pair_of)
     with pytest.raises(ConfigError, match='none for "right"'):
         pair.cell.move({"left": plans["left"]}, wait=False)
-
-
-def test_arms_that_are_not_there_cannot_be_moved_together(pair_of):
-    facing = Facing(28)
-    starts, goals = facing.task()
-    pair = pair_of(facing, *starts)
     with pytest.raises(ConfigError, match="left, right"):
-        pair.cell.plan_together({"middle": JointGoal(q=goals[0])})
+        pair.cell.plan_together({"middle": JointGoal(q=np.zeros(5))})
 
 
 @pytest.mark.parametrize("name", ["left", "right"])
@@ -443,6 +415,11 @@ class Bench(FacingArms):
             self.arms[name].model.frame(self.arms[name].state.q_ref) @ held.T_tool_object.p
         )
 
+    def arrive(self, motions):
+        self.finish(motions)
+        for motion in motions.values():
+            motion.result()
+
     def finish(self, motions, until=lambda: False):
         def look():
             assert self.clearance() > 0.7 * GUARDED
@@ -463,9 +440,7 @@ def test_a_stick_goes_from_hand_to_hand_with_its_shape_and_weight(bench):
     assert bench.held("left") == ["stick"], "both hold it"
     np.testing.assert_allclose(bench.p_stick("left"), bench.p_stick("right"), atol=1e-6)
     where = bench.p_stick("right")
-    bench.finish(motions)
-    for motion in motions.values():
-        motion.result()
+    bench.arrive(motions)
     assert bench.held("left") == []
     [taken] = bench.arms["right"].scene.attached
     assert (taken.mass, taken.passed_to) == (0.04, "")
@@ -474,9 +449,7 @@ def test_a_stick_goes_from_hand_to_hand_with_its_shape_and_weight(bench):
 
     # And back again: nothing is left over from the first time.
     back = bench.cell.start_handover(bench.cell.plan_handover("right", "left", "stick"))
-    bench.finish(back)
-    for motion in back.values():
-        motion.result()
+    bench.arrive(back)
     assert (bench.held("left"), bench.held("right")) == (["stick"], [])
 
 
@@ -607,12 +580,8 @@ def test_a_stream_into_another_arm_ends_before_it(pair_in_the_way, clock):
     stream = in_time(clock, pair.left.stream)
     q, share = pair.left.state.q_ref, np.linspace(0.0, 1.0, 301)
     turn = np.radians(-80.0) * (10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5)
-    stream.push(
-        [
-            TimedPoint(t=0.02 * k, q=q + np.array([each, 0.0, 0.0, 0.0, 0.0]))
-            for k, each in enumerate(turn)
-        ]
-    )
+    pan = np.eye(5)[0]
+    stream.push([TimedPoint(t=0.02 * k, q=q + x * pan) for k, x in enumerate(turn)])
     pair.finish(stream)
     with pytest.raises(MotionError, match="right's"):
         stream.future.result()

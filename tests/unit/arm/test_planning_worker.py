@@ -25,12 +25,18 @@ from so101_motion.planning.timing.limits import MotionLimits
 LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=3.0, jerk=30.0)
 
 
-@pytest.fixture(scope="module")
-def worker():
-    worker = PlanningWorker()
+@contextlib.contextmanager
+def started(*settings, **more):
+    worker = PlanningWorker(*settings, **more)
     worker.start().result()
     yield worker
     worker.close()
+
+
+@pytest.fixture(scope="module")
+def worker():
+    with started() as worker:
+        yield worker
 
 
 def pid_of(worker):
@@ -205,10 +211,8 @@ def test_closing_ends_every_plan_with_an_error_of_ours():
 
 @pytest.fixture
 def impatient():
-    worker = PlanningWorker(hang_timeout=1.5)  # a busy machine may keep it from a sign of life
-    worker.start().result()
-    yield worker
-    worker.close()
+    with started(hang_timeout=1.5) as worker:  # a busy machine may keep it from a sign of life
+        yield worker
 
 
 def test_a_child_that_hung_while_idle_is_replaced_and_the_next_plan_is_made(impatient, caplog):
@@ -295,18 +299,16 @@ def test_nothing_in_the_current_folder_is_executed(tmp_path, monkeypatch):
     for known_by in ("", str(tmp_path), "."):
         monkeypatch.syspath_prepend(known_by)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), "")))
-    worker = PlanningWorker()
-    worker.start().result()
-    worker.close()
+    with started():
+        pass
     assert not (tmp_path / "executed").exists()
 
 
 @pytest.fixture(scope="module")
 def pair():
-    worker = PlanningWorker(workers=2)
-    list(worker.plan_many([EASY] * 2))  # both are started
-    yield worker
-    worker.close()
+    with started(workers=2) as worker:
+        list(worker.plan_many([EASY] * 2))  # both are started
+        yield worker
 
 
 def test_many_plans_come_in_order_from_two_children_errors_among_them(pair):
@@ -399,10 +401,8 @@ def test_a_new_worker_gets_the_scene_again(worker):
 
 @pytest.fixture
 def shared():
-    worker = PlanningWorker(copies=True)
-    worker.start().result()
-    yield worker
-    worker.close()
+    with started(copies=True) as worker:
+        yield worker
 
 
 def test_an_easy_request_never_waits_for_a_hard_one(shared):

@@ -96,10 +96,9 @@ def under_way(rig, clock, to=-LEFT):
     return motion
 
 
-def rates(tape):
-    """Largest speed, acceleration and jerk between setpoints, of any joint."""
-    q = np.array(tape)
-    return [np.abs(np.diff(q, n, axis=0)).max() / TICK**n for n in (1, 2, 3)]
+def assert_within(tape, limits, share=1.001):
+    for n, most in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
+        assert np.abs(np.diff(np.array(tape), n, axis=0)).max() / TICK**n <= share * most.min()
 
 
 def is_free(tape, scene):
@@ -117,9 +116,7 @@ def test_an_obstacle_in_the_way_is_gone_around_without_a_stop(rig, clock, tape):
     assert is_free(tape[before:], ball(AHEAD))
     moved = np.abs(np.diff(np.array(tape), axis=0)).max(axis=1) > 0.0
     assert moved[np.flatnonzero(moved)[0] : np.flatnonzero(moved)[-1]].all()
-    limits = rig.arm.effective_limits(None)
-    caps = limits.velocity.min(), limits.acceleration.min(), limits.jerk.min()
-    assert (np.array(rates(tape)) <= np.multiply(caps, 1.001)).all()
+    assert_within(tape, rig.arm.effective_limits(None))
 
 
 def test_a_scene_that_leaves_the_way_free_changes_nothing(rig, clock, planner):
@@ -139,13 +136,9 @@ def test_without_an_answer_the_arm_stops_before_the_obstacle(rig, clock, planner
         if len(planner.asked) > 1 and rig.arm.state.qd.any():
             assert planner.asked[0][1].cancelled()  # it was late
     assert is_free(tape, ball(AHEAD))
-    assert (np.array(rates(tape)) <= 1.02 * np.array([v[0] for v in _caps(HARD_STOP)])).all()
+    assert_within(tape, HARD_STOP, 1.02)
     finish(clock, motion)  # it is planned from rest
     np.testing.assert_allclose(rig.arm.state.q, -LEFT, atol=1e-3)
-
-
-def _caps(limits):
-    return limits.velocity, limits.acceleration, limits.jerk
 
 
 def test_a_late_plan_is_not_played_and_the_next_has_more_time(rig, clock, planner):
@@ -195,9 +188,7 @@ def test_a_new_goal_is_gone_to_without_a_stop(rig, clock, tape):
     with pytest.raises(Interrupted, match="a newer motion"):
         first.result()
     np.testing.assert_allclose(rig.arm.state.q, 0.3 * LEFT, atol=1e-3)
-    limits = rig.arm.effective_limits(None)
-    caps = limits.velocity.min(), limits.acceleration.min(), limits.jerk.min()
-    assert (np.array(rates(tape)) <= np.multiply(caps, 1.001)).all()
+    assert_within(tape, rig.arm.effective_limits(None))
 
 
 def test_goals_that_change_all_the_time(rig, clock, tape):

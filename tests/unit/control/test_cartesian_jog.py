@@ -11,7 +11,6 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
@@ -24,20 +23,18 @@ LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=3.0, jerk=100.0)
 
 
 @pytest.fixture
-def sim_ready(make_sim, taped_arm, clock):
+def sim(make_sim, taped_arm, clock):
     sim = make_sim(taped_arm(clock, q=READY))
     sim.executor.start()
     return sim
 
 
-def servo_of(sim, scene: Scene | None = None) -> Servo:
-    return Servo(MODEL, CollisionModel(MODEL, scene), LIMITS, sim.dt, sim.state.q_ref)
+def servo_of(sim) -> Servo:
+    return Servo(MODEL, CollisionModel(MODEL), LIMITS, sim.dt, sim.state.q_ref)
 
 
-def lead(sim, scene: Scene | None = None, servo: Servo | None = None) -> Jog:
-    jog = Jog(servo or servo_of(sim, scene), sim.dt, lambda: 0.0)
-    sim.executor.play(jog)
-    return jog
+def lead(sim, servo: Servo | None = None) -> Jog:
+    return sim.executor.play(Jog(servo or servo_of(sim), sim.dt, lambda: 0.0))
 
 
 def repeat(sim, jog: Jog, seconds: float, linear, **more) -> None:
@@ -55,9 +52,8 @@ def assert_within_limits(goals: np.ndarray, dt: float, acceleration: float) -> N
     assert np.abs(np.diff(goals, 2, axis=0)).max() / dt**2 <= acceleration * 1.02
 
 
-def test_a_repeated_velocity_moves_the_tool_until_it_is_not_repeated(sim_ready) -> None:
-    sim, start = sim_ready, tool(READY).p
-    jog = lead(sim)
+def test_a_repeated_velocity_moves_the_tool_until_it_is_not_repeated(sim) -> None:
+    start, jog = tool(READY).p, lead(sim)
     sim.clock.advance(0.05)
     assert sim.state.arm_moving
     repeat(sim, jog, 1.0, [0.05, 0.0, 0.0])
@@ -70,17 +66,15 @@ def test_a_repeated_velocity_moves_the_tool_until_it_is_not_repeated(sim_ready) 
     assert tool(where).p[0] < start[0] + 0.05 * (1.0 + 0.25) + 0.01
 
 
-def test_repeating_the_same_velocity_keeps_the_tool_on_one_line(sim_ready) -> None:
-    sim, start = sim_ready, tool(READY).p
-    jog = lead(sim)
+def test_repeating_the_same_velocity_keeps_the_tool_on_one_line(sim) -> None:
+    start, jog = tool(READY).p, lead(sim)
     repeat(sim, jog, 2.0, [0.0, 0.06, 0.0])
     offset = tool(sim.state.q_ref).p - start
     assert offset[1] > 0.09
     assert np.linalg.norm(offset[[0, 2]]) < 1e-3
 
 
-def test_closing_brings_the_arm_to_rest_and_ends_the_jog(sim_ready) -> None:
-    sim = sim_ready
+def test_closing_brings_the_arm_to_rest_and_ends_the_jog(sim) -> None:
     jog = lead(sim)
     repeat(sim, jog, 0.5, [0.0, 0.1, 0.0])
     sim.after(2.0, jog.close())
@@ -91,28 +85,20 @@ def test_closing_brings_the_arm_to_rest_and_ends_the_jog(sim_ready) -> None:
         jog.twist([0.1, 0.0, 0.0])
 
 
-def test_a_pose_is_reached_and_held_without_being_repeated(sim_ready) -> None:
-    sim = sim_ready
+def test_a_pose_or_point_is_reached_and_held_without_being_repeated(sim) -> None:
     goal = tool(READY + np.array([0.3, 0.15, -0.1, 0.1, 0.2]))
-    jog = lead(sim)
+    jog, p = lead(sim), tool(READY).p + np.array([-0.04, 0.06, 0.02])
     jog.to_pose(goal)
     sim.clock.advance(3.0)
     assert np.linalg.norm(tool(sim.state.q).p - goal.p) < 2e-4
-    sim.after(1.0, jog.close())
     np.testing.assert_allclose(tool(sim.state.q).R, goal.R, atol=2e-3)
-
-
-def test_a_point_is_reached(sim_ready) -> None:
-    sim = sim_ready
-    p = tool(READY).p + np.array([-0.04, 0.06, 0.02])
-    jog = lead(sim)
     jog.to_point(p.tolist())
     sim.clock.advance(3.0)
     assert np.linalg.norm(tool(sim.state.q).p - p) < 2e-4
+    sim.after(1.0, jog.close())
 
 
-def test_stop_ends_a_jog_along_its_path_and_harder_than_it_would(sim_ready) -> None:
-    sim = sim_ready
+def test_stop_ends_a_jog_along_its_path_and_harder_than_it_would(sim) -> None:
     servo = servo_of(sim)
     jog = lead(sim, servo=servo)
     repeat(sim, jog, 0.6, [0.0, 0.15, 0.05])
@@ -128,8 +114,7 @@ def test_stop_ends_a_jog_along_its_path_and_harder_than_it_would(sim_ready) -> N
         jog.twist([0.1, 0.0, 0.0])
 
 
-def test_what_holds_the_tool_is_reported(sim_ready) -> None:
-    sim = sim_ready
+def test_what_holds_the_tool_is_reported(sim) -> None:
     jog = lead(sim)
     assert jog.held_by == ()
     repeat(sim, jog, 4.0, [0.0, 0.0, -0.1])
@@ -144,8 +129,8 @@ def test_what_holds_the_tool_is_reported(sim_ready) -> None:
     [("twist", bad) for bad in ([0.1, 0.2], [np.nan, 0.0, 0.0], "fast", None)]
     + [("point", bad) for bad in ([100.0, 200.0, 300.0], [np.nan, 0.0, 0.0], [0.1, 0.2], "there")],
 )
-def test_what_is_no_velocity_or_no_point_is_refused(sim_ready, what, bad) -> None:
-    jog = lead(sim_ready)
+def test_what_is_no_velocity_or_no_point_is_refused(sim, what, bad) -> None:
+    jog = lead(sim)
     with pytest.raises(ConfigError, match=what):
         (jog.twist if what == "twist" else jog.to_point)(bad)
 
@@ -185,10 +170,8 @@ class Unbraked(Jog):
         raise ArithmeticError("no way to rest")
 
 
-def test_a_stop_that_fails_leaves_nobody_waiting_and_nothing_moving(sim_ready, caplog) -> None:
-    sim = sim_ready
-    servo = Servo(MODEL, CollisionModel(MODEL), LIMITS, sim.dt, sim.state.q_ref)
-    jog = sim.executor.play(Unbraked(servo, sim.dt, lambda: 0.0))
+def test_a_stop_that_fails_leaves_nobody_waiting_and_nothing_moving(sim, caplog) -> None:
+    jog = sim.executor.play(Unbraked(servo_of(sim), sim.dt, lambda: 0.0))
     repeat(sim, jog, 0.5, [0.05, 0.0, 0.0])
     caplog.set_level(logging.CRITICAL, logger="so101_motion.control.joint_controller")
     here = sim.state.q_ref

@@ -4,12 +4,13 @@ import sys
 
 import numpy as np
 import pytest
+from harness.random_scenes import obstacle
 
 from so101_motion.common.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
 from so101_motion.common.geometry import SE3, rot_z
 from so101_motion.planning.checkpoint import Abandoned
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, PointCloud, Scene, Sphere
+from so101_motion.planning.collision.scene import FLOOR_Z, Obstacle, PointCloud, Scene, Sphere
 from so101_motion.planning.goal_configurations import simplified
 from so101_motion.planning.goals import (
     ApproachGoal,
@@ -340,17 +341,9 @@ Q_GOAL = np.radians([-60.0, 0.0, 10.0, 0.0, 0.0])
 
 
 def scene():
-    post = Obstacle(
-        name="post",
-        shape=Box(size=np.array([0.05, 0.05, 0.3])),
-        T_base_obstacle=SE3.from_translation((0.3, 0.0, 0.15)),
-    )
+    post = obstacle("post", (0.05, 0.05, 0.3), (0.3, 0.0, 0.15))
     points = np.random.default_rng(0).uniform(-0.05, 0.05, (40_000, 3))
-    cloud = Obstacle(
-        name="cloud",
-        shape=PointCloud(points=points, resolution=0.01),
-        T_base_obstacle=SE3.from_translation((0.2, 0.3, 0.05)),
-    )
+    cloud = obstacle("cloud", PointCloud(points=points, resolution=0.01), (0.2, 0.3, 0.05))
     return Scene(obstacles=(post, cloud))
 
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from harness.random_scenes import obstacle
 
 from so101_motion.common.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Attached, Box, Obstacle, PointCloud, Scene
+from so101_motion.planning.collision.scene import Attached, Box, PointCloud, Scene
 from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
@@ -28,13 +29,8 @@ def plan(planner):
     return plan
 
 
-def block(size, at, name="block", **settings):
-    return Obstacle(
-        name=name, shape=Box(size=size), T_base_obstacle=SE3.from_translation(at), **settings
-    )
-
-
-POST = block((0.06, 0.06, 0.3), (0.3, 0.0, 0.15), "post")
+POST = obstacle("post", (0.06, 0.06, 0.3), (0.3, 0.0, 0.15))
+LAMP = obstacle("lamp", (0.06, 0.06, 0.3), (0.3, 0.0, 0.15), keep_out=True)
 AROUND_POST = Scene(obstacles=(POST,))
 
 
@@ -47,9 +43,8 @@ def closest(model, scene, motion, q_jaw=0.0):
     ("start", "goal", "obstacle", "where", "says"),
     [
         (LEFT, JointGoal(q=AHEAD), POST, "goal", r"at the goal the .* into 'post' \(3 mm must"),
-        (LEFT, JointGoal(q=AHEAD), block((0.06, 0.06, 0.3), (0.3, 0, 0.15), "lamp", keep_out=True),
-         "goal", "into the keep-out zone 'lamp'"),
-        (AHEAD, JointGoal(q=RIGHT), block((0.2, 0.3, 0.3), (0.35, 0.0, 0.15), "crate"), "start",
+        (LEFT, JointGoal(q=AHEAD), LAMP, "goal", "into the keep-out zone 'lamp'"),
+        (AHEAD, JointGoal(q=RIGHT), obstacle("crate", (0.2, 0.3, 0.3), (0.35, 0.0, 0.15)), "start",
          r"at the start the .* mm into 'crate', and no"),
         (LEFT, PathGoal(waypoints=RIGHT[None]), POST, "path",
          "between the start and waypoint 1 the .* 'post'"),
@@ -63,7 +58,7 @@ def test_an_obstacle_in_the_way_is_named(plan, start, goal, obstacle, where, say
 
 def test_a_walled_off_path_is_refused_with_the_obstacles_name(plan):
     wall = Scene(
-        obstacles=(block((1.2, 0.02, 1.0), (0.3, 0.0, 0.5), "wall"),),
+        obstacles=(obstacle("wall", (1.2, 0.02, 1.0), (0.3, 0.0, 0.5)),),
         may_touch=frozenset(
             frozenset({"wall", link}) for link in ("shoulder", "upper arm", "lower arm")
         ),
@@ -121,8 +116,7 @@ def test_surroundings_are_made_ready_once(model):
     cloud = PointCloud(points=np.column_stack([x.ravel(), y.ravel(), z.ravel()]), resolution=0.02)
     planner, counts = Planner(model, count), []
     for _ in range(3):
-        behind = SE3.from_translation((-0.3, 0.0, 0.1))
-        scene = Scene(obstacles=(Obstacle(name="cloud", shape=cloud, T_base_obstacle=behind),))
+        scene = Scene(obstacles=(obstacle("cloud", cloud, (-0.3, 0.0, 0.1)),))
         before = calls
         planner.plan(PlanRequest(q_start=LEFT, goal=JointGoal(q=RIGHT), limits=LIMITS, scene=scene))
         counts.append(calls - before)
@@ -162,7 +156,7 @@ def test_a_path_around_something_stays_within_them(model, plan):
         "lower": np.radians([-60, -30, -10, 0, -20]),
         "upper": np.radians([60, 40, 40, 90, 20]),
     }
-    post = Scene(obstacles=(block((0.06, 0.06, 0.12), (0.3, 0.0, 0.06), "post"),))
+    post = Scene(obstacles=(obstacle("post", (0.06, 0.06, 0.12), (0.3, 0.0, 0.06)),))
     made = plan(JointGoal(q=RIGHT), LEFT, post, **limits)
     assert not made.report.straight
     assert np.all(made.trajectory.q >= limits["lower"] - 1e-6)

@@ -47,7 +47,8 @@ def team_of(starts, goals, places=PLACES):
     ]
 
 
-def assert_apart(team, plans):
+def assert_together(team, plans, goals=(), within=0.0):
+    """They begin and end together, at their goals, and keep apart."""
     trajectories = [plans[each.name].trajectory for each in team]
     assert len({len(each) for each in trajectories}) == 1
     for (a, one), (b, other) in combinations(zip(team, trajectories, strict=True), 2):
@@ -59,15 +60,16 @@ def assert_apart(team, plans):
             room=0.99 * ROOM,
         )
         assert met is None
+    for each, q in zip(trajectories, goals, strict=bool(goals)):
+        np.testing.assert_allclose(each.q[-1], q, rtol=0.0, atol=within)
 
 
 def swapping(facing):
     """A task in which nobody can go first: each goal is where the other arm stands."""
+    apart = facing.are_apart
     while True:
         starts, goals = facing.task_of_starts()
-        if not facing.are_apart(goals[0], starts[1], 0.005) and not facing.are_apart(
-            starts[0], goals[1], 0.005
-        ):
+        if not apart(goals[0], starts[1], 0.005) and not apart(starts[0], goals[1], 0.005):
             return starts, goals
 
 
@@ -76,27 +78,21 @@ def test_arms_that_cross_are_there_together(planner):
     for _ in range(2):
         starts, goals = facing.task()
         team = team_of(starts, [JointGoal(q=q) for q in goals])
-        plans = plan_together(planner, team)
-        assert_apart(team, plans)
-        for member, q in zip(team, goals, strict=True):
-            np.testing.assert_array_equal(plans[member.name].trajectory.q[-1], q)
+        assert_together(team, plan_together(planner, team), goals)
 
 
 def test_where_nobody_can_go_first_all_make_room(planner):
     facing = Facing(42)
     starts, goals = swapping(facing)
     team = team_of(starts, [JointGoal(q=q) for q in goals])
-    plans = plan_together(planner, team)
-    assert_apart(team, plans)
-    for member, q in zip(team, goals, strict=True):
-        np.testing.assert_allclose(plans[member.name].trajectory.q[-1], q, atol=1e-9)
+    assert_together(team, plan_together(planner, team), goals, within=1e-9)
 
 
 def test_goals_that_exclude_each_other_are_refused_with_both_names(planner):
     facing = Facing(43)
     starts, goals = facing.task()
-    while facing.are_apart(*goals, 0.005):
-        goals = facing.near(), facing.near()
+    if facing.are_apart(*goals, 0.005):
+        goals = facing.drawn(lambda *q: not facing.are_apart(*q, 0.005))
     with pytest.raises(InCollision, match=r"arm 0's .* arm 1's"):
         plan_together(planner, team_of(starts, [JointGoal(q=q) for q in goals]))
 
@@ -109,8 +105,7 @@ def test_three_arms_are_not_special(planner):
     starts = [np.array([0.6, -0.4, 0.4, 0.3, 0.0])] * 3
     points = [np.array([0.22, y, 0.16]) for y in (-0.1, -0.1, -0.1)]
     team = team_of(starts, [PoseGoal.at_point(p) for p in points], places)
-    plans = plan_together(planner, team)
-    assert_apart(team, plans)
+    assert_together(team, plan_together(planner, team))
 
 
 class HopelessPlanner:
@@ -253,10 +248,10 @@ def test_a_plan_keeps_off_an_arm_that_moves_and_the_earlier_of_two_paths_is_take
 
 def test_a_goal_where_another_arm_will_rest_is_refused_by_its_name(planner):
     facing = Facing(12)
-    while True:
-        q_left, q_right, q_goal = facing.near(), facing.near(), facing.near()
-        if facing.are_apart(q_left, q_right) and not facing.are_apart(q_goal, q_right, room=0.005):
-            break
+    apart = facing.are_apart
+    q_left, q_right, q_goal = facing.drawn(
+        lambda a, b, goal: apart(a, b) and not apart(goal, b, room=0.005), 3
+    )
     with pytest.raises(InCollision) as caught:
         planner.plan(request(q_left, q_goal, right(Course.resting(q_right, 0.0))))
     assert caught.value.second.startswith("right's ")

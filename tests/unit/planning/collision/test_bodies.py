@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import so101_description
+from harness.random_scenes import obstacle
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.bodies import bodies_in
@@ -24,13 +25,15 @@ READY = np.radians([0, -45, 45, 60, 0])
 DISTANCES = [0.0005, 0.002, 0.004, 0.02]
 
 
+UNIT_CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+
+
 def cube_mesh(edge):
-    corners = 0.5 * edge * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     faces = [
         (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
         (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
     ]  # fmt: skip
-    return Mesh(vertices=corners, triangles=faces)
+    return Mesh(vertices=0.5 * edge * UNIT_CUBE, triangles=faces)
 
 
 def full_cube(cells, edge):
@@ -108,9 +111,8 @@ def test_a_shape_inside_the_arm_is_reported_as_a_depth(model, name):
     assert not collision.is_free(READY)
     closest = collision.clearance(READY)
     assert closest.distance < 0.0
-    assert closest.message() == (
-        f"the {link} would be {-closest.distance * 1e3:.1f} mm into 'thing'"
-    )
+    depth = -closest.distance * 1e3
+    assert closest.message() == f"the {link} would be {depth:.1f} mm into 'thing'"
 
 
 @pytest.mark.parametrize("distance", DISTANCES)
@@ -172,11 +174,7 @@ def test_pairs_that_cannot_come_near_are_not_checked(model):
 
 
 def test_an_obstacle_may_stand_in_the_base(model):
-    table = Obstacle(
-        name="table",
-        shape=Box(size=(1.0, 1.0, 0.05)),
-        T_base_obstacle=SE3.from_translation((0.0, 0.0, -0.02)),
-    )
+    table = obstacle("table", (1.0, 1.0, 0.05), (0.0, 0.0, -0.02))
     assert CollisionModel(model, Scene(obstacles=(table,))).is_free(READY)
 
 
@@ -217,21 +215,13 @@ def test_leaving_out_what_lies_out_of_reach_in_a_cloud_changes_no_distance(model
     random = np.random.default_rng(0)
     room = random.uniform(2.0, 3.0, (200_000, 3))
     here = np.array([[0.2, 0.0, 0.1]])
-    alone, among = (
-        CollisionModel(
-            model,
-            Scene(
-                obstacles=(
-                    Obstacle(
-                        name="cloud",
-                        shape=PointCloud(points=points, resolution=0.01),
-                        T_base_obstacle=SE3.identity(),
-                    ),
-                )
-            ),
-        )
-        for points in (here, np.concatenate([room, here, -room]))
-    )
+
+    def seen(points):
+        cloud = PointCloud(points=points, resolution=0.01)
+        thing = Obstacle(name="cloud", shape=cloud, T_base_obstacle=SE3.identity())
+        return CollisionModel(model, Scene(obstacles=(thing,)))
+
+    alone, among = seen(here), seen(np.concatenate([room, here, -room]))
     for q in random.uniform(model.lower, model.upper, (20, 5)):
         assert np.array_equal(alone.distances(q), among.distances(q))
 
@@ -248,11 +238,7 @@ HULLS = {
     link: so101_description.load_hull(part).vertices
     for link, part in so101_description.PARTS.items()
 }
-CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [
-    0.01,
-    0.15,
-    0.015,
-]
+CORNERS = UNIT_CUBE * [0.01, 0.15, 0.015]
 
 
 def arm_points(model, q, q_jaw, attached):

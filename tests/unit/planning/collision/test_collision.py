@@ -9,13 +9,13 @@ import pytest
 import so101_description
 from campaign import verdicts
 from harness.coal_check import CoalJudge
-from harness.random_scenes import random_scene
+from harness.random_scenes import obstacle, random_scene
 
 from so101_motion.common.errors import WorkerError
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.checkpoint import Abandoned
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import LINKS, Box, Mesh, Obstacle, PointCloud, Scene
+from so101_motion.planning.collision.scene import LINKS, Mesh, Obstacle, PointCloud, Scene
 from so101_motion.planning.native import library
 from so101_motion.planning.native.library import native
 
@@ -62,11 +62,7 @@ def test_an_open_gripper_is_wider_than_a_closed_one(model, collision):
 
 
 def test_the_closest_pair_is_the_one_with_the_least_room_by_coal(model):
-    post = Obstacle(
-        name="post",
-        shape=Box(size=np.array([0.04, 0.04, 0.3])),
-        T_base_obstacle=SE3.from_translation((0.25, 0.1, 0.15)),
-    )
+    post = obstacle("post", (0.04, 0.04, 0.3), (0.25, 0.1, 0.15))
     for scene in (Scene(), Scene(obstacles=(post,), margin=0.01)):
         collision = CollisionModel(model, scene)
         for q in random_configurations(model, 150):

@@ -4,6 +4,7 @@ import sys
 import numpy as np
 import pytest
 import qpsolvers
+from harness.random_scenes import obstacle
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import sparse
@@ -11,7 +12,7 @@ from scipy import sparse
 from benchmarks.bench_servo import as_problem
 from so101_motion.common.geometry import SE3, rotation_angle, rotation_by
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.differential.servo import MovingAverage, Servo, Step
 from so101_motion.planning.differential.servo_qp import ROWS, WORTH, ServoQp
 from so101_motion.planning.differential.targets import STILL, Twist
@@ -143,11 +144,7 @@ def test_what_is_not_granted_slows_the_tool_down_and_keeps_it_on_its_line() -> N
 
 def test_it_stops_in_front_of_an_obstacle_and_says_which() -> None:
     ahead = tool(READY).p + np.array([0.2, 0.0, 0.0])
-    wall = Obstacle(
-        name="wall",
-        shape=Box(size=np.array([0.02, 0.6, 0.8])),
-        T_base_obstacle=SE3.from_translation(ahead),
-    )
+    wall = obstacle("wall", (0.02, 0.6, 0.8), ahead)
     scene = Scene(obstacles=(wall,))
     moving, judge = servo(scene=scene), CollisionModel(MODEL, scene)
     steps = run(moving, twist(x=0.15), 300)

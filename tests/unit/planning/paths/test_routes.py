@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from harness.coal_check import CoalJudge
 from harness.facing_arms import T_LEFT_RIGHT, Facing
-from harness.random_scenes import LEFT, POST, RIGHT
+from harness.random_scenes import LEFT, POST, RIGHT, obstacle
 
 from so101_motion.common.errors import ConfigError, NoPath
 from so101_motion.common.geometry import SE3
@@ -185,11 +185,7 @@ def walled_in():
         )
         for k in range(2)
     )
-    lid = Obstacle(
-        name="lid",
-        shape=Box(size=np.array([0.3, 0.3, 0.01])),
-        T_base_obstacle=SE3.from_translation((0.039, 0.0, 0.3)),
-    )
+    lid = obstacle("lid", (0.3, 0.3, 0.01), (0.039, 0.0, 0.3))
     return Scene(obstacles=(*walls, lid))
 
 

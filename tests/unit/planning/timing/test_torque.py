@@ -38,6 +38,11 @@ def payload(mass: float) -> Payload:
     return Payload(mass=mass, com=AT_THE_TIP)
 
 
+def ball(p, mass: float) -> Attached:
+    at, shape = SE3.from_translation(p), Sphere(radius=0.01)
+    return Attached(name="ball", shape=shape, T_tool_object=at, mass=mass)
+
+
 def loaded(mass: float) -> RobotModel:
     return MODEL.with_payload(mass, AT_THE_TIP)
 
@@ -159,21 +164,10 @@ def test_a_path_through_a_reach_that_is_too_heavy_is_refused() -> None:
 
 
 def test_what_the_scene_attaches_weighs_as_well() -> None:
-    ball = Attached(
-        name="ball",
-        shape=Sphere(radius=0.01),
-        T_tool_object=SE3.from_translation(AT_THE_TIP),
-        mass=0.1,
-    )
-    heavy = PlanRequest(
-        q_start=FOLDED,
-        goal=JointGoal(q=STRETCHED),
-        limits=LIMITS,
-        scene=Scene(floor_z=None, attached=(ball,)),
-        strength=WEAK,
-    )
+    holding = Scene(floor_z=None, attached=(ball(AT_THE_TIP, 0.1),))
+    heavy = replace(request(JointGoal(q=STRETCHED), 0.0), scene=holding)
     with pytest.raises(Overloaded, match="the arm and 100 g"):
-        PLANNER.plan(heavy)
+        PLANNER.plan(replace(heavy, payload=None))
 
 
 def test_a_heavy_but_possible_motion_is_slowed_where_it_is_heavy() -> None:
@@ -232,17 +226,7 @@ def test_slowed_is_the_same_path_more_slowly(k: float) -> None:
 
 
 def test_loads_add_up_at_their_common_centre() -> None:
-    both = carried(
-        Payload(mass=0.1, com=(0.0, 0.0, 0.1)),
-        [
-            Attached(
-                name="ball",
-                shape=Sphere(radius=0.01),
-                T_tool_object=SE3.from_translation([0.04, 0.0, 0.1]),
-                mass=0.3,
-            )
-        ],
-    )
+    both = carried(Payload(mass=0.1, com=(0.0, 0.0, 0.1)), [ball([0.04, 0.0, 0.1], 0.3)])
     assert both.mass == pytest.approx(0.4)
     assert both.com == pytest.approx((0.03, 0.0, 0.1))
     assert carried(None, ()) is None
