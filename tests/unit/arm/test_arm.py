@@ -9,12 +9,7 @@ import pytest
 from harness.facing_arms import in_time
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import (
-    InCollision,
-    Interrupted,
-    MotionError,
-    OutsideLimits,
-)
+from so101_motion.common.errors import InCollision, Interrupted, MotionError, OutsideLimits
 from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene

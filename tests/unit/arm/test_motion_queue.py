@@ -263,11 +263,15 @@ def test_interrupting_halts_what_was_begun_and_nothing_else():
     assert halted == ["stop"]
 
 
-def test_an_interrupted_motion_never_begins():
-    motion = Motion()
+def test_an_interrupted_motion_never_begins_and_its_wait_leaves_another_alone():
+    motion, other = Motion(), Motion()
     motion.interrupt("cancelled")
     with pytest.raises(Interrupted, match="cancelled"), motion.begin():
         pytest.fail("must not start")
+    with pytest.raises(Interrupted, match="cancelled"):
+        motion.wait_for(other.future)
+    assert not other.future.cancelled()
+    other.future.set_result(None)
 
 
 def test_interrupting_a_motion_that_is_over_does_nothing():
@@ -301,15 +305,6 @@ def test_a_pause_lasts_its_time_unless_the_motion_is_interrupted(interrupted):
             clock.advance(0.5)
         assert ended.result() >= 3.0
     thread.join()
-
-
-def test_an_interrupted_wait_for_another_motion_leaves_its_future_alone():
-    waiting, other = Motion(), Motion()
-    waiting.interrupt("stop")
-    with pytest.raises(Interrupted, match="stop"):
-        waiting.wait_for(other.future)
-    assert not other.future.cancelled()
-    other.future.set_result(None)
 
 
 def test_pauses_of_an_endless_motion_leave_nothing_behind():

@@ -119,9 +119,8 @@ def test_a_start_too_far_away_names_joint_and_figures():
         make_stream().push(points([0.0], [q_first]))
     assert caught.value.joint == "wrist_flex"
     assert caught.value.value == pytest.approx(q_first[3])
-    assert "wrist_flex: the first point of the stream is -17.4 deg, but the arm is at -22.9" in str(
-        caught.value
-    )
+    says = "wrist_flex: the first point of the stream is -17.4 deg, but the arm is at -22.9"
+    assert says in str(caught.value)
 
 
 def test_points_too_fast_name_joint_time_and_figures_and_are_not_taken():
@@ -133,9 +132,8 @@ def test_points_too_fast_name_joint_time_and_figures_and_are_not_taken():
     assert caught.value.joint == "shoulder_lift"
     assert caught.value.value == pytest.approx(2.0)
     assert caught.value.upper == 1.5
-    assert "shoulder_lift: the points ask for 114.6 deg/s at 0.000 s, the limit is 85.9 deg/s" in (
-        str(caught.value)
-    )
+    says = "shoulder_lift: the points ask for 114.6 deg/s at 0.000 s, the limit is 85.9 deg/s"
+    assert says in str(caught.value)
     stream.push(points([0.0, 0.4], [HOME, q_fast]))
     assert stream.t_last == 0.4
 
@@ -190,6 +188,17 @@ def test_an_empty_batch_changes_nothing():
     assert not stream.is_primed
 
 
+def stopped(stream, count, limits=LIMITS, *, refused=False):
+    """The last of so many setpoints, and the stop from it; the next one may have been refused."""
+    for k in range(count):
+        now = stream.sample(k)
+    if refused:
+        stream.sample(count)
+    stop = stream.brake(now, limits)
+    np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
+    return now, stop
+
+
 @pytest.mark.parametrize("refused", [False, True])
 def test_a_stop_stays_on_the_points_that_are_known(refused):
     """Joints that turn at different times would leave them if each stopped by itself."""
@@ -198,13 +207,8 @@ def test_a_stop_stays_on_the_points_that_are_known(refused):
     u = np.clip((t[:, None] - np.array([0.0, 0.15, 0.3, 0.45, 0.6])) / 2.0, 0.0, 1.0)
     q = HOME + 0.8 * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
     stream.push(points(t, q))
-    for k in range(100):
-        now = stream.sample(k)
-    if refused:
-        stream.sample(100)
     hard = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=200.0)
-    stop = stream.brake(now, hard)
-    np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
+    now, stop = stopped(stream, 100, hard, refused=refused)
     assert np.abs(stop.q[1] - now.q).max() < 1.5 * DT
     assert not stop.qd[-1].any()
     path = np.array([stream.at(at).q for at in np.arange(0.9, 2.0, 0.001)])
@@ -217,11 +221,8 @@ def test_a_stop_that_takes_longer_than_the_points_reach_stops_each_joint():
     stream = make_stream()
     t = np.arange(41) * 0.02
     stream.push(points(t, HOME + 0.7 * t[:, None] ** 2 * np.ones(5)))
-    for k in range(79):
-        now = stream.sample(k)
+    now, stop = stopped(stream, 79)
     assert now.qd[0] > 0.5
-    stop = stream.brake(now, LIMITS)
-    np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
     assert not stop.qd[-1].any()
     assert np.abs(np.diff(stop.q, 2, axis=0)).max() / DT**2 < 1.02 * LIMITS.acceleration[0]
 
@@ -230,8 +231,7 @@ def test_a_stop_at_rest_stays_there_although_the_last_point_is_known():
     stream = make_stream()
     stream.push(points(*smooth(duration=1.0)))
     stream.finish()
-    now = stream.sample(0)
-    stop = stream.brake(now, LIMITS)
+    _, stop = stopped(stream, 1)
     np.testing.assert_allclose(stop.q[-1], HOME, atol=1e-3)
 
 
@@ -241,11 +241,8 @@ def test_a_stop_near_the_end_goes_on_to_the_last_point():
     q = HOME + 0.7 * t[:, None] ** 2 * np.ones(5)  # ends at speed
     stream.push(points(t, q))
     stream.finish()
-    for k in range(50):
-        now = stream.sample(k)
+    now, stop = stopped(stream, 50)
     assert now.qd[0] > 0.4
-    stop = stream.brake(now, LIMITS)
-    np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
     np.testing.assert_allclose(stop.q[-1], q[-1], atol=1e-9)
 
 
@@ -272,12 +269,13 @@ def test_points_of_wrong_times_are_refused_and_not_taken(before, times, says):
 # A planned motion as a source of commands
 
 
-CAPS = MotionLimits.uniform(velocity=1.5, acceleration=5.0, jerk=50.0)
+def planned(to):
+    trajectory = point_to_point(np.zeros(5), np.full(5, to), LIMITS, DT)
+    return trajectory, PlannedMotion(trajectory)
 
 
 def test_the_stop_ahead_begins_at_the_setpoint_and_rests_on_the_path():
-    trajectory = point_to_point(np.zeros(5), np.full(5, 0.8), CAPS, 0.01)
-    motion = PlannedMotion(trajectory)
+    _, motion = planned(0.8)
     setpoint = motion.sample(40)
     q, dt = motion.stop_ahead()
     np.testing.assert_array_equal(q[0], setpoint.q)
@@ -287,16 +285,14 @@ def test_the_stop_ahead_begins_at_the_setpoint_and_rests_on_the_path():
 
 
 def test_a_motion_whose_last_ticks_were_missed_stops_where_it_ends():
-    trajectory = point_to_point(np.zeros(5), np.full(5, 0.3), CAPS, 0.01)
-    motion = PlannedMotion(trajectory)
+    trajectory, motion = planned(0.3)
     motion.sample(len(trajectory) + 7)
     q, _ = motion.stop_ahead()
     assert np.all(q == trajectory.q[-1])
 
 
 def test_the_acceleration_ahead_ends_at_the_speed_that_will_be_had():
-    trajectory = point_to_point(np.zeros(5), np.full(5, 0.8), CAPS, 0.01)
-    motion = PlannedMotion(trajectory)
+    trajectory, motion = planned(0.8)
     for k in (0, 20, len(trajectory) - 3, len(trajectory) + 7):
         now = motion.sample(k)
         later = trajectory.sample(k * 0.01 + FORESIGHT)
@@ -305,10 +301,9 @@ def test_the_acceleration_ahead_ends_at_the_speed_that_will_be_had():
 
 def test_a_setpoint_that_was_refused_is_not_skipped_by_the_stop():
     """The stop begins where the joints are, so they do not take two steps in one cycle."""
-    trajectory = point_to_point(np.zeros(5), np.full(5, 0.8), CAPS, 0.01)
-    motion = PlannedMotion(trajectory)
+    _, motion = planned(0.8)
     now = motion.sample(40)
     motion.sample(41)
-    stop = motion.brake(now, CAPS)
+    stop = motion.brake(now, LIMITS)
     np.testing.assert_array_equal(stop.q[0], now.q)
     assert np.abs(stop.q[1] - now.q).max() <= 1.5 * 0.01

@@ -21,9 +21,7 @@ from so101_motion.planning.kinematics.batch_ik import (
     straight_pitches,
     wrap,
 )
-from so101_motion.planning.kinematics.batch_ik import (
-    configurations as all_configurations,
-)
+from so101_motion.planning.kinematics.batch_ik import configurations as all_configurations
 from so101_motion.planning.kinematics.geometry_from_model import (
     measure_structure,
     position,

@@ -263,10 +263,9 @@ def test_what_is_no_state_of_these_joints_is_refused(qd):
 
 def test_one_joint_is_enough():
     limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=20.0, n=1)
-    found = StopPaths(limits, DT, 0.05).to_rest(
-        Setpoint(q=np.zeros(1), qd=np.ones(1), qdd=np.zeros(1))
-    )
-    expected = online.stop(np.zeros(1), np.ones(1), np.zeros(1), limits, DT)
+    state = {"q": np.zeros(1), "qd": np.ones(1), "qdd": np.zeros(1)}
+    found = StopPaths(limits, DT, 0.05).to_rest(Setpoint(**state))
+    expected = online.stop(*state.values(), limits, DT)
     assert found.path[-1, 0] == pytest.approx(expected.q[-1, 0])
 
 
@@ -303,9 +302,7 @@ def test_stopping_from_cruise_takes_little_more_than_braking_in_full() -> None:
     stopped, _ = time_scaling.shortest_slowdown(cruise(), 0.5, CRUISE, 0.01)
     shortest = 1.0 / 5.0 + 5.0 / 100.0
     assert shortest <= stopped.duration <= 1.35 * shortest
-
-
-def test_near_the_end_the_motion_is_played_out() -> None:
+    # near the end the motion is played out
     stopped, _ = time_scaling.shortest_slowdown(cruise(), 2.95, CRUISE, 0.01)
     assert np.allclose(stopped.q, cruise().q[295:])
     assert stopped.duration == pytest.approx(0.05)

@@ -15,14 +15,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import blended_path
 from so101_motion.planning.timing.retime import retime
-from so101_motion.planning.timing.torque import (
-    NEARLY,
-    Load,
-    Payload,
-    Strength,
-    carried,
-    slowed,
-)
+from so101_motion.planning.timing.torque import NEARLY, Load, Payload, Strength, carried, slowed
 
 MODEL = RobotModel.load()
 PLANNER = Planner(MODEL)
