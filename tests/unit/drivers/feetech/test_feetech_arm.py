@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from harness.servo_stand import ELBOW, MAPS, heavy
 
+from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import NoReply
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.stale_replies import OVERDUE
@@ -220,6 +221,19 @@ def test_goals_that_make_up_for_weight_are_shown_beside_the_bare_command(make_st
     assert last.goals[2] < last.goals[1] == 2049
     assert not last.is_seed
     assert not last.is_guided
+
+
+@pytest.mark.parametrize("is_guided", [False, True])
+def test_no_goal_is_sent_to_a_joint_outside_its_limits(make_stand, is_guided):
+    stand = make_stand()
+    outside = JointMap(servo_id=ELBOW, lower_ticks=Ticks(2130), upper_ticks=Ticks(3000))
+    stand.connect(MAPS | {"elbow_flex": outside})
+    stand.hold()
+    if is_guided:
+        stand.arm.guide(Compliance())
+    stand.follow(0.3, np.zeros(5))
+    assert stand.torque() == [1, 1, 0, 1, 1, 1]
+    assert stand.memory(ELBOW, reg.GOAL_POSITION) == 0
 
 
 # Health

@@ -58,6 +58,15 @@ def test_the_jaw_holds_on_and_may_be_moved(make):
     assert arm.q_deg[:5] == pytest.approx(np.degrees(POSE[:5]), abs=0.7)
 
 
+def test_no_joint_is_given_more_than_its_torque_limit(make):
+    arm = make()
+    arm.arm.set_torque_limit("shoulder_lift", 0.03)
+    arm.arm.guide(Compliance())
+    for _ in range(50):
+        arm.look(0.01)
+        assert arm.limits()[1] <= 30
+
+
 # Yielding
 
 
