@@ -187,13 +187,3 @@ def test_no_goal_is_faster_than_twice_the_speed_that_is_helped():
         assert goals[0] - before <= 0.02 * FAST + 0.002, "what it is helped by may grow meanwhile"
         before = goals[0]
     assert before - q[0] > LEAD * (FAST - SLOW), "the goal leads all the same"
-
-
-def test_how_the_bound_of_the_way_after_letting_go_follows():
-    """The figures that the module names, from those of the servo."""
-    kind = Trim(lambda q: np.zeros(6)).models[1].kind
-    brake, inertia, age = kind.torque_per_volt * kind.back_emf, kind.armature + 0.014, 0.06
-    for speed, most in ((30.0, 5.0), (90.0, 12.0)):
-        helped = min(speed, math.degrees(FAST))
-        way = (speed * inertia / brake + HELP_BRAKE * age * helped) / (1.0 - HELP_BRAKE)
-        assert way < most

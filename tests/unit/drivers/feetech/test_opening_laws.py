@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from harness.servo_stand import WEIGHT, Stand
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -10,10 +11,7 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.emulator.joint_figures import SO101
-from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
-from so101_motion.planning.kinematics.model import RobotModel
-
-WEIGHT = RobotModel.load().gravity_torque
+from so101_motion.drivers.feetech.feetech_arm import JOINTS
 
 angles = st.tuples(
     *(
@@ -27,34 +25,27 @@ def put(servo, row, value):
     servo.write(bytes((row.address, *row.encode(value))))
 
 
-class Found:
+class Found(Stand):
     """An arm as somebody left it, and the driver that finds it."""
 
     def __init__(self, wired, q_start, driven, heavier):
-        self.clock = ManualClock()
-        self.port = wired(
-            now=self.clock.now,
+        clock = ManualClock()
+        port = wired(
+            now=clock.now,
             gravity=lambda q: heavier * WEIGHT(q),
             q_start=q_start,
             calibrated=False,
         )
-        for servo, holds in zip(self.port.world.servos, driven, strict=True):
+        super().__init__(clock, port)
+        for servo, holds in zip(port.world.servos, driven, strict=True):
             put(servo, reg.LOCK, 0)
             if holds:
                 put(servo, reg.GOAL_POSITION, servo.drive.position)
                 put(servo, reg.TORQUE_ENABLE, 1)
             else:
                 servo.drive.shaft.lower = servo.drive.shaft.upper = servo.drive.shaft.output
-        self.advance(1.0)  # it sags into its goal; what is limp lies on something
-
-    @property
-    def q(self):
-        self.port.world.advance(self.clock.now())
-        return self.port.world.q
-
-    def advance(self, seconds):
-        self.clock.advance(seconds)
-        self.port.world.advance(self.clock.now())
+        clock.advance(1.0)  # it sags into its goal; what is limp lies on something
+        port.world.advance(clock.now())
 
     @property
     def left(self):
@@ -62,18 +53,9 @@ class Found:
         return {JOINTS.index(joint) for joint in self.arm.read().out_of_range}
 
     def open(self, maps):
-        self.arm = FeetechArm(
-            lambda: self.port,
-            self.clock,
-            dict(zip(JOINTS, maps, strict=True)),
-            gravity=WEIGHT,
-            speed=math.radians(220.0),
-            acceleration=17.0,
-            reply_timeout=0.0,
-        )
-        reading = self.arm.read()
-        self.arm.write(reading.q, reading.q_jaw)
-        self.arm.set_torque(True)
+        maps = dict(zip(JOINTS, maps, strict=True))
+        self.connect(maps, gravity=WEIGHT, speed=math.radians(220.0), acceleration=17.0)
+        self.hold()
 
     def look(self, seconds):
         """How far each joint moves while it is only looked at [deg]."""
