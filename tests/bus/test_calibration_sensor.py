@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from harness.emulated_rig import ModelBench
+from harness.held_calibration import put
 from viam.components.arm import JointPositions
 
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.journal import Journal
 from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.viam.models.calibration import So101Calibration
 
 HOME = (0.0, -0.8, 0.8, 1.0, 0.0, 0.3)
-JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
 
 @pytest.fixture
@@ -50,21 +51,14 @@ async def refused(component, command, **arguments):
     return caught.value.message
 
 
-def put(bench, share, joints=JOINTS):
-    with bench.world.lock:
-        for joint in joints:
-            shaft = bench.world.servo(joint).drive.shaft
-            shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
-
-
 async def record(bench, sensor, joints=JOINTS, *, middle=0.5):
     """Everything before it is saved."""
     await do(sensor, "start")
-    put(bench, middle, joints)
+    put(bench.world, middle, joints)
     await do(sensor, "set_homing")
     await do(sensor, "start_range_recording")
     for share in (0.5, 0.2, 0.0, 0.3, 0.6, 0.9, 1.0, 0.7):
-        put(bench, share, joints)
+        put(bench.world, share, joints)
         await bench.pass_time(0.05)
     for servo, q in zip(bench.world.servos, HOME, strict=True):
         servo.drive.shaft.put(servo.drive.to_ticks(q))
@@ -150,7 +144,7 @@ async def test_a_calibration_that_is_aborted_leaves_no_trace(bench, data):
     assert held(bench) != before
     await do(sensor, "start")  # anew: what was held before the first is still known
     assert not any(driven(bench))
-    put(bench, 0.4)
+    put(bench.world, 0.4)
     await do(sensor, "set_homing")
     answer = await do(sensor, "abort")
 
@@ -241,11 +235,11 @@ async def test_requests_that_cannot_be_meant_are_refused_by_name(bench, request_
 async def test_a_recording_goes_on_until_all_joints_are_done(bench):
     sensor = new_sensor(bench)
     await do(sensor, "start")
-    put(bench, 0.5)
+    put(bench.world, 0.5)
     await do(sensor, "set_homing")
     await do(sensor, "start_range_recording")
     for share in (0.0, 0.4, 0.8, 1.0):
-        put(bench, share, JOINTS[:2] + JOINTS[3:])
+        put(bench.world, share, JOINTS[:2] + JOINTS[3:])
         await bench.pass_time(0.05)
     assert "elbow_flex: not moved yet" in await refused(sensor, "stop_range_recording")
     now = await sensor.get_readings()
@@ -254,7 +248,7 @@ async def test_a_recording_goes_on_until_all_joints_are_done(bench):
     assert now["joints"]["elbow_flex"]["verdict"] == "untouched"
     assert now["joints"]["elbow_flex"]["is_completed"] is False
     for share in (0.3, 0.7):  # something is mounted there
-        put(bench, share, ["elbow_flex"])
+        put(bench.world, share, ["elbow_flex"])
         await bench.pass_time(0.05)
     assert "elbow_flex" in await refused(sensor, "stop_range_recording")
     answer = await do(sensor, "stop_range_recording", accept=["elbow_flex"])

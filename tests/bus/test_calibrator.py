@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from harness.heard_port import HeardEmulator
+from harness.held_calibration import put
 
 from so101_motion.calib.record import store
 from so101_motion.common.clock import ManualClock
@@ -40,23 +41,17 @@ class Arm:
         self.calibrator.close()
         self.emulator.close()
 
-    def put(self, share):
-        with self.emulator.world.lock:
-            for servo in self.emulator.world.servos:
-                shaft = servo.drive.shaft
-                shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
-
     def pass_time(self, seconds):
         self.clock.advance(seconds)
         self.emulator.advance()
 
     def calibrate(self):
-        self.put(0.5)
+        put(self.emulator.world, 0.5)
         self.calibrator.start()
         self.calibrator.set_homing()
         self.calibrator.start_recording()
         for share in (0.5, 0.3, 0.1, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.5):
-            self.put(share)
+            put(self.emulator.world, share)
             self.pass_time(0.05)
         self.calibrator.stop_recording()
         self.calibrator.save()
@@ -86,7 +81,7 @@ def test_a_recording_outlives_the_usb_plug(arm):
     calibrator.set_homing()
     calibrator.start_recording()
     for share in (0.5, 0.1):
-        arm.put(share)
+        put(arm.emulator.world, share)
         arm.pass_time(0.05)
     arm.emulator.unplug()
     arm.clock.advance(1.5)
@@ -95,7 +90,7 @@ def test_a_recording_outlives_the_usb_plug(arm):
     arm.clock.advance(1.0)
     assert calibrator.view.error is None
     for share in (0.0, 0.4, 0.8, 1.0):
-        arm.put(share)
+        put(arm.emulator.world, share)
         arm.pass_time(0.05)
     calibrator.stop_recording()
     shaft = arm.emulator.world.servo("elbow_flex").drive.shaft

@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from harness.held_calibration import put
 from harness.terminal_user import Typist
 
 from so101_motion.calib.procedure import journal
@@ -54,10 +55,7 @@ def sweep(kit):
     """Lead all joints at once to both their stops and back."""
     pause = threading.Event()
     for share in (*np.linspace(0.5, 0, 15), *[0] * 6, *np.linspace(0, 1, 30), *[1] * 6, 0.5):
-        with kit.world.lock:
-            for servo in kit.world.servos:
-                shaft = servo.drive.shaft
-                shaft.put(shaft.lower + float(share) * (shaft.upper - shaft.lower))
+        put(kit.world, share)
         pause.wait(0.015)
 
 

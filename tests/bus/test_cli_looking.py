@@ -161,7 +161,7 @@ def test_a_sound_arm_is_fit_to_be_moved(arm, file, tmp_path):
 
 
 @pytest.mark.breaks("seed", reason="somebody else's arm: torque is switched on without a goal")
-def test_a_held_arm_stays_held(arm):
+def test_a_held_arm_stays_held_and_is_said_to_be_although_nobody_drives_it(arm):
     bus = Bus(SerialPort(arm.port), reply_timeout=1.0)
     for servo_id in range(1, 7):
         bus.write(servo_id, registers.TORQUE_ENABLE, 1)
@@ -171,6 +171,9 @@ def test_a_held_arm_stays_held(arm):
         return any("the joints are held" in check["sentence"] for check in told["checks"])
 
     assert is_held(*looked("doctor", "--port", arm.port, "--json", until=is_held))
+    asked = ("status", "--port", arm.port, "--json")
+    _, told = looked(*asked, until=lambda _, told: told["mode"] == "holding")
+    assert told["mode"] == "holding"
     assert [servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos] == [1] * 6
 
 
@@ -238,17 +241,6 @@ def test_the_status_of_a_limp_arm_is_reported_and_it_stays_limp(arm, file):
     assert told["joints_found"] == list(JOINTS)
     assert told["q_deg"]["shoulder_pan"] == pytest.approx(0.0, abs=10.0)
     assert memories(arm) == before
-
-
-@pytest.mark.breaks("seed", reason="somebody else's arm: torque is switched on without a goal")
-def test_the_status_of_a_held_arm_says_that_it_holds_although_nobody_drives_it_now(arm, file):
-    bus = Bus(SerialPort(arm.port), reply_timeout=1.0)
-    for servo_id in range(1, 7):
-        bus.write(servo_id, registers.TORQUE_ENABLE, 1)
-    bus.close()
-    asked = ("status", "--port", arm.port, "--json")
-    _, told = looked(*asked, until=lambda _, told: told["mode"] == "holding")
-    assert told["mode"] == "holding"
 
 
 def test_what_a_calibration_and_a_setup_would_do_is_said_and_nothing_is_written(arm, tmp_path):

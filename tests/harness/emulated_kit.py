@@ -12,6 +12,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from harness.fake_parent import until
+from harness.held_calibration import put
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.hand import STIFFNESS, Hand, parse_script
@@ -80,11 +81,7 @@ class Kit:
     # The hand
 
     def put(self, share, joints=JOINTS):
-        """Put joints at a share of their travel."""
-        with self.world.lock:
-            for joint in joints:
-                shaft = self.world.servo(joint).drive.shaft
-                shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
+        put(self.world, share, joints)
 
     def hold(self, **pose):
         """Let a hand lead all joints to ``pose`` [rad], zeros by default, and keep them there."""

@@ -1,4 +1,4 @@
-"""Calibrations of emulated servos: held by them, or in a file."""
+"""Calibrations of emulated servos, held by them or in a file; joints put at a share of a travel."""
 
 from so101_motion.calib.record import record, store
 from so101_motion.drivers.emulator import registers as emu
@@ -13,6 +13,14 @@ def hold_calibration(world, entries):
         memory.keep(emu.MIN_POSITION, entry.range_min)
         memory.keep(emu.MAX_POSITION, entry.range_max)
         servo.boot()
+
+
+def put(world, share, joints=record.JOINTS):
+    """Put joints at a share of their travel, from one stop to the other."""
+    with world.lock:
+        for joint in joints:
+            shaft = world.servo(joint).drive.shaft
+            shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
 
 
 def forget_limits(world):

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from harness.emulated_port import patiently
 from harness.fake_parent import ARM, GRIPPER, ROOT, running_module
+from harness.held_calibration import put
 from viam.proto.common import Pose
 
 from so101_motion.calib.record.record import JOINTS
@@ -62,10 +63,7 @@ class Newcomer:
         lower, upper = [0.0] * 40, [1.0] * 40  # a busy machine may look elsewhere for a while
         shares = [*np.linspace(0.5, 0.0, 20), *lower, *np.linspace(0.0, 1.0, 40), *upper]
         for share in [*shares, *np.linspace(1.0, 0.5, 20)]:
-            with self.kit.world.lock:
-                for servo in self.kit.world.servos:
-                    shaft = servo.drive.shaft
-                    shaft.put(shaft.lower + share * (shaft.upper - shaft.lower))
+            put(self.kit.world, share)
             await asyncio.sleep(0.015)
         self.does("pose")
 
