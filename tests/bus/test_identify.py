@@ -1,20 +1,26 @@
-"""Measuring one of an arm's servos, keeping the result, and driving with it."""
+"""Measuring an arm's servos, keeping the result, driving with it; what ``report-arm`` records."""
 
+import json
 import resource
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from harness.emulated_rig import MIDDLES_DEG, TIMEOUT, ModelBench, arm_client, hardware_bench
 
+from benchmarks.emulated_arm import arm_of, load
 from so101_motion.calib.record import servo_file, store
 from so101_motion.calib.record.servo_file import ServoRecord
+from so101_motion.cli.measuring import nameless, text
+from so101_motion.cli.verbs import main
 from so101_motion.common.errors import Interrupted, MotionError, NotPossibleNow
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.planning.goals import JointGoal
-from so101_motion.setup.identify import SWEEPS, Identification
+from so101_motion.setup.identify import SWEEPS, Identification, StandardMotions
 from so101_motion.setup.identify_operation import IdentifyOperation
 
 PAN = ServoFigures(torque=0.9, friction=1.2, dead_time=1.1)
@@ -39,11 +45,13 @@ def rig(bench, tmp_path):
     return rig
 
 
-def moved(bench, identification, outline, step=0.05):
+def moved(bench, motions, outline, until=lambda: False):
     with ThreadPoolExecutor(1) as beside:
-        moving = beside.submit(identification.move_and_record, outline)
+        moving = beside.submit(motions.move_and_record, outline)
         while not moving.done():
-            bench.advance(step)
+            bench.advance(0.05)
+            if until():
+                motions.cancel()
         return moving.result()
 
 
@@ -180,3 +188,47 @@ def test_an_emulated_arm_has_the_servos_of_a_file():
     for shaft in (wrist, elbow):
         shaft.step(1.0, bridge=True, load=0.0)
     assert wrist.velocity != elbow.velocity
+
+
+# What report-arm records
+
+
+def test_motions_are_recorded_in_the_format_that_the_benchmark_reads(bench, tmp_path):
+    rig = bench.open()
+    bench.advance(1.0)
+    motions = StandardMotions(rig)
+    outline = Identification(rig).outline()
+    outline = replace(outline, sweeps=outline.sweeps[:1])
+    recorded = moved(bench, motions, outline)
+    with ThreadPoolExecutor(1) as beside:
+        asked = beside.submit(motions.registers)
+        while not asked.done():
+            bench.advance(0.01)
+    file = tmp_path / "arm.json"
+    file.write_text(text({"servos": asked.result()}, recorded))
+    assert json.loads(file.read_text())["motions"] == recorded
+    (motion,) = load(file).values()
+    low, high = outline.sweeps[0].ends
+    for name, near in (("command", 0.02), ("position", 0.01)):
+        pan = motion[name][:, 0]
+        np.testing.assert_allclose((pan.min(), pan.max()), (low, high), atol=near)
+    assert motion["t_s"][0] == 0.0
+    assert np.diff(motion["t_cmd_s"]).min() >= 0.0
+    assert arm_of(file).registers["p_gain"] == 32
+
+
+def test_an_arm_that_is_stopped_holds_and_the_recording_is_an_error(bench):
+    rig = bench.open()
+    bench.advance(1.0)
+    motions = StandardMotions(rig)
+    with pytest.raises(Interrupted):
+        moved(bench, motions, Identification(rig).outline(), until=lambda: rig.arm.state.arm_moving)
+    assert np.abs(rig.arm.state.qd_ref).max() == 0.0
+
+
+def test_a_report_needs_servos_and_names_no_port_and_no_folder(tmp_path):
+    result = CliRunner().invoke(main, ["report-arm", str(tmp_path / "a.json"), "--sim"])
+    assert result.exit_code == 2
+    assert "no servos" in result.output
+    said = "/dev/ttyACM0 is open (C:\\users\\me\\58FA.json, /home/me/a); 50 deg/s"
+    assert nameless(said) == "(path) is open ((path), (path)); 50 deg/s"

@@ -37,10 +37,6 @@ def motors(**states):
     return replace(view, motors=found)
 
 
-def all_motors(state):
-    return motors(**dict.fromkeys(JOINTS, state))
-
-
 def chain(**wrong):
     checks = {
         joint: MotorCheck(
@@ -73,7 +69,7 @@ def test_the_first_step_that_is_not_done_comes_next():
     assert FULL.next_open(known) is CONNECT
     known = replace(known, seen=PORT)
     assert FULL.next_open(known) is MOTORS
-    known = replace(known, setup=all_motors("configured"))
+    known = replace(known, setup=motors(**dict.fromkeys(JOINTS, "configured")))
     assert FULL.next_open(known) is CHAIN
     wheels = replace(chain(), unexpected_ids=(7, 8, 9))
     assert FULL.next_open(SetupState(seen=replace(PORT, servos=wheels))) is setup_steps.POSE
@@ -96,12 +92,9 @@ def test_the_connection_is_judged_as_the_doctor_does():
         doctor = [c for c in check_up(seen) if c.verdict == check.verdict]
         assert (check.sentence, check.fix) == (doctor[0].sentence, doctor[0].fix)
         assert check.verdict != "ok"
-    assert CONNECT.check(SetupState(seen=PORT)).verdict == "ok"
-
-
-def test_an_adapter_without_a_port_does_not_matter_once_another_has_one():
-    seen = replace(PORT, lost_adapters=("a CH340 adapter is plugged in, but has no port: brltty",))
-    assert CONNECT.check(SetupState(seen=seen)).verdict == "ok"
+    another = replace(PORT, lost_adapters=("a CH340 adapter is plugged in, but has no port",))
+    for seen in (PORT, another):
+        assert CONNECT.check(SetupState(seen=seen)).verdict == "ok"
 
 
 def test_motors_that_are_left_are_counted_and_the_next_is_named():
@@ -137,18 +130,11 @@ def test_the_chain_is_judged_as_the_doctor_does():
 
 def test_the_steps_of_a_calibration_follow_its_states():
     pose, record, save = setup_steps.POSE, setup_steps.RECORD, setup_steps.SAVE
-    done = {
-        State.IDLE: (),
-        State.STARTED: (),
-        State.HOMED: (pose,),
-        State.RECORDING: (pose,),
-        State.COMPLETED: (pose, record),
-        State.ERROR: (),
-    }
-    for state, steps in done.items():
+    done = {State.HOMED: [pose], State.RECORDING: [pose], State.COMPLETED: [pose, record]}
+    for state in State:
         known = SetupState(view=calibration(state))
-        for step in (pose, record, save):
-            assert (step.check(known).verdict == "ok") == (step in steps), (state, step.name)
+        found = [step for step in (pose, record, save) if step.check(known).verdict == "ok"]
+        assert found == done.get(state, []), state
 
 
 def test_an_error_of_the_calibration_is_what_its_step_says():
