@@ -26,10 +26,10 @@ MOUNTED = tuple(
 )
 
 
-def swept(joint, *, half_missing_deg=0.0):
+def swept(joint):
     """What a calibration from stop to stop records of a joint."""
     lower = joint.zero_ticks + joint.lower * TICKS_PER_RAD
-    upper = joint.zero_ticks + (joint.upper - rad(half_missing_deg)) * TICKS_PER_RAD
+    upper = joint.zero_ticks + joint.upper * TICKS_PER_RAD
     offset = (round((lower + upper) / 2) + 1) % 4096 - 2048
     middle = (round((lower + upper) / 2) - offset) % 4096
     return JointCalibration(
@@ -41,10 +41,10 @@ def swept(joint, *, half_missing_deg=0.0):
     )
 
 
-def saved(file, *, with_zeros, servos=None, **missing):
+def saved(file, *, with_zeros, servos=None):
     calibration, zeros = {}, {}
     for joint in MOUNTED:
-        name, entry = joint.name, swept(joint, half_missing_deg=missing.get(joint.name, 0.0))
+        name, entry = joint.name, swept(joint)
         calibration[name] = entry
         if name in zero.SWEPT:
             zeros[name] = zero.by_stops(name, entry)
@@ -85,27 +85,10 @@ def test_servos_as_they_are_sold_are_told_of_in_one_sentence(bench):
     assert jaw.startswith("gripper: the limits in the servo (0 to 4095) are wider")
 
 
-def test_a_sweep_that_stops_a_degree_short_is_half_a_degree_off(bench, tmp_path):
-    path = saved(tmp_path / "arm.json", with_zeros=True, servos=bench, elbow_flex=1.0)
-    rig = bench.open(calibration_file=path)
-
-    assert error_deg(rig, bench)[2] == pytest.approx(0.5, abs=0.2)
-
-
 def test_the_same_calibration_of_another_program_has_its_zero_in_the_middle(bench, tmp_path):
     rig = bench.open(calibration_file=saved(tmp_path / "arm.json", with_zeros=False, servos=bench))
 
     assert error_deg(rig, bench) == pytest.approx([-d for d in MIDDLES_DEG], abs=0.5)
-
-
-def test_what_is_configured_outranks_the_file(bench, tmp_path):
-    rig = bench.open(
-        calibration_file=saved(tmp_path / "arm.json", with_zeros=True, servos=bench),
-        zero_offsets={"elbow_flex": 0.0},
-    )
-
-    expected = [0.0, 0.0, -MIDDLES_DEG[2], 0.0, 0.0]
-    assert error_deg(rig, bench) == pytest.approx(expected, abs=0.5)
 
 
 @pytest.mark.parametrize("has_norm_mode", [True, False])
