@@ -21,6 +21,9 @@ def check(setup, joint):
     return found.motors[joint]
 
 
+TWINS = {1: 1, 2: 2, 3: 3, 4: 3, 5: 5, 6: 6}
+
+
 def test_a_finished_arm_is_verified_without_writing():
     bus, setup = arm()
     found = setup.verify()
@@ -60,15 +63,12 @@ def test_behind_a_cut_cable_it_is_not_only_the_id_that_may_be_wrong():
 
 
 def test_two_servos_with_one_id_are_named_and_whose_id_is_missing():
-    _, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 3, 5: 5, 6: 6})
+    _, setup = arm(ids=TWINS)
     twins = check(setup, "elbow_flex")
     assert twins.status == "duplicate"
     assert "several servos answer as 3 (elbow_flex) at once, and none as 4" in twins.error
     assert check(setup, "wrist_flex").status == "not_responding"
-
-
-def test_two_servos_with_one_id_are_named_though_they_hold_the_same():
-    _, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 3, 5: 5, 6: 6}, q_start=(0.0,) * 6, calibrated=False)
+    _, setup = arm(ids=TWINS, q_start=(0.0,) * 6, calibrated=False)  # though they hold the same
     assert check(setup, "elbow_flex").status == "duplicate"
 
 
@@ -152,7 +152,7 @@ def test_a_repair_keeps_what_was_set_until_power_off_and_brings_all_to_the_rate_
 
 
 def test_nothing_is_repaired_while_two_servos_share_an_id():
-    bus, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 3, 5: 5, 6: 6})
+    bus, setup = arm(ids=TWINS)
     bus.set(4, baud_rate=reg.BAUDS.index(500_000))
     with pytest.raises(MotorSetupError, match="share an id"):
         setup.repair()
