@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -162,6 +163,16 @@ def run_at_once(call):
     except Exception as error:
         future.set_exception(error)
     return future
+
+
+def wait(model, clock, until):
+    """Let simulated time pass until something is so; planner and workers take real time."""
+    end = time.monotonic() + 60.0
+    model.refresh()
+    while not until():
+        assert time.monotonic() < end, f"did not come true: {model.sentence.text}"
+        clock.advance(0.01)
+        model.refresh()
 
 
 def pages_of(opened, clock):

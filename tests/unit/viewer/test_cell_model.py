@@ -1,11 +1,10 @@
 """The Move tab of several arms: simulated arms on a clock that the tests drive."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness.fake_page import aside, pages_of, run_at_once
+from harness.fake_page import aside, pages_of, run_at_once, wait
 from so101_viewer.panels.plan_panel import plan_facts
 from so101_viewer.view_model import MoveModel
 
@@ -43,11 +42,7 @@ class Bench:
         return self.model
 
     def move(self, until):
-        patience = time.monotonic() + 60.0  # another process plans
-        while not until():
-            assert time.monotonic() < patience, "it goes on and on"
-            self.clock.advance(0.01)
-            self.model.refresh()
+        wait(self.model, self.clock, until)
 
     def says(self, words):
         return words in self.model.sentence.text

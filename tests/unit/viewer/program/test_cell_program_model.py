@@ -1,10 +1,8 @@
 """The Program tab of several arms: simulated arms on a clock that the tests drive."""
 
-import time
-
 import numpy as np
 import pytest
-from harness.fake_page import aside, pages_of, run_at_once
+from harness.fake_page import aside, pages_of, run_at_once, wait
 from so101_viewer.program.program_model import REST, STEP, ProgramModel
 
 from so101_motion.common.errors import ConfigError
@@ -39,13 +37,7 @@ class Bench:
         return self.model.can_run
 
     def move(self, until):
-        end = time.monotonic() + 60.0  # the planner takes real time
-        while time.monotonic() < end:
-            self.model.refresh()
-            if until():
-                return
-            self.clock.advance(0.01)
-        raise AssertionError(f"it goes on and on: {self.model.sentence.text}")
+        wait(self.model, self.clock, until)
 
     def says(self, words):
         return words in self.model.sentence.text

@@ -1,12 +1,12 @@
 """The Program tab's model on a simulated arm, on a clock the test drives."""
 
-import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from harness.fake_page import wait
 from so101_viewer.page import markup
 from so101_viewer.page.guiding import GUIDED_FOR
 from so101_viewer.page.screen_state import Tone
@@ -54,13 +54,7 @@ class Tab:
         return self.worker.submit(call)
 
     def until(self, condition):
-        end = time.monotonic() + 60.0  # planner and worker take real time
-        while time.monotonic() < end:
-            self.model.refresh()
-            if condition():
-                return
-            self._clock.advance(0.01)
-        pytest.fail(f"did not come true: {self.said}")
+        wait(self.model, self._clock, condition)
 
     def record(self, *targets):
         for q in targets:
