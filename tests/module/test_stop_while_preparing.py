@@ -40,11 +40,16 @@ def machine(arm):
 
 
 @pytest.mark.parametrize("move", MOVES.values(), ids=MOVES)
-async def test_a_stop_while_a_move_is_prepared_ends_it(arm, move, machine):
+async def test_a_stop_while_a_move_is_prepared_ends_it(arm, move, machine, monkeypatch):
+    asked = machine.get_frame_system_config
+    if move is MOVES["through joint positions"]:  # it waits for other arms alone
+        monkeypatch.setattr(arm.resource.surroundings, "update_other_arms", asked)
     before = arm.resource.rig.arm.state.q_ref
     moving = asyncio.ensure_future(move(arm))
     await until(lambda: machine.asked > 0)
     await arm.stop()
+    if move is MOVES["through joint positions"]:
+        machine.answer.set()
     await refused(moving, Status.CANCELLED, "ended early by stop")
     assert not arm.resource.rig.arm.is_moving
     np.testing.assert_array_equal(arm.resource.rig.arm.state.q_ref, before)
