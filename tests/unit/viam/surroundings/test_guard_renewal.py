@@ -97,10 +97,16 @@ async def test_another_scene_of_the_arm_is_read_for_at_once(bench):
     assert bench.arm.told[-1] == (OTHER, FULL)
 
 
-async def test_a_reading_for_the_scene_before_is_not_enough(bench):
+@pytest.fixture
+async def waiting(bench):
+    """A request that waits for the first reading."""
     bench.around.may_answer.clear()
     waiting = asyncio.ensure_future(bench.guarded.known())
     await until(lambda: bench.around.asked)
+    return waiting
+
+
+async def test_a_reading_for_the_scene_before_is_not_enough(bench, waiting):
     bench.arm.scene = OTHER
     bench.around.may_answer.set()
     await waiting
@@ -125,22 +131,18 @@ async def test_what_cannot_be_read_again_is_said_once_and_refused_when_it_is_too
     assert bench.arm.told == [(OWN, FULL)]
 
 
-async def test_a_stop_meanwhile_ends_the_request_that_waits(bench):
-    bench.around.may_answer.clear()
-    waiting = asyncio.ensure_future(bench.guarded.known())
-    await until(lambda: bench.around.asked)
+async def test_a_stop_meanwhile_ends_the_request_that_waits(bench, waiting):
     bench.arm.stops += 1
     bench.around.may_answer.set()
     with pytest.raises(Interrupted, match="stop"):
         await waiting
 
 
-async def test_a_cancelled_request_leaves_the_reading_to_the_others(bench):
-    bench.around.may_answer.clear()
-    one, other = (asyncio.ensure_future(bench.guarded.known()) for _ in range(2))
-    await until(lambda: bench.around.asked)
-    one.cancel()
-    await asyncio.wait([one])
+async def test_a_cancelled_request_leaves_the_reading_to_the_others(bench, waiting):
+    other = asyncio.ensure_future(bench.guarded.known())
+    await asyncio.sleep(0)
+    waiting.cancel()
+    await asyncio.wait([waiting])
     bench.around.may_answer.set()
     await other
     assert bench.around.asked == 1
