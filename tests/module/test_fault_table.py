@@ -114,10 +114,7 @@ class Bench:
     """The module's arm and gripper, and the emulated servos under them."""
 
     def __init__(self, emulated, arm, gripper):
-        self.emulated, self.arm, self.gripper = emulated, arm, gripper
-
-    async def type(self, lines):
-        await self.emulated.fault(lines)
+        self.type, self.arm, self.gripper = emulated.fault, arm, gripper
 
     async def joints(self):
         return np.array((await self.arm.get_joint_positions()).values)

@@ -20,6 +20,7 @@ from viam.services.generic.service import GenericRPCService
 from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal
 from so101_motion.viam.conversion.frames import set_machine
+from so101_motion.viam.models import teleop as teleop_module
 from so101_motion.viam.models.teleop import So101Teleop
 
 LEFT, RIGHT = (60.0, -45.0, 45.0, 60.0, 0.0), (-60.0, -45.0, 45.0, 60.0, 0.0)
@@ -196,12 +197,13 @@ async def test_one_that_starts_by_itself_waits_for_the_machine(machine, caplog):
         assert caplog.text.count(WAITS) == 1
 
 
-async def test_a_stop_ends_one_that_waits_to_start_by_itself(machine, caplog):
+async def test_a_stop_ends_one_that_waits_to_start_by_itself(machine, caplog, monkeypatch):
+    monkeypatch.setattr(teleop_module, "_AGAIN", 0.01)
     async with teleoperated(machine, hanging("shed"), auto_start=True) as (client, *_):
         await until(lambda: WAITS in caplog.text)
         assert await client.do_command({"command": "stop"}) == {"running": False}
         machine.things["shed"] = Thing("shed")
-        await asyncio.sleep(1.5)
+        await asyncio.sleep(0.1)
         assert not (await client.do_command({"command": "status"}))["running"]
 
 

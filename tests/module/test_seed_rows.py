@@ -224,18 +224,6 @@ async def test_servos_can_be_asked_after_in_every_way(session):
     assert "calibration_file" in answer["error"]
 
 
-@pytest.mark.emulator_only
-async def test_torque_goes_off_and_on_and_everything_is_set_up_anew(session):
-    start = await session.joints()
-    assert await session.ask(command="set_torque", enable=False) == {"success": True}
-    assert await session.ask(command="set_torque", enable=True) == {"success": True}
-    here = await session.joints()  # it sags until it is held again
-    answer = await session.ask(command="reinitialize", retries=2)
-    assert answer == {"success": True, "error": "", "retries": 2}
-    assert await session.joints() == pytest.approx(here, abs=3.0), "it is held"
-    await session.go(start)
-
-
 # The gripper
 
 

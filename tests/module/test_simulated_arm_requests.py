@@ -9,8 +9,8 @@ from grpclib import GRPCError, Status
 from harness.fake_parent import FakeMotion
 from harness.in_process_module import (
     advance,
-    arm_client,
     duration_of,
+    guarded_arm,
     in_time,
     joints,
     new_arm,
@@ -157,16 +157,11 @@ async def test_it_tells_its_kinematics_what_it_can_do_and_its_status(client):
 
 
 async def test_the_tool_is_marked_and_the_kinematics_are_urdf_when_asked_for():
-    arm = new_arm(visualize_ee_frame=True, use_urdf=True, simulate_time=False)
-    try:
-        async with arm_client(arm) as client:
-            kind, data, *_ = await client.get_kinematics()
-            models = await client.get_3d_models()
-            labels = [geometry.label for geometry in await client.get_geometries()]
-    finally:
-        await arm.close()
-        await arm.close()
-
+    async with guarded_arm(visualize_ee_frame=True, use_urdf=True, simulate_time=False) as client:
+        kind, data, *_ = await client.get_kinematics()
+        models = await client.get_3d_models()
+        labels = [geometry.label for geometry in await client.get_geometries()]
+        await client.resource.close()  # as often as one likes
     assert kind == KinematicsFileFormat.KINEMATICS_FILE_FORMAT_URDF
     assert b"<robot" in data
     assert "tool" in models
@@ -175,44 +170,25 @@ async def test_the_tool_is_marked_and_the_kinematics_are_urdf_when_asked_for():
 
 async def test_a_named_motion_service_plans_instead():
     service = FakeMotion()
-    arm = new_arm({Motion.get_resource_name("mine"): service}, motion="mine", simulate_time=False)
-    try:
-        async with arm_client(arm) as client:
-            extra = {"max_ik_solutions": 5.0}
-            await client.move_to_position(Pose(x=1, y=2, z=3, o_z=1), extra=extra)
-            await client.move_to_position(Pose(x=1, o_z=1), extra={"goal_metric_type": "own"})
-            service.answer = False
-            with pytest.raises(GRPCError) as caught:
-                await client.move_to_position(Pose(x=1, o_z=1))
-    finally:
-        await arm.close()
-
+    named = {Motion.get_resource_name("mine"): service}
+    async with guarded_arm(dependencies=named, motion="mine", simulate_time=False) as client:
+        extra = {"max_ik_solutions": 5.0}
+        await client.move_to_position(Pose(x=1, y=2, z=3, o_z=1), extra=extra)
+        await client.move_to_position(Pose(x=1, o_z=1), extra={"goal_metric_type": "own"})
+        service.answer = False
+        await refused(client.move_to_position(Pose(x=1, o_z=1)), Status.ABORTED)
     component, destination, sent = service.calls[0]
     assert component == "arm"
     assert destination.reference_frame == "arm_origin"
     assert (destination.pose.x, destination.pose.y, destination.pose.z) == (1, 2, 3)
     assert sent == {"goal_metric_type": "position_only", "max_ik_solutions": 5.0}
     assert service.calls[1][2] == {"goal_metric_type": "own"}
-    assert caught.value.status is Status.ABORTED
 
 
 def test_a_motion_service_that_is_not_there_is_named():
-    with pytest.raises(GRPCError) as caught:
+    with pytest.raises(GRPCError, match="mine") as caught:
         new_arm(motion="mine")
-
     assert caught.value.status is Status.INVALID_ARGUMENT
-    assert "mine" in caught.value.message
-
-
-async def test_fixed_obstacles_come_from_the_configuration():
-    crate = {"name": "crate", "box_mm": [80, 80, 80], "position_mm": [250, 0, 120]}
-    arm = new_arm(obstacles=[crate])
-    try:
-        async with arm_client(arm) as client:
-            with pytest.raises(GRPCError, match="crate"):
-                await client.move_to_position(Pose(x=250, y=0, z=120, o_z=1))
-    finally:
-        await arm.close()
 
 
 def test_an_invalid_obstacle_is_named():
@@ -221,41 +197,33 @@ def test_an_invalid_obstacle_is_named():
 
 
 async def test_a_new_configuration_leaves_the_joints_where_they_are():
-    arm = new_arm(simulate_time=False)
-    async with arm_client(arm) as client:
+    async with guarded_arm(simulate_time=False) as client:
         await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    await arm.close()
-    arm, other = new_arm(simulate_time=False, floor_z_mm=-5.0), new_arm(name="other")
-    try:
-        async with arm_client(arm) as client, arm_client(other) as elsewhere:
-            assert await positions(client) == pytest.approx(HOME, abs=0.01)
-            assert await positions(elsewhere) == pytest.approx([0.0] * 5)
-    finally:
-        await arm.close()
-        await other.close()
+    async with (
+        guarded_arm(simulate_time=False, floor_z_mm=-5.0) as client,
+        guarded_arm(name="other") as elsewhere,
+    ):
+        assert await positions(client) == pytest.approx(HOME, abs=0.01)
+        assert await positions(elsewhere) == pytest.approx([0.0] * 5)
 
 
 async def test_no_request_exceeds_the_arm_s_largest_speed():
-    arm = new_arm(simulate_time=False, max_speed_degs_per_sec=20.0)
-    try:
-        async with arm_client(arm) as client:
-            await refused(
-                client.do_command({"set_speed": 21.0}),
-                Status.INVALID_ARGUMENT,
-                "max_speed_degs_per_sec, 20 deg/s",
-            )
-            await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-            for pan, options in (
-                (60.0, MoveOptions(max_vel_degs_per_sec=180.0, max_acc_degs_per_sec2=500.0)),
-                (0.0, MoveOptions(max_vel_degs_per_sec_joints=[180.0] * 5)),
-            ):
-                there = client.move_through_joint_positions([joints(pan, *HOME[1:])], options)
-                assert await duration_of(client, there) > 60.0 / 20.0
-            at_once = client.move_to_joint_positions(joints(*ELSEWHERE), extra={"wait": False})
-            await at_once
-            before = list((await client.get_joint_positions()).values)
-            await advance(client, 0.5)
-            after = list((await client.get_joint_positions()).values)
-            assert max(abs(b - a) for a, b in zip(before, after, strict=True)) <= 10.0 + 1e-6
-    finally:
-        await arm.close()
+    async with guarded_arm(simulate_time=False, max_speed_degs_per_sec=20.0) as client:
+        await refused(
+            client.do_command({"set_speed": 21.0}),
+            Status.INVALID_ARGUMENT,
+            "max_speed_degs_per_sec, 20 deg/s",
+        )
+        await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+        for pan, options in (
+            (60.0, MoveOptions(max_vel_degs_per_sec=180.0, max_acc_degs_per_sec2=500.0)),
+            (0.0, MoveOptions(max_vel_degs_per_sec_joints=[180.0] * 5)),
+        ):
+            there = client.move_through_joint_positions([joints(pan, *HOME[1:])], options)
+            assert await duration_of(client, there) > 60.0 / 20.0
+        at_once = client.move_to_joint_positions(joints(*ELSEWHERE), extra={"wait": False})
+        await at_once
+        before = list((await client.get_joint_positions()).values)
+        await advance(client, 0.5)
+        after = list((await client.get_joint_positions()).values)
+        assert max(abs(b - a) for a, b in zip(before, after, strict=True)) <= 10.0 + 1e-6

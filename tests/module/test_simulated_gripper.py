@@ -134,29 +134,25 @@ async def test_a_request_that_is_not_understood_is_answered_with_the_known_ones(
     await refused(client.do_command(request_), Status.INVALID_ARGUMENT, says)
 
 
-async def test_a_stop_ends_the_call_and_leaves_the_jaw_where_it_is(client, in_time, until):
+@pytest.mark.parametrize("by", ["a stop", "its client"])
+async def test_a_call_that_is_ended_leaves_the_jaw_where_it_is(client, in_time, until, by):
     await in_time(client.grab())
     call = asyncio.ensure_future(client.open())
     await until(lambda: opens(client))
-    await in_time(client.stop())
-
-    await refused(call, Status.CANCELLED)
-    assert not await client.is_moving()
+    if by == "a stop":
+        await in_time(client.stop())
+        await refused(call, Status.CANCELLED)
+        assert not await client.is_moving()
+    else:
+        call.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await call
+        await until(lambda: rests(client))
     position = await client.do_command({"command": "get_position"})
     assert 10.0 < position["position_percentage"] < 95.0
-    assert position["target_percentage"] == pytest.approx(position["position_percentage"], abs=0.1)
-
-
-async def test_cancelling_a_call_brings_the_jaw_to_rest(client, in_time, until):
-    await in_time(client.grab())
-    call = asyncio.ensure_future(client.open())
-    await until(lambda: opens(client))
-    call.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await call
-    await until(lambda: rests(client))
-
-    assert await opening(client) < 95.0
+    if by == "a stop":
+        reached = pytest.approx(position["position_percentage"], abs=0.1)
+        assert position["target_percentage"] == reached
 
 
 async def test_the_jaw_is_seen_to_move(client, in_time):

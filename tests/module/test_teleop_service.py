@@ -172,7 +172,7 @@ async def test_it_starts_and_stops_as_often_as_one_likes():
             assert (await told(client))["leader_limp"] is True
 
 
-async def test_invalid_requests_are_refused():
+async def test_invalid_requests_and_arms_are_refused(monkeypatch):
     async with pair() as (client, *_):
         for request, says in (
             ({"command": "begin"}, "start, stop, status"),
@@ -183,6 +183,11 @@ async def test_invalid_requests_are_refused():
         ):
             await refused(client.do_command(request), Status.INVALID_ARGUMENT, says)
         assert (await told(client))["running"] is False
+        monkeypatch.setitem(ArmResource.here, "follower", ArmResource.here["leader"])
+        await refused(client.do_command({"command": "start"}), None, "is on the leader")
+    teleop = service()
+    await refused(teleop.do_command({"command": "start"}), Status.INVALID_ARGUMENT, "leader")
+    await teleop.close()
 
 
 async def test_a_record_lies_in_the_modules_data_and_is_replaced_only_by_a_start_that_is_told_to(
@@ -217,19 +222,6 @@ async def test_a_record_lies_in_the_modules_data_and_is_replaced_only_by_a_start
 
 async def is_recorded(client, rows):
     return (await told(client)).get("recorded", 0) >= rows
-
-
-async def test_an_arm_that_is_not_there_is_named():
-    teleop = service()
-    await refused(teleop.do_command({"command": "start"}), Status.INVALID_ARGUMENT, "leader")
-    await teleop.close()
-
-
-async def test_two_arms_on_one_port_are_no_pair(monkeypatch):
-    async with pair() as (client, *_):
-        monkeypatch.setitem(ArmResource.here, "follower", ArmResource.here["leader"])
-        with pytest.raises(GRPCError, match="is on the leader"):
-            await client.do_command({"command": "start"})
 
 
 async def test_the_guard_needs_an_arm_of_this_module():
