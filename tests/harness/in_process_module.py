@@ -49,7 +49,8 @@ class _GuardedChannel(ChannelFor):
 
 @asynccontextmanager
 async def guarded_arm(**attributes):
-    """A simulated arm behind a channel that checks requests as the module's server does."""
+    """A simulated arm, as of ``new_arm``, behind a channel that checks requests as the module's
+    server does."""
     arm = new_arm(**attributes)
     try:
         services = _patch_mappings([ArmRPCService(ResourceManager([arm]))])

@@ -8,16 +8,11 @@ plain, without a key. The port can be closed and opened again, as when a cable i
         MachineRig.connect(machine.address)
 
     with running_machine(emulated=True) as machine:    # on six emulated servos, with all our models
-
-By hand: ``python tests/harness/viam_machine.py --sim`` (or ``--emulate``) prints the address and
-runs until Ctrl-C.
 """
 
-import argparse
 import asyncio
 import contextlib
 import functools
-import signal
 import tempfile
 import threading
 import time
@@ -99,8 +94,8 @@ class Door:
         self._server = None
         self._pipes = set()
 
-    async def open(self, port=0):
-        self._server = await asyncio.start_server(self._enter, "127.0.0.1", self.port or port)
+    async def open(self):
+        self._server = await asyncio.start_server(self._enter, "127.0.0.1", self.port)
         self.port = self._server.sockets[0].getsockname()[1]
 
     async def shut(self):
@@ -179,7 +174,7 @@ class Machine:
 
 
 @contextmanager
-def running_machine(*, emulated=False, resources=None, port=0):
+def running_machine(*, emulated=False, resources=None):
     """Start a machine; it ends with the block.
 
     Args:
@@ -187,14 +182,13 @@ def running_machine(*, emulated=False, resources=None, port=0):
             itself, instead of simulated.
         resources: What it has, like ``SIM``; by default an arm, a gripper, and on emulated servos
             the calibration and discovery as well.
-        port: The TCP port it listens on; 0 for any free one.
     """
     loop, ready, done = asyncio.new_event_loop(), Future(), asyncio.Event()
 
     async def live():
         try:
             async with AsyncExitStack() as stack:
-                ready.set_result(await _start(stack, loop, emulated, resources, port))
+                ready.set_result(await _start(stack, loop, emulated, resources))
                 await done.wait()
         except BaseException as error:
             if ready.done():
@@ -211,7 +205,7 @@ def running_machine(*, emulated=False, resources=None, port=0):
         loop.close()
 
 
-async def _start(stack, loop, emulated, resources, port):
+async def _start(stack, loop, emulated, resources):
     servos = None
     if emulated:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="so101-"))
@@ -224,25 +218,6 @@ async def _start(stack, loop, emulated, resources, port):
     if servos is not None:
         await servos.let_go()
     door = Door(module.socket)
-    await door.open(port)
+    await door.open()
     stack.push_async_callback(door.shut)
     return Machine(loop, module, door, servos)
-
-
-def main():
-    parser = argparse.ArgumentParser(description="A Viam machine with our module, until Ctrl-C.")
-    kind = parser.add_mutually_exclusive_group(required=True)
-    kind.add_argument("--sim", action="store_true", help="a simulated arm and gripper")
-    kind.add_argument("--emulate", action="store_true", help="an arm on six virtual servos")
-    parser.add_argument("--port", type=int, default=0, help="TCP port; any free one by default")
-    given = parser.parse_args()
-    done = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: done.set())
-    with running_machine(emulated=given.emulate, port=given.port) as machine:
-        print(machine.address, flush=True)  # noqa: T201
-        done.wait()
-
-
-if __name__ == "__main__":
-    main()
