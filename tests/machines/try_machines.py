@@ -13,7 +13,7 @@ entered with ``chroot``; its mounts and processes are in namespaces that end wit
 (a few tests, one of them in the browser), then ``setup.sh`` and ``run.sh``. ``stumble`` begins
 with less than the README asks for, and types whatever command the error messages name.
 
-The table goes to ``benchmarks/results/machines.json`` and to the terminal.
+What came of each line goes to ``benchmarks/results/machines.json`` and to the terminal.
 """
 
 from __future__ import annotations
@@ -118,7 +118,8 @@ class Machine:
             text=True,
             timeout=ENOUGH,
         )
-        say(f"{self.name}, {user}: {line}\n{indented(done.stdout)}")
+        said = (f"    | {each}" for each in done.stdout.strip().splitlines()[-25:])
+        say("\n".join((f"{self.name}, {user}: {line}", *said)))
         return done.returncode, done.stdout, time.monotonic() - begin
 
     def expect(
@@ -269,7 +270,9 @@ def try_demo(machine: Machine, line: str, folder: str) -> None:
     if link:
         size = len(asked_as_browser(link[1]))
         verdict = f"a link; the page comes ({size // 1000} kB)" if size > 100_000 else ""
-        interrupt(process)
+        os.killpg(process.pid, signal.SIGINT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(15.0)
         verdict = verdict if "so101: stopping" in log.read_text() else ""
     end(process)
     machine.note(line, verdict, last_words(log.read_text()), seconds)
@@ -304,13 +307,6 @@ def try_run(machine: Machine, folder: str) -> None:
     machine.note("./run.sh SOCKET", verdict, last_words(log.read_text()), seconds)
 
 
-def interrupt(process: subprocess.Popen[bytes]) -> None:
-    os.killpg(process.pid, signal.SIGINT)
-    deadline = time.monotonic() + 15.0
-    while process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.1)
-
-
 def end(process: subprocess.Popen[bytes]) -> None:
     process.kill()
     process.wait()
@@ -340,10 +336,6 @@ def last_words(said: str) -> str:
     return " / ".join(said.strip().splitlines()[-3:])[-300:]
 
 
-def indented(text: str) -> str:
-    return "\n".join(f"    | {line}" for line in text.strip().splitlines()[-25:])
-
-
 def megabytes(folder: Path) -> int:
     command = ["du", "--summarize", "--one-file-system", "--block-size=1000000", str(folder)]
     return int(
@@ -369,16 +361,6 @@ def write(result: Path, rows: list[Row], commit: str) -> None:
     new = [{**asdict(row), "commit": commit} for row in rows]
     everything = sorted(kept + new, key=lambda row: (row["machine"], row["trial"]))
     result.write_text(json.dumps({"benchmark": "machines", "rows": everything}, indent=1) + "\n")
-
-
-def table(rows: list[Row]) -> str:
-    head = "| machine | trial | who | typed | result | s |\n|---|---|---|---|---|---|\n"
-    lines = (
-        f"| {row.machine} | {row.trial} | {row.user} | `{row.typed}` | {row.result} |"
-        f" {row.seconds:.0f} |"
-        for row in rows
-    )
-    return head + "\n".join(lines)
 
 
 def main() -> int:
@@ -411,7 +393,6 @@ def main() -> int:
                 rows += machine.rows
                 write(given.result, machine.rows, commit)
                 shutil.rmtree(root)
-    print(table(rows))
     return 0 if all(row.ok for row in rows) else 1
 
 
