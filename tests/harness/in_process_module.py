@@ -8,9 +8,8 @@ from grpclib import GRPCError
 from grpclib.testing import ChannelFor
 from viam.components.arm import ArmClient, JointPositions
 from viam.components.arm.service import ArmRPCService
-from viam.components.gripper import GripperClient
-from viam.components.gripper.service import GripperRPCService
 from viam.resource.manager import ResourceManager
+from viam.resource.registry import Registry
 from viam.rpc.server import _patch_mappings
 
 from harness.fake_parent import ARM, GRIPPER, SIMULATED, SIMULATED_GRIPPER, config_of, until
@@ -28,9 +27,14 @@ def new_gripper(name="gripper", **attributes):
 
 
 @asynccontextmanager
-async def arm_client(arm):
-    async with ChannelFor([ArmRPCService(ResourceManager([arm]))]) as channel:
-        yield ArmClient(arm.name, channel)
+async def client_of(resource):
+    """A client of any component or service, over gRPC."""
+    api = Registry.lookup_api(resource.API)
+    async with ChannelFor([api.rpc_service(ResourceManager([resource]))]) as channel:
+        yield api.create_rpc_client(resource.name, channel)
+
+
+arm_client = gripper_client = client_of
 
 
 class _GuardedServer:
@@ -60,12 +64,6 @@ async def guarded_arm(**attributes):
             yield client
     finally:
         await arm.close()
-
-
-@asynccontextmanager
-async def gripper_client(gripper):
-    async with ChannelFor([GripperRPCService(ResourceManager([gripper]))]) as channel:
-        yield GripperClient(gripper.name, channel)
 
 
 def joints(*degrees):

@@ -8,14 +8,10 @@ from datetime import timedelta
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from grpclib.testing import ChannelFor
 from harness.fake_machine import FakeMachine, Thing, a_box, hanging
 from harness.fake_parent import config_of, until
-from harness.in_process_module import advance, arm_client, in_time, joints, new_arm, refused
+from harness.in_process_module import advance, client_of, in_time, joints, new_arm, refused
 from viam.components.arm import Arm
-from viam.resource.manager import ResourceManager
-from viam.services.generic.client import GenericClient
-from viam.services.generic.service import GenericRPCService
 
 from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal
@@ -41,7 +37,7 @@ async def on_the_left(machine, **attributes):
     """An arm to the left of the crate, its client, and where its pan is [deg]."""
     set_machine(lambda: None)
     arm = new_arm(simulate_time=False, **QUICK, **attributes)
-    async with arm_client(arm) as client:
+    async with client_of(arm) as client:
 
         async def pan():
             return (await client.get_joint_positions()).values[0]
@@ -116,9 +112,7 @@ async def teleoperated(machine, *also, **attributes):
     named = {"leader_arm": "leader", "follower_arm": "arm", "manage_leader_torque": False}
     config = config_of("rdk:service:generic", "devrel:so101:teleop", named | attributes, "teleop")
     teleop = So101Teleop.new(config, {})
-    services = [GenericRPCService(ResourceManager([teleop]))]
-    async with ChannelFor(services) as channel, arm_client(arms[0]) as follower:
-        client = GenericClient(teleop.name, channel)
+    async with client_of(teleop) as client, client_of(arms[0]) as follower:
         try:
             yield client, arms[1].rig.arm, follower
         finally:

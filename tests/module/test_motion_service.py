@@ -7,10 +7,9 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from grpclib.testing import ChannelFor
 from harness.fake_machine import FakeMachine, Thing, hanging
 from harness.fake_parent import config_of, until
-from harness.in_process_module import advance, arm_client, in_time, new_arm, refused
+from harness.in_process_module import advance, client_of, guarded_arm, in_time, new_arm, refused
 from viam.components.arm import JointPositions
 from viam.proto.common import (
     GeometriesInFrame,
@@ -29,9 +28,6 @@ from viam.proto.service.motion import (
     OrientationConstraint,
     PseudolinearConstraint,
 )
-from viam.resource.manager import ResourceManager
-from viam.services.motion import MotionClient
-from viam.services.motion.service import MotionRPCService
 
 from so101_motion.common.geometry import SE3, rotation_by
 from so101_motion.viam.conversion import convert
@@ -54,21 +50,11 @@ def machine_with_gripper():
     return machine
 
 
-@asynccontextmanager
-async def motion_client(service):
-    services = [MotionRPCService(ResourceManager([service]))]
-    async with ChannelFor(services) as channel:
-        yield MotionClient(service.name, channel)
-
-
 @pytest.fixture
 async def arm():
-    resource = new_arm(simulate_time=False, acceleration_degs_per_sec_per_sec=500.0)
-    async with arm_client(resource) as client:
-        client.resource = resource
+    async with guarded_arm(simulate_time=False, acceleration_degs_per_sec_per_sec=500.0) as client:
         await in_time(client, client.move_to_joint_positions(JointPositions(values=READY)))
         yield client
-    await resource.close()
 
 
 @pytest.fixture
@@ -76,7 +62,7 @@ async def motion(arm):
     machine = machine_with_gripper()
     set_machine(lambda: machine)
     service = So101Motion.new(config_of(MOTION, "devrel:so101:motion", {}, "planner"), {})
-    async with motion_client(service) as client:
+    async with client_of(service) as client:
         yield client
     set_machine(lambda: None)
 
@@ -268,7 +254,7 @@ async def two_arms(**attributes):
     arms = [new_arm(name=name) for name in ("arm", "left")]
     config = config_of(MOTION, "devrel:so101:motion", attributes, "planner")
     try:
-        async with motion_client(So101Motion.new(config, {})) as client:
+        async with client_of(So101Motion.new(config, {})) as client:
             yield client
     finally:
         for arm in arms:

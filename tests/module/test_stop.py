@@ -10,14 +10,10 @@ from datetime import timedelta
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from grpclib.testing import ChannelFor
 from harness.fake_parent import MOTION, config_of, until
-from harness.in_process_module import advance, in_time, joints
+from harness.in_process_module import advance, client_of, in_time, joints
 from viam.components.arm import Arm
 from viam.proto.common import Pose, PoseInFrame
-from viam.resource.manager import ResourceManager
-from viam.services.motion import MotionClient
-from viam.services.motion.service import MotionRPCService
 
 from so101_motion.common.errors import SUPERSEDED
 from so101_motion.common.modes import Mode
@@ -35,8 +31,7 @@ STOPS = 200
 @pytest.fixture
 async def motion(arm):
     service = So101Motion.new(config_of(MOTION, "devrel:so101:motion", {}, "planner"), {})
-    async with ChannelFor([MotionRPCService(ResourceManager([service]))]) as channel:
-        client = MotionClient(service.name, channel)
+    async with client_of(service) as client:
         client.resource = service
         yield client
 

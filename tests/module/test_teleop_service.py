@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
-from grpclib.testing import ChannelFor
 from harness.emulated_port import in_the_end
 from harness.fake_parent import config_of, until
-from harness.in_process_module import arm_client, gripper_client, new_arm, new_gripper, refused
+from harness.in_process_module import client_of, new_arm, new_gripper, refused
 from viam.components.arm import Arm, JointPositions, MoveOptions
 from viam.components.gripper import Gripper
-from viam.resource.manager import ResourceManager
-from viam.services.generic.client import GenericClient
-from viam.services.generic.service import GenericRPCService
 
 from so101_motion.common.errors import ConfigError, NotReady
 from so101_motion.tasks.teleop import LocalArm
@@ -56,22 +52,16 @@ def service(dependencies=None, **attributes):
 
 
 @asynccontextmanager
-async def client_of(teleop):
-    async with ChannelFor([GenericRPCService(ResourceManager([teleop]))]) as channel:
-        yield GenericClient(teleop.name, channel)
-
-
-@asynccontextmanager
 async def pair(here=("leader", "follower"), **attributes):
     """A leader and a follower with grippers; those not in ``here`` are reached through Viam."""
     built = {name: new_arm(name=name, **FAST) for name in ("leader", "follower")}
     grippers = {name: new_gripper(name=name) for name in ("lg", "fg")}
     dependencies = {}
     async with (
-        arm_client(built["leader"]) as leader,
-        arm_client(built["follower"]) as follower,
-        gripper_client(grippers["lg"]) as lg,
-        gripper_client(grippers["fg"]) as fg,
+        client_of(built["leader"]) as leader,
+        client_of(built["follower"]) as follower,
+        client_of(grippers["lg"]) as lg,
+        client_of(grippers["fg"]) as fg,
     ):
         asked = {"leader": leader, "follower": follower}
         for side, arm, jaw in (("leader", leader, lg), ("follower", follower, fg)):

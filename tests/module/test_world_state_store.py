@@ -1,18 +1,13 @@
 """The world-state store over gRPC: the scene an arm plans with, shown in Viam's 3D view."""
 
 import asyncio
-from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from grpclib.testing import ChannelFor
 from harness.fake_parent import config_of
-from harness.in_process_module import new_arm, refused
+from harness.in_process_module import client_of, new_arm, refused
 from viam.proto.service.worldstatestore import StreamTransformChangesResponse
-from viam.resource.manager import ResourceManager
-from viam.services.worldstatestore import WorldStateStoreClient
-from viam.services.worldstatestore.service import WorldStateStoreService
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import (
@@ -31,12 +26,6 @@ from so101_motion.viam.models.world_state_store import So101WorldState
 STORE = "rdk:service:world_state_store"
 
 
-@asynccontextmanager
-async def store_client(service):
-    async with ChannelFor([WorldStateStoreService(ResourceManager([service]))]) as channel:
-        yield WorldStateStoreClient(service.name, channel)
-
-
 @pytest.fixture
 async def arm():
     resource = new_arm(simulate_time=False)
@@ -47,7 +36,7 @@ async def arm():
 @pytest.fixture
 async def store(arm):
     service = So101WorldState.new(config_of(STORE, "devrel:so101:world-state", {}, "world"), {})
-    async with store_client(service) as client:
+    async with client_of(service) as client:
         yield client
 
 
@@ -138,7 +127,7 @@ async def test_there_is_always_something_to_show(store):
 async def test_an_arm_that_is_not_there_is_named(arm):
     config = config_of(STORE, "devrel:so101:world-state", {"arm": "amr"}, "world")
     service = So101WorldState.new(config, {})
-    async with store_client(service) as client:
+    async with client_of(service) as client:
         with pytest.raises(GRPCError, match=r"amr.*did you mean .arm") as caught:
             await client.list_uuids()
         assert caught.value.status is Status.INVALID_ARGUMENT

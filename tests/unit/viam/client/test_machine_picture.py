@@ -1,14 +1,11 @@
 """Pictures of a machine's camera, over gRPC."""
 
 import pytest
-from grpclib.testing import ChannelFor
 from harness.fake_camera import FakeCamera
+from harness.in_process_module import client_of
 from harness.web_camera import jpeg
-from viam.components.camera import CameraClient
-from viam.components.camera.service import CameraRPCService
 from viam.media.video import CameraMimeType, NamedImage
 from viam.proto.common import ResponseMetadata
-from viam.resource.manager import ResourceManager
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.viam.client.machine import picture_of
@@ -27,8 +24,7 @@ class Changing(FakeCamera):
 
 async def test_a_picture_is_a_jpeg_and_the_next_one_another():
     camera = Changing("top", None)
-    async with ChannelFor([CameraRPCService(ResourceManager([camera]))]) as channel:
-        client = CameraClient("top", channel)
+    async with client_of(camera) as client:
         assert [await picture_of(client) for _ in range(2)] == [jpeg(1), jpeg(2)]
         camera.kinds = (CameraMimeType.VIAM_RGBA,)
         with pytest.raises(ConfigError, match="neither JPEG nor PNG"):

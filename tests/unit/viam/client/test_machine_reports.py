@@ -161,13 +161,6 @@ def _off(point, a, b):
     return float(np.max(np.abs(a + u * leg - point))) - 1e-9
 
 
-def test_a_straight_path_has_only_its_ends():
-    q = np.linspace(np.zeros(5), np.ones(5), 200)
-    assert len(corners_of(q, to_rad(1.0))) == 2
-    bent = np.concatenate([q, np.linspace(np.ones(5), [1, 1, 1, 0, 0], 100)])
-    assert len(corners_of(bent, to_rad(1.0))) == 3
-
-
 # Getting in
 
 

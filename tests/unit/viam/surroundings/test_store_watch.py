@@ -4,13 +4,10 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from grpclib.testing import ChannelFor
 from harness.fake_machine import FakeMachine, FakeStore, StandingArm, Thing, hanging, seen_thing
 from harness.fake_parent import until
+from harness.in_process_module import client_of
 from viam.proto.common import Transform
-from viam.resource.manager import ResourceManager
-from viam.services.worldstatestore import WorldStateStoreClient
-from viam.services.worldstatestore.service import WorldStateStoreService
 
 from so101_motion.common.errors import SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
@@ -36,8 +33,7 @@ async def watched(store):
     )
     set_machine(lambda: machine)
     reader = MachineBodies("arm", (), {"arm": StandingArm()}, (), MachineCell({}))
-    async with ChannelFor([WorldStateStoreService(ResourceManager([store]))]) as channel:
-        client = WorldStateStoreClient("seen", channel)
+    async with client_of(store) as client:
         watch = StoreWatch("seen", client, LOGGER)
 
         async def scene():
@@ -206,7 +202,6 @@ async def test_an_invalid_entry_is_refused_with_its_name():
 
 async def test_a_store_that_does_not_run_is_named():
     watch = StoreWatch("seen", None, LOGGER)
-    machine = MachineBodies("arm", (), {"arm": StandingArm()}, (), MachineCell({}))
     with pytest.raises(SurroundingsUnknown, match='"seen" does not run'):
-        await watch.added_to(Scene(), await machine.read())
+        await watch.added_to(Scene(), None)
     await watch.close()
