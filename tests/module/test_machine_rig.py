@@ -116,13 +116,6 @@ def test_the_path_of_a_plan_made_here_is_followed_not_only_its_end(rig):
     assert max(off) < np.radians(1.0)
 
 
-def test_the_caps_are_the_machines(rig):
-    assert rig.do_command("arm", {"get_motion_params": True}) == {
-        "current_speed_degs_per_sec": pytest.approx(180.0),
-        "current_acceleration_degs_per_sec_per_sec": pytest.approx(500.0),
-    }
-
-
 def test_a_stop_ends_the_motion_at_once(rig):
     error = ended_early(rig, rig.arm.stop)
     assert isinstance(error, Interrupted), error
@@ -237,15 +230,16 @@ def test_a_client_that_goes_away_takes_its_motion_with_it(machine, rig):
     assert rig.arm.state.q[0] < FAR[0] - np.radians(5.0)
 
 
-def test_manual_mode_is_the_machines(rig):
+def test_caps_manual_mode_and_commands_are_the_machines_and_refusals_come_back_in_its_words(rig):
+    assert rig.do_command("gripper", {"get": True})["position"] == pytest.approx(0.0, abs=100.0)
+    assert rig.do_command("arm", {"get_motion_params": True}) == {
+        "current_speed_degs_per_sec": pytest.approx(180.0),
+        "current_acceleration_degs_per_sec_per_sec": pytest.approx(500.0),
+    }
     rig.arm.set_manual(True)
     assert rig.arm.is_movable_by_hand
     rig.arm.set_manual(False)
     assert rig.arm.state.mode is Mode.HOLDING
-
-
-def test_commands_go_to_any_resource_and_refusals_come_back_in_its_words(rig):
-    assert rig.do_command("gripper", {"get": True})["position"] == pytest.approx(0.0, abs=100.0)
     with pytest.raises(MachineRefused, match="set_speeed") as caught:
         rig.do_command("arm", {"set_speeed": 1.0})
     assert caught.value.status == "INVALID_ARGUMENT"

@@ -6,7 +6,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 from harness.fake_parent import ARM, SIMULATED
-from harness.viam_machine import running_machine
+from harness.viam_machine import running_machine, until_true
 from so101_viewer.teach.teach_panel import teaching_on
 
 from so101_motion.common.errors import So101Error
@@ -16,14 +16,6 @@ from so101_motion.viam.client import MachineRig
 
 FAST = {"speed_degs_per_sec": 90.0, "acceleration_degs_per_sec_per_sec": 400.0}
 WAVE = np.radians([[0.0, -30.0, 30.0, 20.0, 0.0], [40.0, -40.0, 20.0, 0.0, 0.0]])
-
-
-def until(condition, what):
-    for _ in range(3000):
-        if condition():
-            return
-        what()
-    pytest.fail("did not come true")
 
 
 def test_a_path_on_a_machine_is_recorded_planned_replayed_stopped_deleted_and_restored(
@@ -48,14 +40,14 @@ def test_a_path_on_a_machine_is_recorded_planned_replayed_stopped_deleted_and_re
         assert (tmp_path / "paths" / "wave 2.json").exists()
 
         rig.do_command("arm", {"set_speed": 3.0})
-        until(lambda: rig.refresh().mode is Mode.HOLDING, rig.refresh)
+        until_true(lambda: rig.refresh().mode is Mode.HOLDING)
         teaching.ask("plan", name="wave")
         assert "s to its start" in teaching.view.text
         assert len(teaching.view.picture.line) > 1
         running = pool.submit(teaching.ask, "run")
-        until(lambda: rig.refresh().mode is Mode.MOVING, rig.refresh)
+        until_true(lambda: rig.refresh().mode is Mode.MOVING)
         rig.arm.stop()
         with pytest.raises(So101Error, match="stop"):
             running.result(60.0)
-        until(lambda: "Press Plan replay" in teaching.view.text, rig.refresh)
+        until_true(lambda: rig.refresh() and "Press Plan replay" in teaching.view.text)
         assert np.abs(rig.refresh().q - WAVE[-1]).max() > np.radians(5.0)

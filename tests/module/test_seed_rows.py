@@ -47,8 +47,7 @@ class Session:
         return q - np.where(q > 0.0, 1.0, -1.0) * STEP * np.array(shares)
 
     async def go(self, q_deg):
-        goal = JointPositions(values=list(map(float, q_deg)))
-        await patiently(lambda: self.arm.move_to_joint_positions(goal))
+        await patiently(lambda: self.arm.move_to_joint_positions(positions(q_deg)))
 
     async def ask(self, **request):
         return await self.arm.do_command(request)

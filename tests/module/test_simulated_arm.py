@@ -1,23 +1,26 @@
-"""Moves, stops and streams of the simulated arm, over gRPC."""
+"""The simulated arm over gRPC: moves, stops, manual mode, requests, geometries, configuration."""
 
 import asyncio
+import json
 import math
 from contextlib import suppress
 
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.fake_parent import until
+from harness.fake_parent import FakeMotion, until
 from harness.in_process_module import (
     advance,
     duration_of,
     guarded_arm,
     in_time,
     joints,
+    new_arm,
     positions,
     refused,
 )
-from viam.components.arm import Pose
+from viam.components.arm import KinematicsFileFormat, MoveOptions, Pose
+from viam.services.motion import Motion
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 ELSEWHERE = [30.0, -30.0, 30.0, 40.0, 20.0]
@@ -228,3 +231,210 @@ async def test_an_arm_that_is_being_removed_begins_no_other_move():
         for move in (sweep, again, retarget):
             await refused(move, Status.CANCELLED, "removal of its arm")
         assert not await client.is_moving()
+
+
+# Manual mode, requests, geometries and configuration
+
+
+async def test_manual_mode_lets_go_and_a_move_takes_hold_again(client):
+    await client.set_manual_mode(True)
+    assert await client.get_manual_mode()
+    assert (await client.get_status())["mode"] == "manual"
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+
+    assert not await client.get_manual_mode()
+    assert await positions(client) == pytest.approx(HOME, abs=0.01)
+
+
+@pytest.mark.parametrize("seconds", [0.2, 1])
+async def test_the_request_of_ours_carries_parts_of_a_second(client, seconds):
+    await client.do_command({"command": "enter_manual_mode", "enabled_for": seconds})
+    assert await client.get_manual_mode()
+    async with asyncio.timeout(30):
+        while await client.get_manual_mode():
+            await advance(client, 0.01)
+
+
+async def test_manual_mode_for_less_than_no_time_is_refused(client):
+    for call in (
+        client.set_manual_mode(True, enabled_for=-1),
+        client.do_command({"command": "enter_manual_mode", "enabled_for": -1}),
+    ):
+        await refused(call, Status.INVALID_ARGUMENT)
+    assert not await client.get_manual_mode()
+
+
+async def test_manual_mode_is_mirrored_for_servers_that_do_not_know_it(client):
+    assert await client.do_command({"command": "enter_manual_mode"}) == {"mode": "manual"}
+    assert await client.get_manual_mode()
+    assert await client.do_command({"command": "exit_manual_mode"}) == {"mode": "auto"}
+    assert not await client.get_manual_mode()
+
+
+async def test_the_motion_parameters_are_answered_in_both_styles(client):
+    assert await client.do_command({"command": "get_motion_params"}) == {"speed_degs_per_sec": 90.0}
+    assert await client.do_command({"get_motion_params": True}) == {
+        "current_speed_degs_per_sec": 90.0,
+        "current_acceleration_degs_per_sec_per_sec": 500.0,
+    }
+    request = {"set_speed": 60.0, "set_acceleration": 150.0, "get_motion_params": True}
+    assert await client.do_command(request) == {
+        "speed_set": 60.0,
+        "acceleration_set": 150.0,
+        "current_speed_degs_per_sec": 60.0,
+        "current_acceleration_degs_per_sec_per_sec": 150.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"set_speed": 60.0, "set_acceleration": 5.0}, ("set_acceleration", "10", "500")),
+        ({"set_speed": 2.9}, ("set_speed", "3", "180")),
+        ({"set_speed": 60.0, "get_motion_params": 1.0}, ("get_motion_params", "true or false")),
+        ({"set_speed": "fast"}, ("set_speed", "a number")),
+        ({"set_speed": 60.0, "set_sped": 60.0}, ("set_sped", 'did you mean "set_speed"?')),
+    ],
+)
+async def test_a_refused_request_has_changed_nothing(client, request_, says):
+    await refused(client.do_command(request_), Status.INVALID_ARGUMENT, *says)
+    params = await client.do_command({"get_motion_params": True})
+    assert params["current_speed_degs_per_sec"] == 90.0
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"command": "get_motion_parms"}, 'did you mean "get_motion_params"?'),
+        ({"command": "set_speed", "speed": 3.0}, "is a key, not a command"),
+        ({"command": "advance_time", "second": 1.0}, 'did you mean "seconds"?'),
+        ({"command": 3.0}, "known: "),
+        ({"set_sped": 3.0}, 'did you mean "set_speed"?'),
+        ({"advance_time": 3.0}, 'is a command, not a key: send {"command": "advance_time", ...}'),
+        ({}, "known: "),
+    ],
+)
+async def test_an_unknown_request_is_answered_with_the_known_ones(client, request_, says):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command(request_)
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert says in caught.value.message, caught.value.message
+    listed = caught.value.message.partition("known: ")[2].split(", ")
+    assert len(set(listed)) == len(listed), "no word twice"
+
+
+@pytest.mark.parametrize("seconds", [-1.0, math.nan, 1e9, "soon"])
+async def test_time_does_not_run_backwards_or_away(client, seconds):
+    await refused(
+        client.do_command({"command": "advance_time", "seconds": seconds}), Status.INVALID_ARGUMENT
+    )
+
+
+async def test_geometries_and_models_go_together_and_follow_the_joints(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    before = {g.label: g.center for g in await client.get_geometries()}
+    await in_time(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
+    after = {g.label: g.center for g in await client.get_geometries()}
+    models = await client.get_3d_models()
+
+    assert set(before) == {f"arm:{part}" for part in models}
+    assert set(models) == {"base", "shoulder", "upper_arm", "lower_arm", "wrist"}
+    assert after["arm:base"].x == pytest.approx(before["arm:base"].x)
+    assert (
+        math.hypot(
+            after["arm:wrist"].x - before["arm:wrist"].x,
+            after["arm:wrist"].y - before["arm:wrist"].y,
+        )
+        > 30.0
+    )
+    assert sum(len(mesh.mesh) for mesh in models.values()) < 2_000_000
+
+
+async def test_it_tells_its_kinematics_what_it_can_do_and_its_status(client):
+    kind, data, *_ = await client.get_kinematics()
+    assert kind == KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA
+    assert json.loads(data)["name"] == "arm"
+
+    properties = await client.get_properties()
+    assert properties.support_manual_mode
+    assert properties.support_cartesian_commands
+
+    status = await client.get_status()
+    assert status["mode"] == "auto"
+    assert status["is_moving"] is False
+    assert set(status["joint_positions_deg"]) >= {"shoulder_pan", "wrist_roll"}
+    assert "fault" not in status, "absent, for a null would read as 0"
+
+
+async def test_the_tool_is_marked_and_the_kinematics_are_urdf_when_asked_for():
+    async with guarded_arm(visualize_ee_frame=True, use_urdf=True, simulate_time=False) as client:
+        kind, data, *_ = await client.get_kinematics()
+        models = await client.get_3d_models()
+        labels = [geometry.label for geometry in await client.get_geometries()]
+        await client.resource.close()  # as often as one likes
+    assert kind == KinematicsFileFormat.KINEMATICS_FILE_FORMAT_URDF
+    assert b"<robot" in data
+    assert "tool" in models
+    assert labels[-1] == "arm:tool"
+
+
+async def test_a_named_motion_service_plans_instead():
+    service = FakeMotion()
+    named = {Motion.get_resource_name("mine"): service}
+    async with guarded_arm(dependencies=named, motion="mine", simulate_time=False) as client:
+        extra = {"max_ik_solutions": 5.0}
+        await client.move_to_position(Pose(x=1, y=2, z=3, o_z=1), extra=extra)
+        await client.move_to_position(Pose(x=1, o_z=1), extra={"goal_metric_type": "own"})
+        service.answer = False
+        await refused(client.move_to_position(Pose(x=1, o_z=1)), Status.ABORTED)
+    component, destination, sent = service.calls[0]
+    assert component == "arm"
+    assert destination.reference_frame == "arm_origin"
+    assert (destination.pose.x, destination.pose.y, destination.pose.z) == (1, 2, 3)
+    assert sent == {"goal_metric_type": "position_only", "max_ik_solutions": 5.0}
+    assert service.calls[1][2] == {"goal_metric_type": "own"}
+
+
+def test_a_motion_service_that_is_not_there_is_named():
+    with pytest.raises(GRPCError, match="mine") as caught:
+        new_arm(motion="mine")
+    assert caught.value.status is Status.INVALID_ARGUMENT
+
+
+def test_an_invalid_obstacle_is_named():
+    with pytest.raises(GRPCError, match="crate"):
+        new_arm(obstacles=[{"name": "crate", "box_mm": [80, 80, -1]}])
+
+
+async def test_a_new_configuration_leaves_the_joints_where_they_are():
+    async with guarded_arm(simulate_time=False) as client:
+        await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    async with (
+        guarded_arm(simulate_time=False, floor_z_mm=-5.0) as client,
+        guarded_arm(name="other") as elsewhere,
+    ):
+        assert await positions(client) == pytest.approx(HOME, abs=0.01)
+        assert await positions(elsewhere) == pytest.approx([0.0] * 5)
+
+
+async def test_no_request_exceeds_the_arm_s_largest_speed():
+    async with guarded_arm(simulate_time=False, max_speed_degs_per_sec=20.0) as client:
+        await refused(
+            client.do_command({"set_speed": 21.0}),
+            Status.INVALID_ARGUMENT,
+            "max_speed_degs_per_sec, 20 deg/s",
+        )
+        await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+        for pan, options in (
+            (60.0, MoveOptions(max_vel_degs_per_sec=180.0, max_acc_degs_per_sec2=500.0)),
+            (0.0, MoveOptions(max_vel_degs_per_sec_joints=[180.0] * 5)),
+        ):
+            there = client.move_through_joint_positions([joints(pan, *HOME[1:])], options)
+            assert await duration_of(client, there) > 60.0 / 20.0
+        at_once = client.move_to_joint_positions(joints(*ELSEWHERE), extra={"wait": False})
+        await at_once
+        before = list((await client.get_joint_positions()).values)
+        await advance(client, 0.5)
+        after = list((await client.get_joint_positions()).values)
+        assert max(abs(b - a) for a, b in zip(before, after, strict=True)) <= 10.0 + 1e-6

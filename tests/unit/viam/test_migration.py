@@ -120,16 +120,12 @@ def test_an_old_spelling_of_models_and_apis_is_read():
 
 def test_the_way_back_holds_the_old_entry_and_what_to_take_out():
     entry = part("devrel:so101:arm", {"port": "/dev/a", "floor_z_mm": 0.0})
-    back = "\n".join(migrate(machine(entry)).steps_back())
+    found = migrate(machine(entry))
+    (module,) = found.configuration()["modules"]
+    assert (module["name"], module["type"]) == ("arms", "local"), "its data has that name"
+    back = "\n".join(found.steps_back())
     assert '"version": "0.1.5"' in back
     assert "take out the attributes that only this module knows: floor_z_mm" in back
-
-
-def test_the_module_keeps_its_name_for_its_data():
-    found = migrate(machine(part("devrel:so101:arm", {"port": "/dev/a"})))
-    (module,) = found.configuration()["modules"]
-    assert module["name"] == "arms"
-    assert module["type"] == "local"
 
 
 @pytest.mark.parametrize(
