@@ -50,12 +50,15 @@ class Bench:
     def T_base_camera(self):
         return convert.from_pose(self.machine.configs[1].frame.pose_in_observer_frame.pose)
 
+    def reader(self):
+        set_machine(lambda: self.machine)
+        return MachineBodies("arm", ["camera"], self.arms, (), MachineCell({}))
+
     @asynccontextmanager
     async def watching(self, finder=None):
         """What a plan would be made in, when it is asked for; over gRPC as the camera is."""
         manager = ResourceManager([self.camera] if finder is None else [self.camera, finder])
-        set_machine(lambda: self.machine)
-        reader = MachineBodies("arm", ["camera"], self.arms, (), MachineCell({}))
+        reader = self.reader()
         services = [CameraRPCService(manager), VisionRPCService(manager)]
         async with ChannelFor(services) as channel:
             seer = None if finder is None else VisionClient(finder.name, channel)
@@ -65,10 +68,7 @@ class Bench:
             async def scene():
                 return await view.added_to(Scene(), await reader.read())
 
-            try:
-                yield scene
-            finally:
-                set_machine(lambda: None)
+            yield scene
 
 
 def seen_by(bench, points):
@@ -91,6 +91,8 @@ def off_the_box(points):
 @pytest.fixture(autouse=True)
 def a_camera_may_take_its_time_on_a_busy_machine(monkeypatch):
     monkeypatch.setattr(camera_view, "LONGEST_LOOK", 60.0)
+    yield
+    set_machine(lambda: None)
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +151,7 @@ async def test_a_camera_that_does_not_see_is_no_reason_to_take_the_space_for_emp
         ):
             await scene()
     with pytest.raises(SurroundingsUnknown, match="does not run"):
-        await CameraView("camera", None).added_to(Scene(), None)
+        await CameraView("camera", None).added_to(Scene(), await bench.reader().read())
 
 
 async def test_a_table_without_things_on_it_is_no_obstacle():
