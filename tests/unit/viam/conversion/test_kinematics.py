@@ -79,27 +79,18 @@ def test_the_served_chain_agrees_with_the_model_we_plan_with(model):
         assert np.allclose(ends["tool"].matrix, model.frame(q, "tool").matrix, atol=1e-9)
 
 
-def test_the_served_names_are_the_published_ones():
+def test_the_served_names_are_the_published_ones_with_our_limits_and_a_box_for_each_link(model):
     document = json.loads(kinematics.arm_sva("my-arm"))
 
     assert document["name"] == "my-arm"
     assert document["kinematic_param_type"] == "SVA"
     names = ["base", "shoulder", "upper_arm", "lower_arm", "wrist", "tool"]
-    assert [link["id"] for link in document["links"]] == names
-    assert [joint["id"] for joint in document["joints"]] == ["1", "2", "3", "4", "5"]
-
-
-def test_the_served_limits_are_the_ones_we_keep(model):
-    joints = json.loads(kinematics.arm_sva("arm"))["joints"]
-
+    links, joints = document["links"], document["joints"]
+    assert [link["id"] for link in links] == names
+    assert [joint["id"] for joint in joints] == ["1", "2", "3", "4", "5"]
     assert [joint["min"] for joint in joints] == pytest.approx(list(np.degrees(model.lower)))
     assert [joint["max"] for joint in joints] == pytest.approx(list(np.degrees(model.upper)))
     assert joints[2]["max"] == pytest.approx(90.8, abs=0.01)
-
-
-def test_every_link_has_one_box_and_only_the_tool_has_none():
-    links = json.loads(kinematics.arm_sva("arm"))["links"]
-
     assert [link["id"] for link in links if "geometry" not in link] == ["tool"]
     for link in links[:-1]:
         assert link["geometry"]["type"] == "box"

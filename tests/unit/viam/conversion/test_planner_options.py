@@ -78,18 +78,11 @@ def test_invalid_input_is_refused_by_name(extra, says):
         PlannerOptions.of(extra)
 
 
-def test_options_without_effect_are_said_once(caplog):
-    ignored = OptionWarnings(logging.getLogger("planner"))
-    for _ in range(3):
-        ignored.warn({"resolution": 2, "plan_tag": "x"})
-    assert [record.message for record in caplog.records] == [
-        'planner option "resolution" has no effect on our planner'
-    ]
-
-
-def test_a_misspelt_option_is_told_from_one_that_is_not_ours(caplog):
+def test_misspelt_options_and_those_without_effect_are_said_once_and_not_those_of_others(caplog):
     ignored = OptionWarnings(logging.getLogger("planner"))
     for _ in range(2):
         ignored.warn({"positon_tolerance_mm": 1, "timeout": 1, "interpolate": False, "tag": "x"})
-    (record,) = caplog.records
-    assert 'did you mean "position_tolerance_mm"' in record.message
+        ignored.warn({"resolution": 2, "plan_tag": "x"})
+    misspelt, without = (record.message for record in caplog.records)
+    assert 'did you mean "position_tolerance_mm"' in misspelt
+    assert without == 'planner option "resolution" has no effect on our planner'

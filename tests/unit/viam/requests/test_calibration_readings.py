@@ -77,7 +77,7 @@ def nulls(value):
     return value is None
 
 
-def test_what_is_not_known_has_no_key():
+def test_what_is_not_known_has_no_key_and_errors_and_notes_are_reported():
     now = sent(situation(joint=UNKNOWN))
 
     assert not nulls(now)
@@ -86,13 +86,8 @@ def test_what_is_not_known_has_no_key():
     missing = {"current_position", "recorded_min", "recorded_max", "verdict", "message"}
     assert not missing & now["joints"]["elbow_flex"].keys()
     assert ranges({"elbow_flex": UNKNOWN}) == {}
-
-
-def test_errors_and_notes_are_reported():
     now = sent(situation(State.ERROR, error="no reply from servo 3", notes=("it is new",)))
-
-    assert now["error"] == "no reply from servo 3"
-    assert now["notes"] == ["it is new"]
+    assert (now["error"], now["notes"]) == ("no reply from servo 3", ["it is new"])
 
 
 def test_the_motor_setup_is_reported_with_its_next_step():

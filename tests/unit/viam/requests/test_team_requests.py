@@ -106,13 +106,10 @@ async def test_an_invalid_goal_is_refused_with_the_name_of_its_arm(arms, goal, e
         await move_together({"left": valid, "right": goal}, arms, seen_through)
 
 
-async def test_an_invalid_thing_in_a_hand_is_refused_with_the_name_of_its_arm(arms):
+async def test_an_invalid_handover_or_thing_in_a_hand_is_refused(arms):
     with pytest.raises(ConfigError, match=r"^right: .*mass_kg"):
         await set_held({"left": [STICK], "right": [STICK | {"mass_kg": -1}]}, arms)
     assert arms["left"].rig.arm.scene.attached == ()
-
-
-async def test_an_invalid_handover_is_refused(arms):
     with pytest.raises(ConfigError, match="lft"):
         await hand_over({"from": "lft", "to": "right", "object": "stick"}, arms, seen_through)
     with pytest.raises(ConfigError, match="which holds: nothing"):
