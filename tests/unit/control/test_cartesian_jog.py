@@ -4,9 +4,10 @@ import logging
 
 import numpy as np
 import pytest
+from harness.retarget import retarget
 
 from so101_motion.common.attributes import LoadConfig
-from so101_motion.common.errors import ConfigError, Interrupted, MotionError, Overloaded
+from so101_motion.common.errors import ConfigError, Interrupted, MotionError, NotHolding, Overloaded
 from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.control.cartesian_jog import Jog
@@ -122,6 +123,24 @@ def test_what_holds_the_tool_is_reported(sim) -> None:
     assert CollisionModel(MODEL).clearance(sim.state.q_ref).distance > 0.003
     repeat(sim, jog, 0.5, [0.0, 0.0, 0.05])
     assert jog.held_by == ()
+
+
+def test_a_goal_may_turn_a_jog_aside(sim_ready) -> None:
+    sim = sim_ready
+    jog = lead(sim)
+    repeat(sim, jog, 0.4, [0.05, 0.0, 0.0])
+    sim.after(3.0, retarget(sim.executor, READY, sim.limits))
+    np.testing.assert_allclose(sim.state.q, READY, atol=1e-4)
+    assert isinstance(jog.future.exception(), Interrupted)
+
+
+def test_a_limp_arm_is_not_jogged(sim_ready) -> None:
+    sim = sim_ready
+    sim.after(0.1, sim.executor.release())
+    jog = lead(sim)
+    sim.clock.advance(0.1)
+    with pytest.raises(NotHolding):
+        jog.twist([0.1, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(

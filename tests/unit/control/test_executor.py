@@ -131,10 +131,14 @@ def test_a_motion_that_begins_at_speed_is_refused(sim):
         sim.after(1.0, sim.executor.execute(moving))
 
 
-def test_a_second_motion_of_the_same_channel_is_refused_and_the_first_goes_on(sim):
+@pytest.mark.parametrize(
+    "begin",
+    [lambda sim: sim.executor.execute(sim.to_goal(Q_GOAL)), lambda sim: sim.stream().future],
+)
+def test_a_second_motion_of_the_same_channel_is_refused_and_the_first_goes_on(sim, begin):
     first = sim.executor.execute(sim.to_goal(Q_GOAL))
     sim.clock.advance(0.2)
-    second = sim.executor.execute(sim.to_goal(Q_GOAL))
+    second = begin(sim)
     with pytest.raises(MotionError, match="another motion of the arm is under way"):
         sim.after(0.01, second)
     sim.after(5.0, first)
