@@ -92,7 +92,7 @@ def test_a_follower_of_teleoperation_stays_off_an_arm_beside_it(tmp_path):
         held, nearest, off = False, np.inf, 0.0
         for _ in range(140):
             bench.advance(0.05)
-            held |= bench.teleop.status.is_held
+            held |= bool(bench.teleop.status.held_by)
             nearest = min(nearest, true_distance(bench.follower, beside))
             off = max(off, abs(bench.leader.q_deg[0] - bench.follower.q_deg[0]))
         assert mirroring(bench)
