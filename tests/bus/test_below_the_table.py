@@ -3,42 +3,39 @@ table."""
 
 import numpy as np
 import pytest
-from harness.emulated_rig import hardware_bench
 
 from so101_motion.common.errors import InCollision
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.planning.goals import LeaveContactGoal
 from so101_motion.planning.motion_builder import DEPARTURE_SPEED
 
-LOW = (0.0, 1.2, 0.0, 1.2, 0.0, 0.0)
-"""A configuration with the gripper far below the table [rad]."""
+# The gripper is far below the table.
+pytestmark = pytest.mark.emulated(q_start=(0.0, 1.2, 0.0, 1.2, 0.0, 0.0))
 
 
-def test_a_hand_leads_an_arm_back_that_hangs_below_its_table(tmp_path, planning_process):
-    with hardware_bench(tmp_path, q_start=LOW) as bench:
-        rig = bench.open()
-        bench.advance(1.0)
-        with pytest.raises(InCollision, match=r"into the floor.*by hand \(manual mode\)"):
-            bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
-        rig.arm.set_manual(True)
-        bench.emulator.begin(parse_fault("pose"))
-        bench.advance(4.0)
-        rig.arm.set_manual(False)
-        bench.emulator.end(parse_fault("pose"))
-        bench.finish(bench.go(rig, 20, 0, 0, 0, 0))
+def test_a_hand_leads_an_arm_back_that_hangs_below_its_table(bench):
+    rig = bench.open()
+    bench.advance(1.0)
+    with pytest.raises(InCollision, match=r"into the floor.*by hand \(manual mode\)"):
+        bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
+    rig.arm.set_manual(True)
+    bench.emulator.begin(parse_fault("pose"))
+    bench.advance(4.0)
+    rig.arm.set_manual(False)
+    bench.emulator.end(parse_fault("pose"))
+    bench.finish(bench.go(rig, 20, 0, 0, 0, 0))
 
 
-def test_an_arm_leaves_its_table_by_itself_when_asked_to(tmp_path, planning_process):
-    with hardware_bench(tmp_path, q_start=LOW) as bench:
-        rig = bench.open()
-        bench.advance(1.0)
-        with pytest.raises(InCollision, match="leave_contact"):
-            bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
-        q_start = rig.arm.state.q
-        motion = rig.arm.move(LeaveContactGoal(), wait=False)
-        bench.under_way(motion, rig)
-        bench.advance(0.5)
-        assert np.abs(rig.arm.state.qd).max() < 1.2 * DEPARTURE_SPEED
-        bench.finish(motion, at_most=30.0)
-        assert np.abs(rig.arm.state.q - q_start).max() > 0.5
-        bench.finish(bench.go(rig, 20, 0, 0, 0, 0))
+def test_an_arm_leaves_its_table_by_itself_when_asked_to(bench):
+    rig = bench.open()
+    bench.advance(1.0)
+    with pytest.raises(InCollision, match="leave_contact"):
+        bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
+    q_start = rig.arm.state.q
+    motion = rig.arm.move(LeaveContactGoal(), wait=False)
+    bench.under_way(motion, rig)
+    bench.advance(0.5)
+    assert np.abs(rig.arm.state.qd).max() < 1.2 * DEPARTURE_SPEED
+    bench.finish(motion, at_most=30.0)
+    assert np.abs(rig.arm.state.q - q_start).max() > 0.5
+    bench.finish(bench.go(rig, 20, 0, 0, 0, 0))

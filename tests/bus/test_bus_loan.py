@@ -343,30 +343,30 @@ def test_an_arm_that_no_component_uses_is_held_for_a_borrower_that_asks_for_it(b
     assert torque(bench) == [0] * 6
 
 
-def test_opening_without_an_arm_writes_to_no_servo(tmp_path):
-    with hardware_bench(tmp_path, ids={6: 1}, calibrated=False) as bench:
-        before = bytes(memory(bench, "gripper").bytes)
-        rig = bench.open(**NOBODY, calibration_file=filed(bench, is_new=False))
-        bench.advance(1.0)
-        measured = slice(emu.PENDING.address - 8, emu.PENDING.address + 8)
-        after = bytes(memory(bench, "gripper").bytes)
-        assert (before[: measured.start], before[measured.stop :]) == (
-            after[: measured.start], after[measured.stop :],
-        )  # fmt: skip
-        assert rig.arm.state.mode is Mode.LIMP
+@pytest.mark.emulated(ids={6: 1}, calibrated=False)
+def test_opening_without_an_arm_writes_to_no_servo(bench):
+    before = bytes(memory(bench, "gripper").bytes)
+    rig = bench.open(**NOBODY, calibration_file=filed(bench, is_new=False))
+    bench.advance(1.0)
+    measured = slice(emu.PENDING.address - 8, emu.PENDING.address + 8)
+    after = bytes(memory(bench, "gripper").bytes)
+    assert (before[: measured.start], before[measured.stop :]) == (
+        after[: measured.start], after[measured.stop :],
+    )  # fmt: skip
+    assert rig.arm.state.mode is Mode.LIMP
 
 
-def test_an_arm_that_is_switched_on_later_is_seen_and_a_component_can_use_it(tmp_path):
-    with hardware_bench(tmp_path, ids={}) as bench:
-        sensor = bench.open(**NOBODY)
-        for place in range(1, 7):
-            bench.world.connect(place)
-        bench.advance(2.0)
-        assert len(sensor.servos.setups) == 6
-        assert torque(bench) == [0] * 6
-        arm = bench.open()
-        assert arm.arm.state.mode is Mode.HOLDING
-        assert torque(bench) == [1] * 6
+@pytest.mark.emulated(ids={})
+def test_an_arm_that_is_switched_on_later_is_seen_and_a_component_can_use_it(bench):
+    sensor = bench.open(**NOBODY)
+    for place in range(1, 7):
+        bench.world.connect(place)
+    bench.advance(2.0)
+    assert len(sensor.servos.setups) == 6
+    assert torque(bench) == [0] * 6
+    arm = bench.open()
+    assert arm.arm.state.mode is Mode.HOLDING
+    assert torque(bench) == [1] * 6
 
 
 def test_a_port_nobody_uses_closes_with_its_only_borrower(bench):

@@ -3,7 +3,6 @@
 import math
 
 import pytest
-from harness.emulated_rig import hardware_bench
 
 from so101_motion.arm.cell import Cell
 from so101_motion.common.errors import FollowingError
@@ -13,10 +12,7 @@ SEEN_WITHIN = 0.1
 """From the contact to the command that ends the pushing [s]."""
 
 
-@pytest.fixture
-def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path, reply_timeout=2.0, held_kg=0.1) as bench:
-        yield bench
+pytestmark = pytest.mark.emulated(reply_timeout=2.0, held_kg=0.1)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from harness.emulated_rig import hardware_bench
 from so101_viewer.panels.health_panel import figures, read_health
 
 from so101_motion.cli.verbs import main
@@ -15,11 +14,9 @@ from so101_motion.files import failure_record
 JOINT = "shoulder_pan"
 
 
-@pytest.fixture
-def bench(tmp_path, planning_process, monkeypatch):
+@pytest.fixture(autouse=True)
+def own_home(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    with hardware_bench(tmp_path) as bench:
-        yield bench
 
 
 def fail(bench, rig):

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness.emulated_rig import hardware_bench
 
 from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS
@@ -63,9 +62,8 @@ class Guided:
 
 
 @pytest.fixture
-def guided(tmp_path, planning_process):
-    with hardware_bench(tmp_path) as bench:
-        yield Guided(bench)
+def guided(bench):
+    return Guided(bench)
 
 
 INTO_CRATE = "0.1 shoulder_pan start\n2.1 shoulder_pan -20\n"

@@ -1,9 +1,11 @@
 """Manual mode on a real executor and the emulated servos."""
 
+from concurrent.futures import wait
+
 import numpy as np
 import pytest
 from grpclib import GRPCError
-from harness.emulated_rig import ModelBench, arm_client
+from harness.emulated_rig import arm_client
 from harness.retarget import retarget
 
 from so101_motion.common.compliance import Compliance
@@ -12,6 +14,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.control.executor import Channel
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.drivers.emulator.hand import Hand, parse_script
+from so101_motion.tasks.guided import PathRecorder, plan_replay, start_replay
 
 LEAD = "0.1 shoulder_pan start\n2.1 shoulder_pan 30\n2.6 shoulder_pan release\n"
 
@@ -167,13 +170,6 @@ def test_closing_leaves_an_arm_that_holds(bench, rig):
 # As a component
 
 
-@pytest.fixture
-async def models(tmp_path, planning_process):
-    bench = ModelBench(tmp_path)
-    yield bench
-    await bench.end()
-
-
 async def test_the_configuration_and_the_request_say_how_it_yields(models):
     arm = models.new_arm(manual_mode={"pos_deadband_deg": 1.0, "torque_limit": 80.0})
     assert arm.rig.arm.compliance == Compliance(dead_band=np.radians(1.0), resistance=0.08)
@@ -217,3 +213,93 @@ async def test_after_the_cable_was_out_manual_mode_works_again(models):
         assert (await client.get_status())["state"] == "fault"
         await models.in_time(client.set_manual_mode(True))
         assert (await client.get_status())["state"] == "guiding"
+
+
+# A path is taught and replayed
+
+GUIDED = """
+0.1 shoulder_pan start
+0.1 shoulder_lift start
+1.6 shoulder_pan 30
+1.6 shoulder_lift -20
+3.1 shoulder_pan 0
+3.1 shoulder_lift -40
+3.3 shoulder_pan release
+3.3 shoulder_lift release
+"""
+
+NUDGE = """
+0 shoulder_pan start
+0.9 shoulder_pan 8.0
+1.0 shoulder_pan release
+"""
+
+PATIENT = pytest.mark.emulated(is_heard=False, reply_timeout=2.0)
+
+
+def finish(bench, motion):
+    """Let time pass until ``motion`` is over, and its own thread do what it does between legs."""
+    for _ in range(2000):
+        if wait([motion.future], timeout=max(0.002, bench.turn)).done:
+            break
+        bench.advance(0.02)
+    motion.result(timeout=0.0)
+
+
+@pytest.fixture
+def taught(bench):
+    rig = bench.open()
+    rig.arm.set_speed(np.radians(60.0))
+    bench.advance(1.0)
+    rig.arm.set_manual(True)
+    return rig
+
+
+@PATIENT
+def test_the_arm_replays_a_taught_path_and_the_jaw_grips(bench, taught):
+    bench.finish(taught.gripper.move(0.7, wait=False))
+    recorder = PathRecorder(taught.executor, taught.gripper)
+    lead(bench, GUIDED)
+    bench.advance(3.4)
+    lead(bench, NUDGE)  # as a person does who has only two hands
+    bench.finish(taught.gripper.grab(wait=False))
+    path = recorder.end()
+    end = bench.arm_deg(taught)
+    taught.arm.set_manual(False)
+    assert np.ptp(np.degrees(path.q[:, 0])) == pytest.approx(30.0, abs=3.5), (
+        "the hand is a spring, and friction up to 0.35 N m holds the joint back by 1 deg an end"
+    )
+    assert path.aperture[-1] < 0.1 < 0.6 < path.aperture[0]
+    closing = np.degrees(path.q[path.aperture < 0.6])
+    assert np.ptp(closing, axis=0).max() > 0.5, "and yet the jaw closes at its own speed"
+
+    bench.finish(taught.gripper.move(0.7, wait=False))
+    bench.world.put_object(0.03)
+    replay = plan_replay(taught.arm, path, gripper=taught.gripper)
+    assert replay.duration < path.duration + 4.0, (
+        "a leg may take twice as long as the arm alone, for its jaw; which legs are depends on when"
+        " the nudge came"
+    )
+    begin, tape = bench.clock.now(), []
+    stop = taught.executor.listen(lambda state: tape.append((state.t, *state.q)))
+    finish(bench, start_replay(taught.arm, taught.gripper, replay))
+    stop()
+    table = np.degrees(np.array([row for row in tape if row[0] > begin])[:, 1:])
+    for q in np.degrees(path.q)[::10]:
+        assert np.abs(table - q).max(axis=1).min() < 3.5, "2 deg and what the servos are behind"
+    assert bench.arm_deg(taught) == pytest.approx(end, abs=1.5)
+    assert taught.gripper.is_holding
+    assert taught.arm.state.mode is Mode.HOLDING
+
+
+@PATIENT
+def test_a_cable_that_comes_out_loses_nothing_of_the_path(bench, taught):
+    recorder = PathRecorder(taught.executor, taught.gripper)
+    lead(bench, GUIDED)
+    bench.advance(1.7)
+    bench.emulator.unplug()
+    bench.advance(0.3)
+    assert recorder.ended_by == "the arm could not be reached any more"
+    assert np.degrees(recorder.end().q[-1, 0]) > 20.0
+    bench.emulator.plug()
+    bench.advance(1.0)

@@ -3,7 +3,7 @@ from datetime import timedelta
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.emulated_rig import ModelBench, arm_client
+from harness.emulated_rig import arm_client
 from viam.components.arm import Arm, JointPositions
 
 from so101_motion.calib.record import record, store
@@ -14,20 +14,13 @@ HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 
 
 @pytest.fixture
-async def bench(tmp_path, planning_process):
-    bench = ModelBench(tmp_path)
-    yield bench
-    await bench.end()
+def arm(models):
+    return models.new_arm(acceleration_degs_per_sec_per_sec=300.0)
 
 
 @pytest.fixture
-def arm(bench):
-    return bench.new_arm(acceleration_degs_per_sec_per_sec=300.0)
-
-
-@pytest.fixture
-async def client(arm, bench):
-    await bench.pass_time(1.0)
+async def client(arm, models):
+    await models.pass_time(1.0)
     async with arm_client(arm) as client:
         yield client
 
@@ -43,7 +36,7 @@ async def positions(client):
 # Moving
 
 
-async def test_a_streamed_trajectory_is_played(bench, client):
+async def test_a_streamed_trajectory_is_played(models, client):
     start = np.array(await positions(client))
     points = []
     for i in range(41):
@@ -62,7 +55,7 @@ async def test_a_streamed_trajectory_is_played(bench, client):
         stream = client.move_through_joint_positions_streamed(batches())
         return [update async for update in stream]
 
-    updates = await bench.in_time(play())
+    updates = await models.in_time(play())
 
     assert len(updates) >= 1
     assert (await positions(client))[0] == pytest.approx(start[0] + 20.0, abs=0.6)
@@ -86,96 +79,96 @@ async def test_the_status_has_the_figures_of_each_servo(client):
 # The published module's requests
 
 
-async def ask(client, bench, **request):
-    return await bench.in_time(client.do_command(request))
+async def ask(client, models, **request):
+    return await models.in_time(client.do_command(request))
 
 
-async def test_torque_goes_off_and_on_without_a_jump(bench, client):
-    assert await ask(client, bench, command="set_torque", enable=False) == {"success": True}
+async def test_torque_goes_off_and_on_without_a_jump(models, client):
+    assert await ask(client, models, command="set_torque", enable=False) == {"success": True}
     assert await client.get_manual_mode()
-    assert bench.world.servo("shoulder_pan").memory.raw(emu.TORQUE_ENABLE) == 0
-    assert await ask(client, bench, command="set_torque", enable=True) == {"success": True}
-    before = bench.q_deg
-    await bench.pass_time(1.0)
+    assert models.world.servo("shoulder_pan").memory.raw(emu.TORQUE_ENABLE) == 0
+    assert await ask(client, models, command="set_torque", enable=True) == {"success": True}
+    before = models.q_deg
+    await models.pass_time(1.0)
 
-    assert bench.world.servo("shoulder_pan").memory.raw(emu.TORQUE_ENABLE) == 1
-    assert bench.q_deg[[0, 4, 5]] == pytest.approx(before[[0, 4, 5]], abs=0.35)
-    assert bench.q_deg == pytest.approx(before, abs=5.0), "what was falling is caught"
+    assert models.world.servo("shoulder_pan").memory.raw(emu.TORQUE_ENABLE) == 1
+    assert models.q_deg[[0, 4, 5]] == pytest.approx(before[[0, 4, 5]], abs=0.35)
+    assert models.q_deg == pytest.approx(before, abs=5.0), "what was falling is caught"
     assert not await client.get_manual_mode()
 
 
-async def test_ping_names_the_servo_that_is_silent(bench, client):
-    bench.world.disconnect("wrist_flex")
+async def test_ping_names_the_servo_that_is_silent(models, client):
+    models.world.disconnect("wrist_flex")
     with pytest.raises(GRPCError) as caught:
-        await ask(client, bench, command="ping")
+        await ask(client, models, command="ping")
 
     assert caught.value.status is Status.UNAVAILABLE
     assert "wrist_flex" in caught.value.message
 
 
-async def test_what_is_only_worth_knowing_is_no_failure_of_diagnose(bench, arm, client):
+async def test_what_is_only_worth_knowing_is_no_failure_of_diagnose(models, arm, client):
     arm.rig.servos.notes = ("the file was restored",)
-    bench.emulator.unplug()
-    await bench.pass_time(0.5)
-    bench.emulator.plug()
-    await bench.pass_time(3.0)
-    answer = await ask(client, bench, command="diagnose")
+    models.emulator.unplug()
+    await models.pass_time(0.5)
+    models.emulator.plug()
+    await models.pass_time(3.0)
+    answer = await ask(client, models, command="diagnose")
 
     assert answer["findings"][0] == "the file was restored"
     assert "the port went away 1 times" in answer["findings"][-1]
     assert (answer["success"], answer["error"]) == (True, "")
 
 
-async def test_diagnose_without_a_port_says_so(bench, client):
-    bench.emulator.unplug()
-    await bench.pass_time(0.5)
-    answer = await ask(client, bench, command="diagnose")
+async def test_diagnose_without_a_port_says_so(models, client):
+    models.emulator.unplug()
+    await models.pass_time(0.5)
+    answer = await ask(client, models, command="diagnose")
 
     assert answer["success"] is False
     assert "port" in answer["error"]
 
 
-async def test_verify_config_compares_servos_and_calibration(bench, client):
-    assert await ask(client, bench, command="verify_config") == {"success": True, "error": ""}
-    bench.world.servo("elbow_flex").memory.set(emu.MODE, 1)
-    answer = await ask(client, bench, command="verify_config")
+async def test_verify_config_compares_servos_and_calibration(models, client):
+    assert await ask(client, models, command="verify_config") == {"success": True, "error": ""}
+    models.world.servo("elbow_flex").memory.set(emu.MODE, 1)
+    answer = await ask(client, models, command="verify_config")
 
     assert answer["success"] is False
     assert "elbow_flex: operating_mode is 1" in answer["error"]
 
 
-async def test_reinitialize_sets_everything_up_again(bench, client):
-    bench.world.servo("elbow_flex").memory.set(emu.MODE, 1)
-    answer = await ask(client, bench, command="reinitialize", retries=2)
+async def test_reinitialize_sets_everything_up_again(models, client):
+    models.world.servo("elbow_flex").memory.set(emu.MODE, 1)
+    answer = await ask(client, models, command="reinitialize", retries=2)
 
     assert answer == {"success": True, "error": "", "retries": 2}
-    assert bench.world.servo("elbow_flex").memory.raw(emu.MODE) == 0
-    bench.world.disconnect("elbow_flex")
-    answer = await ask(client, bench, command="reinitialize", retries=1)
+    assert models.world.servo("elbow_flex").memory.raw(emu.MODE) == 0
+    models.world.disconnect("elbow_flex")
+    answer = await ask(client, models, command="reinitialize", retries=1)
     assert answer["success"] is False
     assert "elbow_flex" in answer["error"]
 
 
-async def test_what_went_wrong_on_the_wire_is_still_told_after_setting_up_again(bench, client):
-    bench.emulator.bus.faults.loss = 0.05
-    await bench.pass_time(2.0)
-    bench.emulator.bus.faults.loss = 0.0
-    before = (await ask(client, bench, command="health"))["joints"]
+async def test_what_went_wrong_on_the_wire_is_still_told_after_setting_up_again(models, client):
+    models.emulator.bus.faults.loss = 0.05
+    await models.pass_time(2.0)
+    models.emulator.bus.faults.loss = 0.0
+    before = (await ask(client, models, command="health"))["joints"]
     assert sum(one["lost"] for one in before.values()) > 0
-    bench.emulator.unplug()
-    await bench.pass_time(1.0)
-    bench.emulator.plug()
-    await bench.pass_time(3.0)
-    assert (await ask(client, bench, command="reinitialize", retries=3))["success"]
-    after = await ask(client, bench, command="health")
+    models.emulator.unplug()
+    await models.pass_time(1.0)
+    models.emulator.plug()
+    await models.pass_time(3.0)
+    assert (await ask(client, models, command="reinitialize", retries=3))["success"]
+    after = await ask(client, models, command="health")
     assert after["port_losses"] == 1
     for joint, one in before.items():
         assert after["joints"][joint]["lost"] >= one["lost"]
         assert after["joints"][joint]["answers"] > one["answers"]
 
 
-async def test_the_calibration_is_reported_with_its_source(bench, client):
-    answer = await ask(client, bench, command="get_calibration")
+async def test_the_calibration_is_reported_with_its_source(models, client):
+    answer = await ask(client, models, command="get_calibration")
     pan = answer["calibration"]["shoulder_pan"]
 
     assert answer["success"] is True
@@ -189,29 +182,29 @@ async def test_the_calibration_is_reported_with_its_source(bench, client):
     assert "gripper" not in answer["zero"]
 
 
-async def test_reloading_reads_the_very_file_that_was_configured(bench, monkeypatch):
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(bench.port.parent))
-    file = bench.port.parent / "arm.json"
+async def test_reloading_reads_the_very_file_that_was_configured(models, monkeypatch):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(models.port.parent))
+    file = models.port.parent / "arm.json"
     store.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=737, range_max=3452)})
-    arm = bench.new_arm(calibration_file="arm.json")
+    arm = models.new_arm(calibration_file="arm.json")
     async with arm_client(arm) as client:
         store.save(
             file, {"shoulder_pan": record.JointCalibration(id=1, range_min=780, range_max=3452)}
         )
-        answer = await ask(client, bench, command="reload_calibration")
+        answer = await ask(client, models, command="reload_calibration")
         assert (answer["success"], answer["calibration_file"]) == (True, str(file))
-        calibration = (await ask(client, bench, command="get_calibration"))["calibration"]
+        calibration = (await ask(client, models, command="get_calibration"))["calibration"]
         assert calibration["shoulder_pan"]["range_min"] == 780
         file.write_text("{")
-        answer = await ask(client, bench, command="reload_calibration")
+        answer = await ask(client, models, command="reload_calibration")
         assert (answer["success"], "not JSON" in answer["error"]) == (False, True)
 
 
-async def test_a_torque_limit_reaches_the_servos(bench, client):
-    answer = await ask(client, bench, command="set_torque_limit", value=600)
+async def test_a_torque_limit_reaches_the_servos(models, client):
+    answer = await ask(client, models, command="set_torque_limit", value=600)
 
     assert answer["set_torque_limit"] == 600
-    assert bench.world.servo("shoulder_pan").memory.raw(emu.TORQUE_LIMIT) == 600
+    assert models.world.servo("shoulder_pan").memory.raw(emu.TORQUE_LIMIT) == 600
 
 
 @pytest.mark.parametrize(
@@ -237,18 +230,18 @@ async def test_requests_that_cannot_be_done_say_why(client, request_, says):
     assert says in caught.value.message
 
 
-async def test_closing_the_arm_stops_it_though_the_gripper_stays(bench, arm, client):
-    gripper = bench.new_gripper()
-    before = bench.q_deg[0]
-    move = await bench.start(
-        client.move_to_joint_positions(joints(90, 0, 0, 0, 0)), lambda: bench.q_deg[0] > before + 8
+async def test_closing_the_arm_stops_it_though_the_gripper_stays(models, arm, client):
+    gripper = models.new_gripper()
+    before = models.q_deg[0]
+    move = await models.start(
+        client.move_to_joint_positions(joints(90, 0, 0, 0, 0)), lambda: models.q_deg[0] > before + 8
     )
-    await bench.in_time(arm.close())
+    await models.in_time(arm.close())
     with pytest.raises(GRPCError):
         await move
-    here = bench.q_deg[0]
-    await bench.pass_time(1.0)
+    here = models.q_deg[0]
+    await models.pass_time(1.0)
 
-    assert bench.q_deg[0] == pytest.approx(here, abs=1.0)
+    assert models.q_deg[0] == pytest.approx(here, abs=1.0)
     assert gripper.rig.users == 2
     assert HardwareArm.here == {}

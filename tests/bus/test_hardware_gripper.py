@@ -3,153 +3,148 @@ import math
 
 import pytest
 from grpclib import GRPCError, Status
-from harness.emulated_rig import ModelBench, gripper_client
+from harness.emulated_rig import arm_client, gripper_client
 
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
 
 @pytest.fixture
-async def bench(tmp_path, planning_process):
-    bench = ModelBench(tmp_path)
-    yield bench
-    await bench.end()
+def gripper(models):
+    return models.new_gripper()
 
 
 @pytest.fixture
-def gripper(bench):
-    return bench.new_gripper()
-
-
-@pytest.fixture
-async def client(gripper, bench):
+async def client(gripper, models):
     async with gripper_client(gripper) as client:
         yield client
 
 
-async def ask(client, bench, **request):
-    return await bench.in_time(client.do_command(request))
+async def ask(client, models, **request):
+    return await models.in_time(client.do_command(request))
 
 
-async def opening(client, bench):
-    return (await ask(client, bench, command="get_position"))["position_percentage"]
+async def opening(client, models):
+    return (await ask(client, models, command="get_position"))["position_percentage"]
 
 
-async def test_it_knows_what_it_holds_until_it_is_taken_away(bench, client):
-    await bench.in_time(client.open())
-    bench.world.put_object(0.03)
-    assert await bench.in_time(client.grab()) is True
-    await bench.pass_time(3.0)
+async def test_it_knows_what_it_holds_until_it_is_taken_away(models, client):
+    await models.in_time(client.open())
+    models.world.put_object(0.03)
+    assert await models.in_time(client.grab()) is True
+    await models.pass_time(3.0)
     holding = await client.is_holding_something()
     assert holding.is_holding_something
     assert abs(holding.meta["load_percent"]) > 10.0
-    load = await ask(client, bench, command="get_load")
+    load = await ask(client, models, command="get_load")
     assert abs(load["load"]) > 100.0
     assert "condition" not in load
-    bench.world.take_object()
-    await bench.pass_time(1.0)
+    models.world.take_object()
+    await models.pass_time(1.0)
     assert not (await client.is_holding_something()).is_holding_something
 
 
-async def test_what_the_servo_reports_of_itself_stands_beside_its_position(bench, client):
-    bench.world.warm("gripper", 75.0)
-    await bench.pass_time(0.5)
+async def test_what_the_servo_reports_of_itself_stands_beside_its_position(models, client):
+    models.world.warm("gripper", 75.0)
+    await models.pass_time(0.5)
     for command in ("get_position", "get_load"):
-        assert (await ask(client, bench, command=command))["condition"] == "overheated"
+        assert (await ask(client, models, command=command))["condition"] == "overheated"
 
 
-async def test_the_short_form_need_not_wait(bench, client):
-    await bench.in_time(client.open())
+async def test_the_short_form_need_not_wait(models, client):
+    await models.in_time(client.open())
     assert await client.do_command({"set": 20.0, "wait": False}) == {"position": 20.0}
-    assert await opening(client, bench) > 60.0
-    await bench.pass_time(3.0)
-    assert await opening(client, bench) == pytest.approx(20.0, abs=1.5)
+    assert await opening(client, models) > 60.0
+    await models.pass_time(3.0)
+    assert await opening(client, models) == pytest.approx(20.0, abs=1.5)
     assert (await client.do_command({"get": True}))["position"] == pytest.approx(20.0, abs=1.5)
-    told = await ask(client, bench, command="controller_status")
+    told = await ask(client, models, command="controller_status")
     assert (told["servo_id"], told["ref_count"], told["has_controller"]) == (6, 2, True)
     with pytest.raises(GRPCError, match="true or false"):
         await client.do_command({"set": 20.0, "wait": "no"})
 
 
-async def test_opening_lets_go(bench, client):
-    await bench.in_time(client.open())
-    bench.world.put_object(0.03)
-    await bench.in_time(client.grab())
-    await bench.in_time(client.open())
+async def test_opening_lets_go(models, client):
+    await models.in_time(client.open())
+    models.world.put_object(0.03)
+    await models.in_time(client.grab())
+    await models.in_time(client.open())
 
     assert not (await client.is_holding_something()).is_holding_something
 
 
-async def test_a_silent_servo_makes_grab_an_error_and_its_position_unknown(gripper, bench, client):
-    await bench.in_time(client.open())
-    bench.world.disconnect("gripper")
+async def test_a_silent_servo_makes_grab_an_error_and_its_position_unknown(gripper, models, client):
+    await models.in_time(client.open())
+    models.world.disconnect("gripper")
     with pytest.raises(GRPCError) as caught:
-        await bench.in_time(client.grab())
+        await models.in_time(client.grab())
 
     assert caught.value.status is Status.UNAVAILABLE
     assert "gripper" in caught.value.message
-    await bench.pass_time(1.0)  # until it is known to be silent, and the others are held without it
-    await bench.in_time(asyncio.wrap_future(gripper.rig.executor.hold()))
+    await models.pass_time(
+        1.0
+    )  # until it is known to be silent, and the others are held without it
+    await models.in_time(asyncio.wrap_future(gripper.rig.executor.hold()))
     status = await client.get_status()
     assert status["state"] == "fault"
     assert "does not answer; check its cable" in status["fault"]
-    told = await ask(client, bench, command="get_position")
+    told = await ask(client, models, command="get_position")
     assert "check its cable" in told["condition"]
     assert not {"position_percentage", "position_radians", "is_holding_something"} & {
         *status,
         *told,
     }
-    for call in (client.is_holding_something(), ask(client, bench, get=True)):
+    for call in (client.is_holding_something(), ask(client, models, get=True)):
         with pytest.raises(GRPCError, match="check its cable"):
             await call
 
 
-async def test_positions_are_set_in_ticks_and_in_percent(bench, client):
-    assert await ask(client, bench, command="set_position", percentage=50.0) == {"success": True}
-    position = await ask(client, bench, command="get_position")
+async def test_positions_are_set_in_ticks_and_in_percent(models, client):
+    assert await ask(client, models, command="set_position", percentage=50.0) == {"success": True}
+    position = await ask(client, models, command="get_position")
     assert position["position_percentage"] == pytest.approx(50.0, abs=1.5)
     assert (position["open_position"], position["closed_position"]) == (95.0, 0.0)
-    assert await ask(client, bench, command="set_position", servo_position=2600) == {
+    assert await ask(client, models, command="set_position", servo_position=2600) == {
         "success": True
     }
-    await bench.pass_time(3.0)
-    assert (await ask(client, bench, command="get_position"))["servo_position"] == pytest.approx(
+    await models.pass_time(3.0)
+    assert (await ask(client, models, command="get_position"))["servo_position"] == pytest.approx(
         2600, abs=12
     )
-    await ask(client, bench, command="set_position", position_percentage=120.0)
-    assert await opening(client, bench) == pytest.approx(100.0, abs=1.5)
+    await ask(client, models, command="set_position", position_percentage=120.0)
+    assert await opening(client, models) == pytest.approx(100.0, abs=1.5)
 
 
-async def test_closing_by_command_grips_what_is_there(bench, client):
-    await bench.in_time(client.open())
-    bench.world.put_object(0.03)
-    assert await ask(client, bench, command="set_position", percentage=0.0) == {"success": True}
-    assert (await ask(client, bench, command="get_position"))["is_holding_something"] is True
+async def test_closing_by_command_grips_what_is_there(models, client):
+    await models.in_time(client.open())
+    models.world.put_object(0.03)
+    assert await ask(client, models, command="set_position", percentage=0.0) == {"success": True}
+    assert (await ask(client, models, command="get_position"))["is_holding_something"] is True
 
 
-async def test_its_own_idea_of_open_and_closed_can_be_set(bench, client):
-    answer = await ask(client, bench, command="calibrate_positions", open_position=60.0)
+async def test_its_own_idea_of_open_and_closed_can_be_set(models, client):
+    answer = await ask(client, models, command="calibrate_positions", open_position=60.0)
     assert answer == {"success": True, "open_position": 60.0, "closed_position": 0.0}
-    await bench.in_time(client.open())
-    assert await opening(client, bench) == pytest.approx(60.0, abs=1.5)
+    await models.in_time(client.open())
+    assert await opening(client, models) == pytest.approx(60.0, abs=1.5)
 
 
-async def test_its_speed_can_be_set_and_counts(bench, client):
-    await bench.in_time(client.grab())
-    answer = await ask(client, bench, command="set_motion_params", speed=20.0)
+async def test_its_speed_can_be_set_and_counts(models, client):
+    await models.in_time(client.grab())
+    answer = await ask(client, models, command="set_motion_params", speed=20.0)
     assert answer["success"] is True
     assert answer["speed"] == 20.0
-    assert (await ask(client, bench, command="get_motion_params"))["speed"] == 20.0
-    begin = bench.clock.now()
-    await bench.in_time(client.open())
-    assert bench.clock.now() - begin > 5.0
+    assert (await ask(client, models, command="get_motion_params"))["speed"] == 20.0
+    begin = models.clock.now()
+    await models.in_time(client.open())
+    assert models.clock.now() - begin > 5.0
 
 
-async def test_its_motion_params_can_be_read_and_written_back(bench, client):
-    before = await ask(client, bench, command="get_motion_params")
-    after = await ask(client, bench, command="set_motion_params", **before)
+async def test_its_motion_params_can_be_read_and_written_back(models, client):
+    before = await ask(client, models, command="get_motion_params")
+    after = await ask(client, models, command="set_motion_params", **before)
 
     assert after == {"success": True, **before}
-    lower = await ask(client, bench, command="set_motion_params", acceleration=500.0)
+    lower = await ask(client, models, command="set_motion_params", acceleration=500.0)
     assert lower["acceleration"] == 500.0
 
 
@@ -173,12 +168,73 @@ async def test_requests_that_cannot_be_done_say_why(client, request_, says):
     assert says in caught.value.message
 
 
-async def test_it_may_name_its_arm_instead_of_a_port(bench):
-    arm = bench.new_arm("left")
-    gripper = bench.new(HardwareGripper, "hand", arm="left")
+async def test_it_may_name_its_arm_instead_of_a_port(models):
+    arm = models.new_arm("left")
+    gripper = models.new(HardwareGripper, "hand", arm="left")
 
     assert gripper.rig.executor is arm.rig.executor
-    assert bench.base.users == 3
+    assert models.base.users == 3
     with pytest.raises(GRPCError) as caught:
-        bench.new(HardwareGripper, "other", arm="right")
+        models.new(HardwareGripper, "other", arm="right")
     assert "left" in caught.value.message
+
+
+# Through the arm's ``servo_…`` requests, as the published module later had them
+
+
+@pytest.fixture
+async def arm(models):
+    arm = models.new_arm()
+    await models.pass_time(1.0)
+    async with arm_client(arm) as client:
+        yield client
+
+
+async def ask_arm(arm, command, **arguments):
+    return dict(await arm.do_command({"command": command, **arguments}))
+
+
+async def test_the_jaw_moves_through_the_arm(models, arm):
+    assert await ask_arm(arm, "servo_capabilities") == {"servo_commands": True, "servo_ids": [6]}
+    assert await ask_arm(arm, "servo_move", servo_id=6, percent=60) == {"percent": 60}
+    await models.in_time(ask_arm(arm, "servo_wait_stop", servo_id=6))
+    at = await ask_arm(arm, "servo_position", servo_id=6)
+    assert at["percent"] == pytest.approx(60, abs=1.5)
+
+    assert await ask_arm(arm, "servo_move", servo_id=6, raw=at["raw"] + 200, speed=300) == {
+        "raw": at["raw"] + 200
+    }
+    await models.pass_time(0.3)
+    assert await ask_arm(arm, "servo_moving", servo_id=6) == {"moving": True}
+    on_the_way = await ask_arm(arm, "servo_position", servo_id=6)
+    assert at["raw"] < on_the_way["raw"] < at["raw"] + 120, "no faster than 300 ticks a second"
+    assert await models.in_time(ask_arm(arm, "servo_stop", servo_id=6)) == {}
+    stopped = await ask_arm(arm, "servo_position", servo_id=6)
+    await models.pass_time(0.5)
+    later = await ask_arm(arm, "servo_position", servo_id=6)
+    assert later["raw"] == pytest.approx(stopped["raw"], abs=4)
+    assert await ask_arm(arm, "servo_moving", servo_id=6) == {"moving": False}
+
+
+async def test_waiting_for_a_jaw_that_moves_on_gives_up(models, arm):
+    await ask_arm(arm, "servo_move", servo_id=6, percent=100, speed=50)
+    await models.pass_time(0.3)
+    with pytest.raises(GRPCError, match="still moves"):
+        await ask_arm(arm, "servo_wait_stop", servo_id=6, timeout_ms=0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"servo_id": 3, "percent": 10}, "moves the arm, not the jaw"),
+        ({"servo_id": 7, "percent": 10}, "6"),
+        ({"percent": 10}, "servo_id"),
+        ({"servo_id": 6}, "percent"),
+        ({"servo_id": 6, "raw": 5000}, "4095"),
+        ({"servo_id": 6, "percent": 10, "speed": 0}, "speed"),
+    ],
+)
+async def test_impossible_requests_are_refused_and_nothing_moves(arm, arguments, says):
+    with pytest.raises(GRPCError, match=says) as caught:
+        await ask_arm(arm, "servo_move", **arguments)
+    assert caught.value.status is Status.INVALID_ARGUMENT

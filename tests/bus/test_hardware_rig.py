@@ -2,7 +2,7 @@ import json
 
 import numpy as np
 import pytest
-from harness.emulated_rig import hardware_bench, rad
+from harness.emulated_rig import rad
 from harness.held_calibration import filed, hold_calibration
 
 from so101_motion.calib.record import record, store
@@ -42,36 +42,36 @@ def test_one_port_is_opened_once_however_it_is_spelled(bench):
     assert again.executor is not gripper.executor
 
 
-def test_a_build_that_fails_releases_everything(tmp_path):
-    with hardware_bench(tmp_path, ids={1: 1, 2: 2, 3: 3, 6: 6}) as bench:
-        with pytest.raises(NoReply, match=r"wrist_flex.*wrist_roll"):
-            bench.open()
-        for place in (4, 5):
-            bench.world.connect(place)
-        bench.advance(2.0)
-        assert bench.open().arm.state.mode is Mode.HOLDING
+@pytest.mark.emulated(ids={1: 1, 2: 2, 3: 3, 6: 6})
+def test_a_build_that_fails_releases_everything(bench):
+    with pytest.raises(NoReply, match=r"wrist_flex.*wrist_roll"):
+        bench.open()
+    for place in (4, 5):
+        bench.world.connect(place)
+    bench.advance(2.0)
+    assert bench.open().arm.state.mode is Mode.HOLDING
 
 
-def test_an_arm_without_a_gripper_works(tmp_path):
-    with hardware_bench(tmp_path, ids={i: i for i in range(1, 6)}) as bench:
-        rig = bench.open(gripper_id=None)
-        bench.finish(bench.go(rig, 10, 0, 0, 0, 0))
-        assert np.degrees(rig.arm.state.q[0]) == pytest.approx(10.0, abs=0.35)
-        with pytest.raises(NoReply, match="gripper"):
-            bench.open(servo_ids=None)
-        assert rig.arm.state.mode is Mode.HOLDING
+@pytest.mark.emulated(ids={i: i for i in range(1, 6)})
+def test_an_arm_without_a_gripper_works(bench):
+    rig = bench.open(gripper_id=None)
+    bench.finish(bench.go(rig, 10, 0, 0, 0, 0))
+    assert np.degrees(rig.arm.state.q[0]) == pytest.approx(10.0, abs=0.35)
+    with pytest.raises(NoReply, match="gripper"):
+        bench.open(servo_ids=None)
+    assert rig.arm.state.mode is Mode.HOLDING
 
 
-def test_a_gripper_alone_can_be_joined_by_its_arm(tmp_path):
-    with hardware_bench(tmp_path, ids={6: 6}) as bench:
-        gripper = bench.open(servo_ids=None)
-        assert set(gripper.servos.setups) == {"gripper"}
-        for place in range(1, 6):
-            bench.world.connect(place)
-        bench.advance(2.0)
-        arm = bench.open(gripper_id=None)
-        assert len(arm.servos.setups) == 6
-        assert arm.users == 2
+@pytest.mark.emulated(ids={6: 6})
+def test_a_gripper_alone_can_be_joined_by_its_arm(bench):
+    gripper = bench.open(servo_ids=None)
+    assert set(gripper.servos.setups) == {"gripper"}
+    for place in range(1, 6):
+        bench.world.connect(place)
+    bench.advance(2.0)
+    arm = bench.open(gripper_id=None)
+    assert len(arm.servos.setups) == 6
+    assert arm.users == 2
 
 
 # Calibration
@@ -229,21 +229,21 @@ def test_it_stops_at_what_it_grabs_and_holds_it_gently(bench, width_mm):
     assert not rig.gripper.is_holding
 
 
-def test_a_stop_brakes_each_joint_no_harder_than_its_servo_does(tmp_path, planning_process):
-    with hardware_bench(tmp_path, reply_timeout=2.0) as bench:
-        rig = bench.open()
-        bench.advance(1.0)
-        rig.arm.set_speed(rad(90.0))
-        rig.arm.set_acceleration(rad(300.0))
-        motion = bench.go(rig, 0, -55, 0, 0, 0)
-        bench.under_way(motion, rig, 0.5)
-        assert np.degrees(rig.arm.state.qd_ref[1]) < -80.0
-        stopped, lowest = rig.arm.start_stop(), np.inf
-        for _ in range(60):
-            bench.advance(0.01)
-            lowest = min(lowest, bench.arm_deg(rig)[1])
-        bench.finish(stopped)
-        assert np.degrees(rig.arm.state.q_ref[1]) - lowest < 4.2, "else it swings past by 4.8"
+@pytest.mark.emulated(reply_timeout=2.0)
+def test_a_stop_brakes_each_joint_no_harder_than_its_servo_does(bench):
+    rig = bench.open()
+    bench.advance(1.0)
+    rig.arm.set_speed(rad(90.0))
+    rig.arm.set_acceleration(rad(300.0))
+    motion = bench.go(rig, 0, -55, 0, 0, 0)
+    bench.under_way(motion, rig, 0.5)
+    assert np.degrees(rig.arm.state.qd_ref[1]) < -80.0
+    stopped, lowest = rig.arm.start_stop(), np.inf
+    for _ in range(60):
+        bench.advance(0.01)
+        lowest = min(lowest, bench.arm_deg(rig)[1])
+    bench.finish(stopped)
+    assert np.degrees(rig.arm.state.q_ref[1]) - lowest < 4.2, "else it swings past by 4.8"
 
 
 def test_what_is_held_is_still_held_after_the_cable_was_out(bench):

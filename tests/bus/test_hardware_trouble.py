@@ -5,7 +5,6 @@ import pytest
 from harness.emulated_rig import rad
 
 from so101_motion.common.errors import (
-    FollowingError,
     PortUnavailable,
     ServoAlarm,
 )
@@ -13,20 +12,6 @@ from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.planning.goals import JointGoal
-
-
-def test_a_joint_that_is_held_fast_ends_the_motion_and_is_not_pressed_on(bench):
-    rig = bench.open()
-    motion = bench.go(rig, 80, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 1.0)
-    shaft = bench.world.servo("shoulder_pan").drive.shaft
-    shaft.upper = shaft.output + 5
-    with pytest.raises(FollowingError, match="shoulder_pan"):
-        bench.finish(motion)
-    bench.advance(1.0)
-
-    assert abs(rig.servos.health[0].load) < 0.5
-
 
 # Trouble: reported by name, nothing else lost, over when it is cleared
 

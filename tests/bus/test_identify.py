@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from harness.emulated_rig import MIDDLES_DEG, TIMEOUT, ModelBench, arm_client, hardware_bench
+from harness.emulated_rig import MIDDLES_DEG, PATIENCE, TIMEOUT, arm_client
 
 from benchmarks.emulated_arm import arm_of, load
 from so101_motion.calib.record import servo_file, store
@@ -26,12 +26,12 @@ from so101_motion.setup.identify_operation import IdentifyOperation
 PAN = ServoFigures(torque=0.9, friction=1.2, dead_time=1.1)
 ZEROS = dict(zip(ARM_JOINTS, np.radians(MIDDLES_DEG), strict=True))
 
+pytestmark = pytest.mark.emulated(reply_timeout=2.0, figures={"shoulder_pan": PAN})
 
-@pytest.fixture
-def bench(tmp_path, planning_process, monkeypatch):
+
+@pytest.fixture(autouse=True)
+def own_home(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    with hardware_bench(tmp_path, reply_timeout=2.0, figures={"shoulder_pan": PAN}) as bench:
-        yield bench
 
 
 @pytest.fixture
@@ -55,17 +55,10 @@ def moved(bench, motions, outline, until=lambda: False):
         return moving.result()
 
 
-@pytest.fixture
-async def model_bench(tmp_path, planning_process, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    bench = ModelBench(tmp_path, figures={"shoulder_pan": PAN})
-    yield bench
-    await bench.end()
-
-
+@pytest.mark.emulated(reply_timeout=PATIENCE)
 @pytest.mark.timeout(600)
-async def test_a_servo_is_identified_by_a_request_kept_and_used_at_once(model_bench, tmp_path):
-    bench, file = model_bench, tmp_path / "arm.json"
+async def test_a_servo_is_identified_by_a_request_kept_and_used_at_once(models, tmp_path):
+    bench, file = models, tmp_path / "arm.json"
     zeros = {joint: float(deg) for joint, deg in zip(ARM_JOINTS, MIDDLES_DEG, strict=True)}
     store.save(file, bench.open(timeout=TIMEOUT).servos.calibration)
     arm = bench.new_arm(calibration_file=str(file), joint_zero_offsets_deg=zeros)

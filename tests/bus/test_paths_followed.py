@@ -5,7 +5,7 @@ friction and play: the arm stays near the path, passes every waypoint, and ends 
 import math
 
 import pytest
-from harness.emulated_rig import hardware_bench
+from harness.emulated_rig import PATIENCE
 from harness.path_following import follow, random_plan
 
 from so101_motion.drivers.emulator import registers as emu
@@ -13,16 +13,9 @@ from so101_motion.drivers.emulator import registers as emu
 SPEEDS = [(50, 100), (90, 300), (120, 500), (180, 500)]
 """In deg/s and deg/s^2; the first is what an arm does unless told otherwise."""
 
-
-PATIENT = 2.0
-"""Time stands still while an answer is waited for; an emulator that the machine kept waiting must
-not be taken for a wire that lost it [s]."""
-
-
-@pytest.fixture
-def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path, reply_timeout=PATIENT) as bench:
-        yield bench
+# Time stands still while an answer is waited for; an emulator that the machine kept waiting must
+# not be taken for a wire that lost it.
+pytestmark = pytest.mark.emulated(reply_timeout=2.0)
 
 
 def opened(bench, speed, acceleration):
@@ -54,20 +47,20 @@ def test_servos_that_another_program_left_with_more_acceleration_are_sent_no_fur
     assert_followed(follow(bench, rig, *random_plan(rig, 3)))
 
 
-def test_a_path_is_followed_on_a_bad_wire(tmp_path, planning_process):
-    with hardware_bench(tmp_path, reply_timeout=0.1) as bench:
-        rig = opened(bench, 90, 300)
-        bench.emulator.bus.faults.loss, bench.emulator.bus.faults.corrupt = 0.05, 0.02
-        assert_followed(follow(bench, rig, *random_plan(rig, 4, waypoints=2)))
-        health = rig.servos.health
-        bench.emulator.bus.faults.loss = bench.emulator.bus.faults.corrupt = 0.0
+@pytest.mark.emulated(reply_timeout=0.1)
+def test_a_path_is_followed_on_a_bad_wire(bench):
+    rig = opened(bench, 90, 300)
+    bench.emulator.bus.faults.loss, bench.emulator.bus.faults.corrupt = 0.05, 0.02
+    assert_followed(follow(bench, rig, *random_plan(rig, 4, waypoints=2)))
+    health = rig.servos.health
+    bench.emulator.bus.faults.loss = bench.emulator.bus.faults.corrupt = 0.0
     assert sum(one.lost + one.corrupt for one in health) > 20
 
 
+@pytest.mark.emulated(reply_timeout=PATIENCE)
 @pytest.mark.parametrize("fault", ["late", "duplicate", "request_loss"])
-def test_a_path_is_followed_when_replies_or_requests_go_astray(tmp_path, planning_process, fault):
-    with hardware_bench(tmp_path) as bench:
-        rig = opened(bench, 50, 100)
-        setattr(bench.emulator.bus.faults, fault, 0.05)
-        assert_followed(follow(bench, rig, *random_plan(rig, 5, waypoints=1)))
-        setattr(bench.emulator.bus.faults, fault, 0.0)
+def test_a_path_is_followed_when_replies_or_requests_go_astray(bench, fault):
+    rig = opened(bench, 50, 100)
+    setattr(bench.emulator.bus.faults, fault, 0.05)
+    assert_followed(follow(bench, rig, *random_plan(rig, 5, waypoints=1)))
+    setattr(bench.emulator.bus.faults, fault, 0.0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness.emulated_rig import ModelBench, arm_client
+from harness.emulated_rig import arm_client
 from viam.components.arm import JointPositions
 
 from so101_motion.calib.record import record, store
@@ -13,27 +13,23 @@ from so101_motion.control.limit_recovery import FARTHEST_OUT
 from so101_motion.viam.models.hardware_arm import served_joints, served_limits, served_remarks
 
 ELBOW = 2
-Q_START = (0.0, 0.0, math.radians(90.7), math.radians(-60.0), 0.0, 0.0)
+AT_ITS_STOP = (0.0, 0.0, math.radians(90.7), math.radians(-60.0), 0.0, 0.0)
+"""The elbow is at its upper stop, 90.8 deg. With zero in the middle of the joint's travel, as
+without a calibration of ours, that reads as 96.6."""
 
 
 @pytest.fixture
-async def at_its_stop(tmp_path, planning_process):
-    """An arm whose elbow stands at its upper stop, 90.8 deg. With zero in the middle of the joint's
-    travel, as without a calibration of ours, that reads as 96.6."""
-    bench = ModelBench(tmp_path, q_start=Q_START)
-    try:
-        arm = bench.new_arm(floor_z_mm=-500)  # the hand hangs low there
-        await bench.pass_time(1.0)
-        async with arm_client(arm) as client:
-            yield bench, client
-    finally:
-        await bench.end()
+async def client(models):
+    arm = models.new_arm(floor_z_mm=-500)  # the hand hangs low there
+    await models.pass_time(1.0)
+    async with arm_client(arm) as client:
+        yield client
 
 
+@pytest.mark.emulated(q_start=AT_ITS_STOP)
 async def test_a_joint_outside_is_reported_at_its_limit_and_its_place_is_in_the_status(
-    at_its_stop, caplog
+    models, client, caplog
 ):
-    bench, client = at_its_stop
     lower, upper = (np.degrees(each) for each in served_limits())
     for _ in range(3):
         values = list((await client.get_joint_positions()).values)
@@ -47,7 +43,7 @@ async def test_a_joint_outside_is_reported_at_its_limit_and_its_place_is_in_the_
         assert words in note
     assert caplog.text.count("outside the limits that viam-server knows") == 1, "said once"
 
-    await bench.in_time(client.move_through_joint_positions([
+    await models.in_time(client.move_through_joint_positions([
         JointPositions(values=values), JointPositions(values=[*values[:ELBOW], 60.0, *values[3:]])
     ]))  # fmt: skip
     values = list((await client.get_joint_positions()).values)
@@ -55,8 +51,9 @@ async def test_a_joint_outside_is_reported_at_its_limit_and_its_place_is_in_the_
     assert (await client.get_status())["notes"] == []
 
 
+@pytest.mark.emulated(calibrated=False)
 async def test_the_status_names_joints_outside_their_range_and_those_never_calibrated(
-    tmp_path, planning_process
+    models, tmp_path
 ):
     entries = {
         joint: replace(record.default(joint), id=i)
@@ -66,15 +63,11 @@ async def test_the_status_names_joints_outside_their_range_and_those_never_calib
     for joint in ("shoulder_pan", "gripper"):  # they stand at 2048
         entries[joint] = replace(entries[joint], range_min=2130, range_max=3000)
     store.save(tmp_path / "calibration.json", entries)
-    bench = ModelBench(tmp_path, calibrated=False)
-    try:
-        arm = bench.new_arm(calibration_file=str(tmp_path / "calibration.json"))
-        bench.new_gripper(calibration_file=str(tmp_path / "calibration.json"))
-        await bench.pass_time(1.0)
-        async with arm_client(arm) as client:
-            status = await client.get_status()
-    finally:
-        await bench.end()
+    arm = models.new_arm(calibration_file=str(tmp_path / "calibration.json"))
+    models.new_gripper(calibration_file=str(tmp_path / "calibration.json"))
+    await models.pass_time(1.0)
+    async with arm_client(arm) as client:
+        status = await client.get_status()
     assert status["uncalibrated"] == ["elbow_flex"]
     outside = status["out_of_range"]
     assert set(outside) == {"shoulder_pan", "gripper"}

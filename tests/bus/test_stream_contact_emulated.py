@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from harness.emulated_rig import hardware_bench
 
 from so101_motion.common.errors import MotionError
 from so101_motion.common.geometry import SE3
@@ -27,35 +26,32 @@ GOALS = {
 
 @pytest.mark.parametrize("speed", [40.0, 180.0])
 @pytest.mark.parametrize("into", GOALS)
-def test_neither_command_nor_servos_touch_what_a_stream_leads_into(
-    tmp_path, planning_process, into, speed
-):
-    with hardware_bench(tmp_path) as bench:
-        rig = bench.open()
-        bench.advance(0.5)
-        arm = rig.arm
-        arm.set_speed(math.radians(speed))
-        arm.set_acceleration(math.radians(500.0 if speed > 100.0 else 200.0))
-        bench.finish(bench.go(rig, *BEGIN))
-        arm.scene = arm.scene.with_obstacles([CRATE])
-        collision = CollisionModel(arm.model, arm.scene)
-        opening = arm.start_stream()
-        while not opening.opened.done():
-            bench.advance(0.01)
-        stream = opening.opened.result()
-        stream.push(fastest(arm.state.q_ref, np.radians(GOALS[into]), arm.limits))
-        stream.finish()
-        nearest = math.inf
-        for _ in range(1000):
-            bench.advance(0.01)
-            true = np.radians(bench.arm_deg(rig))
-            for q in (true, arm.state.q_ref):
-                nearest = min(nearest, float(collision.distances(q, arm.state.q_jaw).min()))
-            if stream.future.done():
-                break
-        with pytest.raises(MotionError, match=f"into contact with {into}"):
-            stream.future.result()
-        assert nearest > 0.0
+def test_neither_command_nor_servos_touch_what_a_stream_leads_into(bench, into, speed):
+    rig = bench.open()
+    bench.advance(0.5)
+    arm = rig.arm
+    arm.set_speed(math.radians(speed))
+    arm.set_acceleration(math.radians(500.0 if speed > 100.0 else 200.0))
+    bench.finish(bench.go(rig, *BEGIN))
+    arm.scene = arm.scene.with_obstacles([CRATE])
+    collision = CollisionModel(arm.model, arm.scene)
+    opening = arm.start_stream()
+    while not opening.opened.done():
+        bench.advance(0.01)
+    stream = opening.opened.result()
+    stream.push(fastest(arm.state.q_ref, np.radians(GOALS[into]), arm.limits))
+    stream.finish()
+    nearest = math.inf
+    for _ in range(1000):
+        bench.advance(0.01)
+        true = np.radians(bench.arm_deg(rig))
+        for q in (true, arm.state.q_ref):
+            nearest = min(nearest, float(collision.distances(q, arm.state.q_jaw).min()))
+        if stream.future.done():
+            break
+    with pytest.raises(MotionError, match=f"into contact with {into}"):
+        stream.future.result()
+    assert nearest > 0.0
 
 
 def fastest(q, q_goal, limits):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness.emulated_rig import MIDDLES_DEG, ModelBench, arm_client, hardware_bench, rad
+from harness.emulated_rig import MIDDLES_DEG, arm_client, rad
 from harness.held_calibration import hold_calibration
 
 from so101_motion.calib.record import store, zero
@@ -57,10 +57,7 @@ def saved(file, *, with_zeros, servos=None):
     return file
 
 
-@pytest.fixture
-def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path, joints=MOUNTED, q_start=STANDS, calibrated=False) as bench:
-        yield bench
+pytestmark = pytest.mark.emulated(joints=MOUNTED, q_start=STANDS, calibrated=False)
 
 
 def error_deg(rig, bench):
@@ -159,15 +156,12 @@ def test_a_file_that_lies_where_the_published_module_put_it_is_pointed_out(
     assert "file" not in {setup.source for setup in rig.servos.setups.values()}
 
 
-async def test_the_arm_s_configuration_says_where_zero_is(tmp_path, planning_process):
+@pytest.mark.emulated(calibrated=True)
+async def test_the_arm_s_configuration_says_where_zero_is(models, tmp_path):
     offsets = dict(zip(ARM, MIDDLES_DEG, strict=True))
-    bench = ModelBench(tmp_path, joints=MOUNTED, q_start=STANDS)
-    try:
-        path = saved(tmp_path / "arm.json", with_zeros=False, servos=bench)
-        arm = bench.new_arm(calibration_file=str(path), joint_zero_offsets_deg=offsets)
-        await bench.pass_time(1.0)
-        async with arm_client(arm) as client:
-            told = await bench.in_time(client.get_joint_positions())
-        assert list(told.values) == pytest.approx(list(bench.q_deg[:5]), abs=0.5)
-    finally:
-        await bench.end()
+    path = saved(tmp_path / "arm.json", with_zeros=False, servos=models)
+    arm = models.new_arm(calibration_file=str(path), joint_zero_offsets_deg=offsets)
+    await models.pass_time(1.0)
+    async with arm_client(arm) as client:
+        told = await models.in_time(client.get_joint_positions())
+    assert list(told.values) == pytest.approx(list(models.q_deg[:5]), abs=0.5)
