@@ -162,35 +162,24 @@ def killed(tmp_path, monkeypatch):
     return at_every_step
 
 
-@pytest.mark.parametrize("what", ["save", "restore"])
-def test_a_writer_killed_at_any_step_leaves_the_old_or_the_new_calibration(killed, what):
-    before, after = (OLD, NEW) if what == "save" else (NEW, OLD)
+@pytest.mark.parametrize(
+    ("what", "before", "after"), [("save", OLD, NEW), ("restore", NEW, OLD), ("load", OLD, OLD)]
+)
+def test_a_kill_at_any_step_leaves_the_old_or_the_new_calibration_and_all_works_again(
+    killed, what, before, after
+):
     seen = []
-    for _, file in killed(what):
+    for folder, file in killed(what):
         found = store.load(file)
         seen.append(known(found.calibration, found.zeros))
         assert json.loads(file.read_bytes())["elbow_flex"]["id"] == 3
-        assert found.notes == ()
+        assert found.notes == () or what == "load"
 
-    assert len(seen) > 20  # it is a matter of many steps
-    assert set(map(str, seen)) == {str(before), str(after)}
-    assert seen == sorted(seen, key=lambda one: one == after), "back and forth"
-
-
-@pytest.mark.parametrize("what", ["save", "restore", "load"])
-def test_after_a_kill_at_any_step_everything_works_again(killed, what):
-    for folder, file in killed(what):
-        store.load(file)
-        found = store.save(file, JAW)
-
-        assert set(found.calibration) == {"elbow_flex", "gripper"}
+        assert set(store.save(file, JAW).calibration) == {"elbow_flex", "gripper"}
         assert not [name for name in os.listdir(folder / "module") if name.endswith(".tmp")]
         states = [store.read(version.path) for version in store.versions(file)]
         assert any(known(s.calibration, s.zeros) == OLD for s in states)
 
-
-def test_a_loader_killed_while_it_brings_a_file_back_can_be_started_again(killed):
-    for _, file in killed("load"):
-        found = store.load(file)
-
-        assert known(found.calibration, found.zeros) == OLD
+    assert len(seen) > 20 or what == "load"  # it is a matter of many steps
+    assert set(map(str, seen)) == {str(before), str(after)}
+    assert seen == sorted(seen, key=lambda one: one == after), "back and forth"

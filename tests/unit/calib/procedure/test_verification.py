@@ -4,7 +4,10 @@ import pytest
 from harness.calibration_rig import LentArm, calibrate
 
 from so101_motion.calib.procedure.verification import AT_MOST, NOTHING_NEW, Verification
+from so101_motion.calib.record.record import JOINTS, default
 from so101_motion.common.errors import NotPossibleNow
+
+AS_NEW = {joint: default(joint) for joint in JOINTS}
 
 
 @pytest.fixture
@@ -77,13 +80,13 @@ def test_a_travel_that_was_recorded_too_short_is_named(arm, calibration):
     assert "farther than it was calibrated" in told.sentence
 
 
-def test_steps_out_of_order_are_refused(arm, calibration):
+def test_steps_out_of_order_are_refused(arm):
     with pytest.raises(NotPossibleNow, match="the verification is ready"):
-        Verification(calibration, arm).ask("end")
+        Verification(AS_NEW, arm).ask("end")
 
 
-def test_without_a_person_it_begins_at_once_and_ends_in_time(arm, calibration):
-    verification = Verification(calibration, arm, is_attended=False)
+def test_without_a_person_it_begins_at_once_and_ends_in_time(arm):
+    verification = Verification(AS_NEW, arm, is_attended=False)
     assert verification.view.offer("release").due_in == 0.0
     verification.ask("release")
     arm.tick(200)
