@@ -117,22 +117,22 @@ class CalibrationPage(StepPage):
 
     def __init__(self, setup: SetupContext, step: SetupStep) -> None:
         super().__init__(setup, step, lambda target: target.calibration, "nothing was changed")
+        self._before = ""
 
     def enter(self) -> None:
-        """Start recording, if it is time, because that writes nothing."""
-        target = self._setup.target
-        if target is None:
-            return
-        now = target.situation
-        if self._step.name == "record" and now.view.state is State.HOMED:
-            self._ask("start_range_recording", "beginning to record")
-        if self._step.name == "save" and self._setup.saved is None:
-            self._setup.saved = now.saved
+        target, self._before = self._setup.target, ""
+        if target is not None and self._step.name == "save" and self._setup.saved is None:
+            self._setup.saved = target.situation.saved
 
     def refresh(self) -> bool:
         news, target = super().refresh(), self._setup.target
         if target is not None:
             view = target.calibration.view
+            if not self._setup.doing:
+                is_homed = view.state == State.HOMED.value != self._before
+                self._before = view.state
+                if is_homed and self._step.name == "record":  # at once, because it writes nothing
+                    self._ask("start_range_recording", "beginning to record")
             if view.state != State.IDLE.value:
                 self._setup.saved = None
                 if target.test is not None:
