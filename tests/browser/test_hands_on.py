@@ -270,8 +270,15 @@ def test_the_arm_follows_a_leader_that_a_hand_moves_until_stop(visit, rig):
         guest.until(lambda: guest.says("Following the leader."))
         (leader,) = opened
         assert leader.arm.state.mode is Mode.LIMP
-        push(leader, there := np.radians([-30.0, 10.0, 5.0, 5.0, 0.0]))
-        guest.until(lambda: np.allclose(rig.arm.state.q, there, rtol=0.0, atol=to_rad(2.0)))
+        there = np.radians([-30.0, 10.0, 5.0, 5.0, 0.0])
+
+        def is_led():
+            """Whether it is there; a hand keeps near an arm that a busy machine has stopped."""
+            off = there - rig.arm.state.q
+            push(leader, rig.arm.state.q + np.clip(off, -to_rad(8.0), to_rad(8.0)))
+            return bool(np.abs(off).max() < to_rad(2.0))
+
+        guest.until(is_led)
         guest.press("STOP")
         guest.until(lambda: guest.button("Follow the leader").count() == 1)
         push(leader, np.zeros(5))
