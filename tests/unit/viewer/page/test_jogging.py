@@ -60,14 +60,11 @@ def hand(clock):
         hand.jogging.close()
 
 
-def test_nothing_moves_until_it_is_switched_on(hand):
-    hand.hold(PAN, 0.5)
-    np.testing.assert_array_equal(hand.rig.arm.state.q_ref, READY)
-
-
 @pytest.mark.parametrize("mode", ["joints", "base", "tool"])
 def test_a_held_button_moves_and_without_repeats_stops_within_a_tenth_of_a_second(hand, mode):
     hand.jogging.speed = "medium"
+    hand.hold(PAN, 0.5)
+    np.testing.assert_array_equal(hand.rig.arm.state.q_ref, READY)  # it is not switched on
     hand.start(mode)
     hand.hold(PAN, 0.8)
     assert hand.speed > 0.1

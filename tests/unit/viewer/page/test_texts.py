@@ -1,9 +1,67 @@
 import pytest
-from so101_viewer.page import texts
-from so101_viewer.page.screen_state import Tone
+from so101_viewer.page import markup, texts
+from so101_viewer.page.screen_state import Sentence, Tone
 
 from so101_motion.common.errors import ConfigError, Interrupted
 from so101_motion.common.modes import Mode
+
+EVIL = '<img src=x onerror="move()">'
+
+
+@pytest.mark.parametrize(
+    "html",
+    [
+        markup.sentence(Sentence(text=EVIL, tone=Tone.BAD)),
+        markup.headline(EVIL, EVIL, is_under_way=True),
+        markup.facts([(EVIL, EVIL)]),
+        markup.to_copy(EVIL, EVIL),
+        markup.gauge(EVIL, 1.0, 0.0, 2.0, unit=EVIL),
+    ],
+)
+def test_text_from_outside_never_becomes_markup(html):
+    assert "<img" not in html
+    assert "&lt;img src=x onerror=&quot;move()&quot;&gt;" in html
+
+
+def gauge(value, *, warns=True):
+    return markup.gauge("elbow_flex", value, -100.0, 100.0, warns=warns)
+
+
+def test_a_bar_stands_where_its_value_is_and_never_leaves_its_track():
+    for value, share in ((0.0, 50.0), (-100.0, 0.0), (250.0, 100.0)):
+        assert f"left:calc({share}% - .2em)" in gauge(value)
+
+
+def test_a_bar_turns_red_near_its_limits_only():
+    red = "#e03131"
+    assert red not in gauge(80.0)
+    assert red in gauge(97.0)
+    assert red in gauge(-99.0)
+    assert red not in gauge(-99.0, warns=False)
+
+
+def test_figures_have_one_digit_and_no_minus_zero():
+    html = gauge(-0.0123) + gauge(12.3456)
+    assert ">0.0 °<" in html
+    assert ">12.3 °<" in html
+
+
+def test_a_bad_sentence_looks_different_from_a_good_one():
+    said = [markup.sentence(Sentence(text="Hm.", tone=tone)) for tone in Tone]
+    assert len(set(said)) == len(Tone)
+
+
+def test_no_line_ends_within_an_option_that_is_to_be_typed():
+    whole = '<span style="white-space:nowrap">-aG</span>'
+    assert f"sudo usermod {whole} video" in markup.warning("sudo usermod -aG video, log in")
+    assert "<b>" not in markup.warning("<b> -<b>")
+
+
+def test_a_sentence_in_a_narrow_panel_is_not_cut():
+    long = Sentence(text="elbow_flex was held up. " * 9)
+    assert ";height:4.6em;overflow-y:auto;" in markup.sentence(long)
+    assert ";min-height:4.6em;" in markup.sentence(long, is_whole=True)
+    assert "overflow" not in markup.sentence(long, is_whole=True)
 
 
 def test_every_mode_has_words():

@@ -151,6 +151,9 @@ def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab):
 def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab):
     tab.record(A, B)
     tab.model.choose(0)
+    np.testing.assert_array_equal(tab.aimed[-1], A)  # the ghost stands there
+    tab.model.choose(7)
+    assert tab.model.chosen == 0
     tab.model.duplicate()
     assert (tab.names, tab.model.chosen) == ("ACB", 1)
     tab.edit.take_place()
@@ -256,17 +259,12 @@ def test_a_program_that_passes_a_waypoint_says_so(tab):
     assert [tab.planned.at(t)[0] for t in (0.0, rehearsal.arrivals[0].leg.at[0] + 0.01)] == [0, 1]
 
 
-def test_choosing_a_waypoint_shows_the_ghost_there(tab):
-    tab.record(A, B)
-    tab.model.choose(0)
-    np.testing.assert_array_equal(tab.aimed[-1], A)
-    tab.model.choose(7)
-    assert tab.model.chosen == 0
-
-
 def test_a_program_is_planned_and_run_to_its_end(tab):
+    tab.model.plan()
     tab.record(A, B)
     tab.model.set_rounds(2)
+    tab.model.start()
+    assert tab.model.run is None, "nothing runs without a plan"
     tab.plan()
     assert tab.model.sentence.tone is Tone.GOOD
     np.testing.assert_array_equal(tab.rig.arm.state.q, np.zeros(5))
@@ -280,14 +278,6 @@ def test_a_program_is_planned_and_run_to_its_end(tab):
     tab.until(lambda: tab.model.run is None)
     assert tab.said == "Done 2 times. Press Plan program to run it again."
     np.testing.assert_allclose(tab.rig.arm.state.q, B, atol=to_rad(0.1))
-
-
-def test_nothing_runs_without_a_plan(tab):
-    tab.model.plan()
-    tab.model.start()
-    tab.record(A)
-    tab.model.start()
-    assert tab.model.run is None
 
 
 def test_a_waypoint_that_cannot_be_reached_is_named(tab):

@@ -48,13 +48,10 @@ def test_a_key_that_is_old_or_no_key_is_replaced(file, key, age):
     (entry,) = content["keys"].values()
     entry["key"], entry["made_at"] = key, int(entry["made_at"] - age)
     file.write_text(json.dumps(content))
-    assert key_for(PAGE, 8080) not in (key, None)
-
-
-def test_a_file_that_is_none_is_replaced(file):
-    key = key_for(PAGE, 8080)
+    new = key_for(PAGE, 8080)
+    assert new not in (key, None)
     file.write_text("{")
-    assert key_for(PAGE, 8080) != key
+    assert key_for(PAGE, 8080) != new
 
 
 def test_without_a_folder_for_files_there_is_a_key_all_the_same(tmp_path, monkeypatch):
