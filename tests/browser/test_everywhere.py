@@ -1,8 +1,11 @@
 """What holds on all tabs and in windows of any size: Stop on top, targets for fingers, the Tab key,
 words for what is drawn, and nothing shown as new that is old."""
 
+import numpy as np
 import pytest
-from harness.browser_user import LAPTOP, PHONE, crawl_aside
+from harness.browser_user import ASIDE, LAPTOP, PHONE, crawl_aside
+
+from so101_motion.common.units import to_rad
 
 TABS = ("Move", "Jog", "Program", "World", "Share", "Teach")
 
@@ -93,6 +96,7 @@ def test_nothing_covers_stop_and_a_click_on_it_stops_whatever_is_open(guest, rig
         assert page.evaluate(AT_STOP)
         page.locator("#so101-stop").click()
         guest.until(lambda: not rig.arm.is_moving)
+        assert np.abs(rig.arm.state.q - ASIDE).max() > to_rad(1.0), "it has not arrived"
         page.keyboard.press("Escape")
         for words in FOR_DEVELOPERS:
             assert page.get_by_text(words).filter(visible=True).count() == 0

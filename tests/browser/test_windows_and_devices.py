@@ -29,7 +29,9 @@ def crawl(guest, rig):
 
 
 def at_rest(rig):
-    return rig.arm.state.mode is Mode.HOLDING and not rig.arm.is_moving
+    """Whether it holds, short of where a crawl ends by itself."""
+    is_short = np.abs(rig.arm.state.q - ASIDE).max() > to_rad(1.0)
+    return bool(rig.arm.state.mode is Mode.HOLDING and not rig.arm.is_moving and is_short)
 
 
 def test_one_window_has_control_which_another_takes_and_stop_works_in_both(
@@ -342,7 +344,6 @@ def test_p_plans_escape_and_space_stop_also_in_a_field_and_no_other_key_moves_th
         field.click()
         guest.page.keyboard.press("Space")
         guest.until(lambda: at_rest(rig))
-        assert np.abs(rig.arm.state.q - ASIDE).max() > to_rad(1.0), "it has not arrived"
 
 
 LOST_FOR_LONG = """(address) => Promise.all(Array.from({ length: 80 }, () => new Promise((end) => {
