@@ -26,8 +26,9 @@ QUICK = {"speed_degs_per_sec": 90.0, "acceleration_degs_per_sec_per_sec": 400.0}
 
 
 @pytest.fixture
-async def machine():
+async def machine(monkeypatch):
     """A machine with a crate between the left and the right of an arm."""
+    monkeypatch.setattr(teleop_module, "_AGAIN", 0.01)
     yield FakeMachine(hanging("arm", joints=5), CRATE, things=[Thing("crate")])
     set_machine(lambda: None)
 
@@ -191,8 +192,7 @@ async def test_one_that_starts_by_itself_waits_for_the_machine(machine, caplog):
         assert caplog.text.count(WAITS) == 1
 
 
-async def test_a_stop_ends_one_that_waits_to_start_by_itself(machine, caplog, monkeypatch):
-    monkeypatch.setattr(teleop_module, "_AGAIN", 0.01)
+async def test_a_stop_ends_one_that_waits_to_start_by_itself(machine, caplog):
     async with teleoperated(machine, hanging("shed"), auto_start=True) as (client, *_):
         await until(lambda: WAITS in caplog.text)
         assert await client.do_command({"command": "stop"}) == {"running": False}

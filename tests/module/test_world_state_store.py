@@ -108,12 +108,9 @@ async def test_a_stream_reports_added_changed_and_removed_objects(arm, store):
     arm.scene = Scene()
     gone = await anext(changes)
     assert (gone.change_type, gone.transform.uuid) == (2, added.transform.uuid)
-    await changes.aclose()
-
-
-async def test_removed_objects_are_reported_as_removed(store):
     with pytest.raises(GRPCError, match="no transform of this UUID"):
-        await store.get_transform(b"nothing")
+        await store.get_transform(gone.transform.uuid)
+    await changes.aclose()
 
 
 async def test_there_is_always_something_to_show(store):
