@@ -45,7 +45,7 @@ FELT, SHORT, UNFELT = "felt", "stopped before it", "not felt"
 
 _following: Any = _common.from_tests("harness.path_following")
 _harness: Any = _common.from_tests("harness.emulated_rig")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 
 Contact = tuple[str, str, str, float, float]

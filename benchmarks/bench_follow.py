@@ -27,7 +27,7 @@ PLANS = 50
 
 _following: Any = _common.from_tests("harness.path_following")
 _harness: Any = _common.from_tests("harness.emulated_rig")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 
 def followed(speed: float, acceleration: float) -> list[Any]:

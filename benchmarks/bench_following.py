@@ -41,7 +41,7 @@ from so101_motion.rig.rig import HARD_STOP, TICK
 from so101_motion.tasks.teleop.pilot import Pace
 
 _targets: Any = _common.from_tests("campaign.targets")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 _bench: Any = _common.from_tests("harness.emulated_pair")
 
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])

@@ -33,7 +33,7 @@ THINGS = {"nothing": 0.0, "foam": 5.0, "wood": 600.0}
 """What is held, and how stiff it is [N m/rad at the jaw]; chosen."""
 
 _harness: Any = _common.from_tests("harness.emulated_rig")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 
 def held(seed: int, stiffness: float) -> tuple[list[float], float, float, bool]:

@@ -71,7 +71,7 @@ _following: Any = _common.from_tests("harness.path_following")
 _facing: Any = _common.from_tests("harness.facing_arms")
 _harness: Any = _common.from_tests("harness.emulated_rig")
 _scenes: Any = _common.from_tests("harness.random_scenes")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 
 class FeltHand(Hand):

@@ -41,7 +41,7 @@ LOADS_KG = (0.1, 0.15, 0.2, 0.3)
 
 _following: Any = _common.from_tests("harness.path_following")
 _harness: Any = _common.from_tests("harness.emulated_rig")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 
 LOOK = 0.05

@@ -43,7 +43,7 @@ ROOT = Path(__file__).parents[1]
 _pair: Any = _common.from_tests("harness.emulated_pair")
 _rig: Any = _common.from_tests("harness.emulated_rig")
 _lerobot: Any = _common.from_tests("harness.lerobot_bench")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 MIDDLES_DEG: Array = np.array(_rig.MIDDLES_DEG)
 FPS, SECONDS, DT = 30, 20.0, 0.01

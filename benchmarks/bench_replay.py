@@ -34,7 +34,7 @@ _CAPS = {"caps 180 deg/s, no guard": (180.0, 500.0), "caps 50 deg/s, guard": (50
 _BEFORE = 3.0
 """How long the first goal is aimed at before the motion begins [s]; chosen."""
 
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 
 def replayed(

@@ -70,7 +70,7 @@ would not go along. Nothing is nearer than 50 mm then."""
 PERIOD = 0.01
 
 _bench: Any = _common.from_tests("harness.emulated_pair")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 
 # On one clock

@@ -52,7 +52,7 @@ TRIES = 8
 TICKS_PER_RAD = 4096.0 / math.tau
 
 _rig: Any = _common.from_tests("harness.emulated_rig")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 
 def calibrated(joints: list[Any], file: Path, random: np.random.Generator) -> Path:

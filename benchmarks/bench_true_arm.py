@@ -42,7 +42,7 @@ _LAST = 40
 
 _following: Any = _common.from_tests("harness.path_following")
 _harness: Any = _common.from_tests("harness.emulated_rig")
-_referee: Any = _common.from_tests("referee")
+_referee: Any = _common.from_tests("referee.official")
 
 
 @contextmanager

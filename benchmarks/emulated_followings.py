@@ -49,7 +49,8 @@ NEAREST, NEAREST_HULLS = "triangles nearest [mm]", "hulls nearest [mm]"
 OFF, HELD = "joints off their setpoints, most [deg]", "held by the other"
 
 _direct: Any = _common.from_tests("harness.direct_port")
-_referee: Any = _common.from_tests("referee")
+_command: Any = _common.from_tests("referee.command")
+_referee: Any = _common.from_tests("referee.official")
 
 
 class EmulatedArm:
@@ -77,8 +78,8 @@ class EmulatedArm:
         speed, acceleration, jerk = (
             float(np.degrees(each[0])) for each in (caps.velocity, caps.acceleration, caps.jerk)
         )
-        one = _referee.CommandCaps(speed, acceleration, jerk)
-        jaw = _referee.CommandCaps(90.0, np.degrees(10.0), np.degrees(600.0), braking=1376.0)
+        one = _command.CommandCaps(speed, acceleration, jerk)
+        jaw = _command.CommandCaps(90.0, np.degrees(10.0), np.degrees(600.0), braking=1376.0)
         match = _referee.match_of(self.emulator)
         match.ask_caps(lambda: (*(_referee.Caps(speed),) * 5, _referee.Caps(90.0, 1376.0)))
         self.rig.servos.on_command = match.listen(lambda: (*(one,) * 5, jaw), self._ticks)

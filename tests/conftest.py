@@ -10,7 +10,7 @@ import pytest
 from harness import lanes
 from harness.heard_port import hear_terminals_of_this_process
 from hypothesis import settings
-from referee import refereed
+from referee.official import refereed
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.control.executor import Executor

@@ -17,7 +17,7 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
-from referee import refereed
+from referee.official import refereed
 
 from campaign import (
     good_answers,

@@ -13,7 +13,8 @@ import numpy as np
 from harness.direct_port import Socket
 from harness.emulated_joints import MAPS
 from harness.retarget import retarget
-from referee import STOP_JERK, CommandCaps, Referee
+from referee.command import STOP_JERK, CommandCaps
+from referee.official import Referee
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.control.cartesian_jog import Jog

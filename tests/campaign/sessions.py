@@ -32,7 +32,7 @@ from harness.fake_parent import (
     SIMULATED,
     running_module,
 )
-from referee import Referee
+from referee.official import Referee
 from viam.components.arm import ArmClient, JointPositions, MoveOptions, Pose
 from viam.components.gripper import GripperClient
 

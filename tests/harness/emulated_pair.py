@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing
 
 import numpy as np
-from referee import CommandCaps
+from referee.command import CommandCaps
 from referee.official import WIDEST
 
 from harness.emulated_rig import HardwareBench

@@ -12,7 +12,8 @@ from contextlib import closing
 
 import numpy as np
 from google.protobuf.struct_pb2 import Struct
-from referee import STOP_JERK, Caps, CommandCaps, match_of
+from referee.command import STOP_JERK, CommandCaps
+from referee.official import Caps, match_of
 from viam.proto.app.robot import ComponentConfig
 
 from harness.heard_port import HeardEmulator

@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
-from referee import CommandCaps
+from referee.command import CommandCaps
 
 from harness.emulated_rig import HardwareBench
 from so101_motion.common.errors import MotionError

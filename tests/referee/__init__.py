@@ -8,24 +8,3 @@ says which rule it breaks on purpose: ``@pytest.mark.breaks("motion", reason="..
 
 All angles in here are degrees, as in the rules.
 """
-
-from referee.command import STOP_JERK, CommandCaps
-from referee.official import (
-    RULES,
-    Caps,
-    Finding,
-    Referee,
-    match_of,
-    refereed,
-)
-
-__all__ = [
-    "RULES",
-    "STOP_JERK",
-    "Caps",
-    "CommandCaps",
-    "Finding",
-    "Referee",
-    "match_of",
-    "refereed",
-]

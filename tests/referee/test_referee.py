@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from referee import RULES, Caps, CommandCaps, Referee
-from referee.command import Command
+from referee.command import Command, CommandCaps
+from referee.official import RULES, Caps, Referee
 from referee.packets import Parser, Writes
 from referee.travel import Travel
 from so101_motion.drivers.emulator.emulator import Emulator
