@@ -1,6 +1,7 @@
 """Two arms as one robot of LeRobot."""
 
 import json
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -40,22 +41,33 @@ class TwoArms(LeRobotBench):
 
 
 @pytest.fixture
-def robot(tmp_path, request):
+def made(tmp_path):
+    """Makes the robot, of sides with the same settings."""
     for side in ("left", "right"):
         (tmp_path / side).mkdir()
-    bench = TwoArms(tmp_path)
-    sides = (SO101MotionArmConfig(port=str(each.port)) for each in (bench, bench.other))
+    with closing(TwoArms(tmp_path)) as bench:
+
+        def make(of_each=None, **settings):
+            ports = (str(each.port) for each in (bench, bench.other))
+            sides = (SO101MotionArmConfig(port=port, **(of_each or {})) for port in ports)
+            config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path, **settings)
+            robot = BiSO101Motion(config, open_rig=bench.open_rig, waiter=bench.wait)
+            return robot, bench
+
+        yield make
+
+
+@pytest.fixture
+def robot(tmp_path, request, made):
     cell = None
     if hasattr(request, "param"):
         cell = tmp_path / "cell.json"
         cell.write_text(json.dumps({"arms": request.param}))
-    config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path, cell=cell)
-    robot = BiSO101Motion(config, open_rig=bench.open_rig, waiter=bench.wait)
+    robot, bench = made(cell=cell)
     robot.connect(calibrate=False)
     yield robot, bench
     if robot.is_connected:
         robot.disconnect()
-    bench.close()
 
 
 def both(left, right):
@@ -106,17 +118,9 @@ def test_a_cell_of_other_arms_is_refused(tmp_path):
         BiSO101Motion(config)
 
 
-def test_cameras_of_neither_arm_have_no_prefix_and_are_read_and_closed(tmp_path):
-    for side in ("left", "right"):
-        (tmp_path / side).mkdir()
-    bench = TwoArms(tmp_path)
+def test_cameras_of_neither_arm_have_no_prefix_and_are_read_and_closed(made):
     grey = GreyConfig(fps=30, width=8, height=6)
-    sides = [
-        SO101MotionArmConfig(port=str(each.port), cameras={"wrist": grey})
-        for each in (bench, bench.other)
-    ]
-    config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path, cameras={"top": grey})
-    robot = BiSO101Motion(config, open_rig=bench.open_rig, waiter=bench.wait)
+    robot, _ = made({"cameras": {"wrist": grey}}, cameras={"top": grey})
     pictures = {"top", "left_wrist", "right_wrist"}
     assert set(robot.cameras) == pictures
     assert pictures <= set(robot.observation_features)
@@ -124,10 +128,8 @@ def test_cameras_of_neither_arm_have_no_prefix_and_are_read_and_closed(tmp_path)
     assert {robot.get_observation()[name].shape for name in pictures} == {(6, 8, 3)}
     robot.disconnect()
     assert not any(camera.is_connected for camera in robot.cameras.values())
-    bench.close()
-    sides[0].cameras["top"] = grey
     with pytest.raises(ValueError, match="camera top is among those of the left arm"):
-        BiSO101Motion(config)
+        made({"cameras": {"top": grey}}, cameras={"top": grey})
 
 
 def test_an_arm_that_cannot_be_opened_leaves_the_other_closed(robot):

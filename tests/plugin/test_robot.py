@@ -73,44 +73,32 @@ def test_a_target_that_is_no_number_is_not_taken_and_the_log_says_so(bench, capl
     assert np.abs(values(robot) - READY)[:5].max() < 0.5
 
 
-def test_joints_that_are_left_out_keep_their_targets(bench):
+def test_joints_that_are_left_out_keep_their_targets_and_others_are_refused(bench):
     robot = bench.connected()
     taken = robot.send_action({"shoulder_pan.pos": 3.0, "task": "wave"})
     assert taken == pytest.approx(action(3.0, *READY[1:]))
-
-
-def test_a_joint_that_there_is_not_is_refused(bench):
-    robot = bench.connected()
     with pytest.raises(ValueError, match=r"thumb\.pos is not a joint"):
         robot.send_action({"thumb.pos": 3.0})
 
 
-def test_a_target_beyond_the_range_is_taken_within_it_and_both_are_reported(bench, caplog):
-    robot = bench.connected()
+def test_what_was_taken_of_a_target_beyond_the_range_is_returned_logged_and_observed(bench, caplog):
+    robot = bench.connected(record_taken=True)
     taken = robot.send_action(action(500.0, *READY[1:]))
     assert 90.0 < taken["shoulder_pan.pos"] < 130.0
     assert "500.0 was limited to" in caplog.text
-
-
-def test_observations_tell_what_was_taken_of_an_action_if_that_is_to_be_recorded(bench):
-    robot = bench.connected(record_taken=True)
-    robot.send_action(action(500.0, *READY[1:]))
     seen = robot.get_observation()
     assert list(seen) == list(robot.observation_features)
-    assert 90.0 < seen["shoulder_pan.taken"] < 130.0
+    assert seen["shoulder_pan.taken"] == pytest.approx(taken["shoulder_pan.pos"])
     assert seen["elbow_flex.taken"] == pytest.approx(READY[2])
 
 
-def test_targets_keep_within_max_relative_target(bench):
+def test_targets_keep_within_max_relative_target_and_what_is_none_is_refused(bench):
     robot = bench.connected(max_relative_target={"shoulder_pan": 4.0})
     taken = robot.send_action(action(30.0, *READY[1:]))
     assert taken["shoulder_pan.pos"] == pytest.approx(4.0, abs=0.5)
-
-
-@pytest.mark.parametrize("most", [{"pan": 4.0}, {"shoulder_pan": -1.0}, -5.0, 0.0, math.nan])
-def test_a_max_relative_target_that_is_none_is_refused(most):
-    with pytest.raises(ValueError, match="max_relative_target"):
-        SO101MotionConfig(port="none", max_relative_target=most)
+    for most in ({"pan": 4.0}, {"shoulder_pan": -1.0}, -5.0, 0.0, math.nan):
+        with pytest.raises(ValueError, match="max_relative_target"):
+            SO101MotionConfig(port="none", max_relative_target=most)
 
 
 def test_a_target_in_the_table_holds_the_arm_off_it(bench):
@@ -149,19 +137,14 @@ def test_an_arm_that_is_left_in_motion_comes_to_rest_and_goes_on_holding(bench, 
         robot.disconnect()
 
 
-def test_an_arm_with_a_park_pose_goes_there_and_is_let_go_of(bench):
-    robot = bench.connected(park="rest")
+@pytest.mark.parametrize("let_go", [True, False])
+def test_an_arm_with_a_park_pose_goes_there_and_is_let_go_of_if_that_is_asked(bench, let_go):
+    robot = bench.connected(park="rest", disable_torque_on_disconnect=let_go)
     robot.disconnect()
-    assert not bench.world.servo("shoulder_lift").drive.torque
+    assert bool(bench.world.servo("shoulder_lift").drive.torque) is not let_go
     here = bench.q_deg.copy()
     bench.advance(3.0)
     assert np.abs(bench.q_deg - here).max() < 8.0  # the forearm comes to lie on its stop
-
-
-def test_an_arm_that_is_not_to_be_let_go_of_holds_at_its_park_pose(bench):
-    robot = bench.connected(park="rest", disable_torque_on_disconnect=False)
-    robot.disconnect()
-    assert bench.world.servo("shoulder_lift").drive.torque
 
 
 def test_without_a_file_it_goes_by_what_the_servos_remember_and_says_so(bench, caplog):

@@ -18,15 +18,14 @@ def hardware(attributes):
 
 def test_an_empty_configuration_gives_the_published_defaults():
     config = SimulatedArmConfig.from_attributes({})
-
     assert config.speed == pytest.approx(math.radians(90.0))
-    assert config.motion is None
-    assert config.simulate_time
-    assert not config.visualize_ee_frame
-    assert not config.use_urdf
+    assert (config.simulate_time, config.visualize_ee_frame, config.use_urdf) == (
+        True,
+        False,
+        False,
+    )
     assert config.floor_z == pytest.approx(-0.0024)
-    assert config.position_tolerance is None
-    assert config.approach_tolerance is None
+    assert (config.motion, config.position_tolerance, config.approach_tolerance) == (None,) * 3
 
 
 def test_every_attribute_is_read_in_si():
@@ -44,13 +43,10 @@ def test_every_attribute_is_read_in_si():
             "mesh_decimation_ratios": [0.9, 0.5],
         }
     )
-
     assert config.speed == pytest.approx(math.radians(60.0))
     assert config.acceleration == pytest.approx(math.radians(200.0))
     assert config.motion == "mine"
-    assert not config.simulate_time
-    assert config.visualize_ee_frame
-    assert config.use_urdf
+    assert (config.simulate_time, config.visualize_ee_frame, config.use_urdf) == (False, True, True)
     assert config.floor_z == pytest.approx(-0.01)
     assert config.position_tolerance == pytest.approx(0.002)
     assert config.approach_tolerance == pytest.approx(math.radians(30.0))

@@ -188,14 +188,6 @@ def test_stop_ends_a_run_whatever_it_is_doing(
     np.testing.assert_allclose(rig.arm.state.q, stands, atol=to_rad(0.05))
 
 
-def test_an_endless_run_goes_on_until_it_is_stopped(rig: Rig) -> None:
-    run = start(rig, program(at(A), at(B), rounds=None))
-    until(rig, lambda: run.where.round == 3)
-    assert 0.0 <= run.share < 1.0
-    run.stop()
-    until(rig, run.future.done)
-
-
 def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig) -> None:
     run = start(rig, program(at(A, pause=5.0), at(B)))
     until(rig, lambda: run.where.doing == "pausing")
@@ -261,9 +253,13 @@ def test_a_run_goes_through_loops_and_says_which_time_it_is(rig: Rig) -> None:
     assert shares[-1] == 1.0
 
 
-def test_a_run_that_goes_nowhere_is_ended_by_a_stop(rig: Rig) -> None:
-    run = start(rig, program(at(np.zeros(5)), rounds=None))
+@pytest.mark.parametrize("places", [(A, B), (np.zeros(5),)], ids=["endless", "goes nowhere"])
+def test_an_endless_run_goes_on_until_it_is_stopped(
+    rig: Rig, places: tuple[np.ndarray, ...]
+) -> None:
+    run = start(rig, program(*map(at, places), rounds=None))
     until(rig, lambda: run.where.round > 2)
+    assert 0.0 <= run.share < 1.0
     run.stop()
     until(rig, run.future.done)
     assert isinstance(run.future.exception(), Interrupted)

@@ -17,12 +17,9 @@ def fed(predictor, motion, seconds, *, begin=0.0, dt=0.01, heard=ALL):
     return t
 
 
-def test_nothing_is_known_before_the_first_measurement():
-    assert Predictor().at(1.0) is None
-
-
-def test_the_first_measurement_needs_all_joints_of_the_arm():
+def test_nothing_is_known_before_a_measurement_of_all_joints_of_the_arm():
     predictor = Predictor()
+    assert predictor.at(1.0) is None
     heard = np.array([True, True, False, True, True, True])
     predictor.take(0.0, np.zeros(6), heard)
     assert predictor.at(0.0) is None
