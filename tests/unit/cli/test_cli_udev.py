@@ -3,17 +3,15 @@ import shutil
 import subprocess
 
 import pytest
-from click.testing import CliRunner
 
 from so101_motion.cli.ports import write_rule
-from so101_motion.cli.verbs import main
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.port import port_list
 from so101_motion.drivers.port.port_list import ADAPTERS
 
 
-def test_the_rule_goes_to_stdout_and_the_reasons_beside_it():
-    result = CliRunner().invoke(main, ["install-udev"])
+def test_the_rule_goes_to_stdout_and_the_reasons_beside_it(so101):
+    result = so101("install-udev")
     assert result.exit_code == 0
     assert result.stdout == port_list.udev_rules()
     for words in ("dialout", "usermod", "brltty", "install-udev --install"):

@@ -21,15 +21,12 @@ def test_while_the_bus_is_lent_nothing_but_giving_it_back_is_legal():
     assert legal == {Event.STOP, Event.DONE}
 
 
-def test_a_stop_ends_with_an_arm_that_holds_or_was_not_held():
+def test_a_stop_and_the_end_of_a_motion_lead_to_an_arm_that_holds_or_was_not_held():
     assert after(Mode.GUIDING, Event.STOP) is Mode.HOLDING
     for mode in (Mode.LIMP, Mode.HOLDING, Mode.CALIBRATING, Mode.FAULT):
         assert after(mode, Event.STOP) is mode
-
-
-def test_nothing_but_holding_follows_a_motion():
-    assert after(Mode.MOVING, Event.REST) is Mode.HOLDING
-    assert after(Mode.STOPPING, Event.REST) is Mode.HOLDING
+    for mode in (Mode.MOVING, Mode.STOPPING):
+        assert after(mode, Event.REST) is Mode.HOLDING
 
 
 def test_every_mode_can_be_reached_and_left():

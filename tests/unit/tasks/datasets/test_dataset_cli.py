@@ -26,16 +26,13 @@ def test_a_clean_data_set_is_said_to_be_clean(tmp_path):
     assert "nothing wrong was found" in result.stdout
 
 
-def test_what_is_wrong_is_listed_and_is_an_exit_code(tmp_path):
-    result = run("check", with_a_jump(tmp_path / "set"), "--units", "model", "--worst", "1")
+def test_what_is_wrong_is_listed_for_people_and_programs_and_is_an_exit_code(tmp_path):
+    check = ("check", with_a_jump(tmp_path / "set"), "--units", "model")
+    result = run(*check, "--worst", "1")
     assert result.exit_code == 6
     assert "1 x jump" in result.stdout
     assert "episode    1,    1.30 s  action: shoulder_pan jumps by 60" in result.stdout
-
-
-def test_a_program_reads_the_same_as_json(tmp_path):
-    result = run("check", with_a_jump(tmp_path / "set"), "--units", "model", "--json")
-    content = json.loads(result.stdout)
+    content = json.loads(run(*check, "--json").stdout)
     assert content["schema"] == "so101/dataset-check/1"
     assert content["counts"]["jump"] == 1
     assert content["moments"][0]["what"] == "shoulder_pan"

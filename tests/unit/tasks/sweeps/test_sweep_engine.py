@@ -62,9 +62,6 @@ def test_the_result_does_not_depend_on_who_computes_in_which_order(tmp_path, who
         many = run_sweep(TOY, tmp_path / "many", executor=threads)
     assert back.sha256 == many.sha256 == whole.sha256
     assert files(tmp_path / "back") == files(tmp_path / "many") == files(whole.folder)
-
-
-def test_another_seed_gives_another_sha256(tmp_path, whole):
     assert run_sweep(replace(TOY, seed=1), tmp_path / "other").sha256 != whole.sha256
 
 
