@@ -1,6 +1,6 @@
 """Two emulated arms, driven by the real rigs on one clock, and a leader moved as a hand would."""
 
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import wait
 from contextlib import closing
 
 import numpy as np
@@ -8,6 +8,7 @@ from referee.command import CommandCaps
 from referee.official import WIDEST
 
 from harness.emulated_rig import HardwareBench
+from harness.facing_arms import in_time
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.emulator.hand import Hand, Waypoint
@@ -205,11 +206,7 @@ class TeleopBench:
 
     def run(self, call, patience=0.002):
         """The outcome of a blocking ``call`` while time passes; ``patience`` [s] before it does."""
-        with ThreadPoolExecutor(1) as pool:
-            future = pool.submit(call)
-            while not wait([future], timeout=patience).done:
-                self.clock.advance(0.01)
-        return future.result()
+        return in_time(self.clock, call, patience=patience)
 
     def close(self):
         self._end()

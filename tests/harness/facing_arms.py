@@ -112,12 +112,13 @@ class Facing:
         return drawn[:2], drawn[2:]
 
 
-def in_time(clock, call):
-    """Call what waits for an arm while time passes."""
+def in_time(clock, call, each=lambda: None, patience=0.0):
+    """Call what waits for an arm while time passes; it has ``patience`` [s] before each period."""
     with ThreadPoolExecutor(1) as threads:
         done = threads.submit(call)
-        while not done.done():
+        while not wait([done], timeout=patience).done:
             clock.advance(0.01)
+            each()
     return done.result()
 
 

@@ -1,12 +1,11 @@
 import json
-import threading
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from harness.facing_arms import in_time
 from harness.lerobot_data import NAMES, late, swing, write_data_set
 
 from so101_motion.calib.record.record import JOINTS, JointCalibration
@@ -35,25 +34,6 @@ def rig(clock):
         rig.arm.set_speed(np.radians(180.0))
         rig.arm.set_acceleration(np.radians(500.0))
         yield rig
-
-
-def in_time(clock, call, each=lambda: None):
-    """What a blocking call returns while time passes."""
-    done = Future()
-
-    def run():
-        try:
-            done.set_result(call())
-        except BaseException as error:
-            done.set_exception(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    while not done.done():
-        clock.advance(0.01)
-        each()
-    thread.join()
-    return done.result()
 
 
 def set_of(tmp_path, *episodes, **how):

@@ -1,10 +1,11 @@
 """A session of two simulated arms on one clock that the test drives."""
 
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import wait
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from harness.facing_arms import in_time
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.modes import Mode
@@ -61,11 +62,7 @@ class Pair:
         self.run(self.teleop.start, patience=0.1)
 
     def run(self, call, patience=0.001):
-        with ThreadPoolExecutor(1) as pool:
-            future = pool.submit(call)
-            while not wait([future], timeout=patience).done:
-                self.clock.advance(0.01)
-        return future.result()
+        return in_time(self.clock, call, patience=patience)
 
     def close(self):
         self.run(self.teleop.close)
