@@ -1,32 +1,12 @@
 """An episode of a LeRobot data set, replayed by emulated servos with weight and friction."""
 
-import threading
-from concurrent.futures import Future, wait
-
 import numpy as np
 import pytest
+from harness.facing_arms import in_time
 from harness.lerobot_data import swing, write_data_set
 
 from so101_motion.tasks.datasets import open_data_set, plan_episode, replay_episode, units_of
 from so101_motion.tasks.datasets.replay import calibration_of
-
-
-def in_time(bench, call):
-    """What a blocking call returns while time passes."""
-    done = Future()
-
-    def run():
-        try:
-            done.set_result(call())
-        except BaseException as error:
-            done.set_exception(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    while not wait([done], timeout=0.002).done:
-        bench.advance(0.02)
-    thread.join()
-    return done.result()
 
 
 def from_rest(n=40):
@@ -45,7 +25,7 @@ def test_servos_go_where_the_numbers_of_their_own_calibration_say(bench, tmp_pat
     numbers = units.from_model(units_of("model").to_model(from_rest()))
     data_set = open_data_set(write_data_set(tmp_path / "set", [numbers]))
     replay = plan_episode(rig, data_set, 0, units=units)
-    outcome = in_time(bench, lambda: replay_episode(rig, replay))
+    outcome = in_time(bench.clock, lambda: replay_episode(rig, replay), patience=0.002)
     assert bench.arm_deg(rig) == pytest.approx(from_rest()[-1, :5], abs=1.0)
     assert max(outcome.differences.rms_deg.values()) < 0.8
     assert outcome.differences.lag_s <= 0.12
