@@ -125,8 +125,7 @@ def test_what_holds_the_tool_is_reported(sim) -> None:
     assert jog.held_by == ()
 
 
-def test_a_goal_may_turn_a_jog_aside(sim_ready) -> None:
-    sim = sim_ready
+def test_a_goal_may_turn_a_jog_aside(sim) -> None:
     jog = lead(sim)
     repeat(sim, jog, 0.4, [0.05, 0.0, 0.0])
     sim.after(3.0, retarget(sim.executor, READY, sim.limits))
@@ -134,8 +133,7 @@ def test_a_goal_may_turn_a_jog_aside(sim_ready) -> None:
     assert isinstance(jog.future.exception(), Interrupted)
 
 
-def test_a_limp_arm_is_not_jogged(sim_ready) -> None:
-    sim = sim_ready
+def test_a_limp_arm_is_not_jogged(sim) -> None:
     sim.after(0.1, sim.executor.release())
     jog = lead(sim)
     sim.clock.advance(0.1)
