@@ -1,4 +1,7 @@
 import math
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
@@ -6,12 +9,33 @@ import pytest
 from so101_description import URDF_PATH
 
 from benchmarks.plan_problems import at_pitch
-from so101_motion.common.errors import ConfigError, Unreachable
-from so101_motion.common.geometry import SE3, rot_x
-from so101_motion.planning.goals import GoalMetric, PoseGoal
+from so101_motion.arm.joint_caps import JointRange
+from so101_motion.common.errors import ConfigError, OutsideLimits, Unreachable
+from so101_motion.common.geometry import SE3, rot_x, rot_y, rot_z, rotation_angle
+from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
+from so101_motion.planning.kinematics.arm_geometry import BRANCHES, REACH_SLACK, to_joints
+from so101_motion.planning.kinematics.batch_ik import (
+    angles_between,
+    facing,
+    facing_turned,
+    hands,
+    roll_for,
+    rotation_angles,
+    straight_pitches,
+    wrap,
+)
+from so101_motion.planning.kinematics.batch_ik import configurations as all_configurations
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
+from so101_motion.planning.kinematics.geometry_from_model import (
+    measure_structure,
+    position,
+    rotation,
+)
 from so101_motion.planning.kinematics.ik import IkSolver
-from so101_motion.planning.kinematics.ik_task import check_goal, half_square, minimise
-from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.kinematics.ik_closed import ClosedForms
+from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
+from so101_motion.planning.kinematics.ik_task import check_goal, check_seed, half_square, minimise
+from so101_motion.planning.kinematics.model import LINKS, RobotModel
 
 HOME = np.zeros(5)
 Q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
@@ -130,6 +154,8 @@ def test_a_full_pose_out_of_reach_names_point_and_turn(solver):
     with pytest.raises(Unreachable, match=r"225\.2 mm out of reach") as caught:
         solver.solve(goal, HOME)
     assert caught.value.error_angle > 0.5
+    with pytest.raises(Unreachable):
+        solver.candidates(goal, HOME)
 
 
 def test_candidates_come_nearest_first_and_no_two_are_alike(model, solver):
@@ -164,11 +190,6 @@ def test_both_elbows_are_candidates_near_the_straight_arm(model, solver):
     q = np.array([0.2, 0.3, solver.structure.bars.straight + 0.3, 0.2, 0.0])
     branches = {each.branch for each in solver.candidates(goal_at(model, q, APPROACH), q)}
     assert branches == {"front, elbow up", "front, elbow down"}
-
-
-def test_candidates_refuse_at_once_what_solve_refuses(solver):
-    with pytest.raises(Unreachable):
-        solver.candidates(PoseGoal.at_point((1.0, 0.0, 0.0)), HOME)
 
 
 def test_a_solution_at_a_limit_names_it(model, solver):
@@ -271,27 +292,15 @@ def task_at(model, q, metric, frame="jaw_tip"):
 
 
 @pytest.mark.parametrize("metric", GoalMetric)
-def test_the_gradient_is_that_of_the_value(model, metric):
-    h = 1e-6 * np.eye(5)
+def test_gradient_and_curvature_are_those_of_the_value(model, metric):
     for q, q_goal in configurations(model, 40).reshape(20, 2, 5):
         task = task_at(model, q_goal, metric)
-        gradient = half_square(model, task, q)[1]
-        differences = [
-            (half_square(model, task, q + e)[0] - half_square(model, task, q - e)[0]) / 2e-6
-            for e in h
-        ]
-        np.testing.assert_allclose(gradient, differences, atol=1e-8)
-
-
-def test_the_curvature_of_the_position_is_that_of_its_gradient(model):
-    h = 1e-6 * np.eye(5)
-    for q, q_goal in configurations(model, 40).reshape(20, 2, 5):
-        task = task_at(model, q_goal, GoalMetric.POSITION_ONLY)
-        differences = [
-            (half_square(model, task, q + e)[1] - half_square(model, task, q - e)[1]) / 2e-6
-            for e in h
-        ]
-        np.testing.assert_allclose(half_square(model, task, q)[2], differences, atol=1e-8)
+        sides = [[half_square(model, task, q + s * e) for e in np.eye(5)] for s in (1e-6, -1e-6)]
+        rises = [[(a[n] - b[n]) / 2e-6 for a, b in zip(*sides, strict=True)] for n in (0, 1)]
+        _, gradient, curvature = half_square(model, task, q)
+        np.testing.assert_allclose(gradient, rises[0], atol=1e-8)
+        if metric is POSITION:
+            np.testing.assert_allclose(curvature, rises[1], atol=1e-8)
 
 
 @pytest.mark.parametrize("metric", GoalMetric)
@@ -385,3 +394,605 @@ def test_on_the_pan_axis_the_tool_passes_by_a_fifth_of_a_millimetre(solver):
     goal = PoseGoal.at_point((x, y, 0.3))
     wide = PoseGoal(T_base_tool=goal.T_base_tool, position_tolerance=5e-4)
     assert solver.solve(wide, HOME).error_position == pytest.approx(0.000178, abs=1e-6)
+
+
+# Goals with tolerances: a cloud of poses
+
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+ANY_TURN = PoseCloud(theta=np.pi)
+
+
+def cone(tilt, **more):
+    sine = float(np.sin(min(tilt, 0.5 * np.pi)))
+    return PoseCloud(o_x=sine, o_y=sine, o_z=float(1.0 - np.cos(tilt)), theta=np.pi, **more)
+
+
+def seen_from_goal(model, goal, q):
+    return goal.T_base_tool.inverse @ model.frame(q, goal.frame)
+
+
+def assert_inside(model, goal, q):
+    T, cloud = seen_from_goal(model, goal, q), goal.cloud
+    assert np.all(np.abs(T.p) <= np.array([cloud.x, cloud.y, cloud.z]) + 1.1e-4)
+    o_x, o_y, o_z = T.R[:, 2]
+    assert abs(o_x) <= cloud.o_x + 1.1e-3
+    assert abs(o_y) <= cloud.o_y + 1.1e-3
+    assert 1.0 - o_z <= cloud.o_z + 1.1e-3
+    turn = np.arctan2(T.R[1, 0] - T.R[0, 1], T.R[0, 0] + T.R[1, 1])
+    assert abs(turn) <= cloud.theta + 1.1e-3
+    assert np.all(q >= model.lower)
+    assert np.all(q <= model.upper)
+
+
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
+@pytest.mark.parametrize("seed", range(5))
+def test_every_solution_is_in_the_cloud_and_no_two_are_alike(model, solver, frame, seed):
+    random = np.random.default_rng(seed)
+    T = model.frame(random.uniform(model.lower, model.upper), frame)
+    goal = PoseGoal(T_base_tool=T, frame=frame, cloud=cone(0.4, x=0.01, z=0.02))
+    found = [solution.q for solution in solver.candidates(goal, HOME)]
+    assert found
+    for q in found:
+        assert_inside(model, goal, q)
+        assert is_in_cloud(goal.cloud, seen_from_goal(model, goal, q))
+    apart = np.linalg.norm(np.array(found)[:, None] - np.array(found)[None], axis=2)
+    assert apart[~np.eye(len(found), dtype=bool)].min(initial=1.0) > 0.1
+
+
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
+@pytest.mark.parametrize("seed", range(5))
+def test_without_tolerances_the_cloud_is_the_pose(model, solver, frame, seed):
+    T = model.frame(np.random.default_rng(seed).uniform(model.lower, model.upper), frame)
+    goal = PoseGoal(T_base_tool=T, frame=frame, cloud=PoseCloud())
+    solution = solver.solve(goal, HOME)
+    assert_inside(model, goal, solution.q)
+    assert solution.error_position < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("T_goal_reached", "is_inside"),
+    [
+        (SE3.identity(), True),
+        (SE3.from_translation([0.01, 0.0, -0.02]), True),
+        (SE3.from_translation([0.011, 0.0, 0.0]), False),
+        (SE3.from_translation([0.0, 0.001, 0.0]), False),
+        (SE3(rot_y(0.39), np.zeros(3)), True),
+        (SE3(rot_x(0.42), np.zeros(3)), False),
+        (SE3(rot_z(3.0), np.zeros(3)), True),
+    ],
+)
+def test_a_pose_is_in_a_cloud_or_it_is_not(T_goal_reached, is_inside):
+    assert is_in_cloud(cone(0.4, x=0.01, z=0.02), T_goal_reached) is is_inside
+
+
+@pytest.mark.parametrize(
+    ("cloud", "metric"),
+    [
+        (PoseCloud(x=0.1, theta=3.0, o_x=1.0, o_y=1.0, o_z=2.0), GoalMetric.FULL_POSE),
+        (cone(0.4), GoalMetric.POSITION_AND_APPROACH),
+        (cone(np.pi), GoalMetric.POSITION_ONLY),
+    ],
+)
+def test_what_a_cloud_leaves_open_altogether_does_not_count(cloud, metric):
+    assert cloud.metric is metric
+
+
+@pytest.mark.parametrize("metric", GoalMetric)
+def test_a_cloud_replaces_the_metric(model, solver, metric):
+    T = model.frame(np.radians([20, -30, 30, 70, 40]))
+    solutions = [
+        solver.solve(PoseGoal(T_base_tool=T, metric=each, cloud=ANY_TURN), HOME).q
+        for each in (metric, GoalMetric.FULL_POSE)
+    ]
+    assert np.array_equal(*solutions)
+
+
+def down_goal(radius, azimuth, yaw, cloud):
+    p = (0.0388 + radius * np.cos(azimuth), radius * np.sin(azimuth), 0.05)
+    return PoseGoal(T_base_tool=SE3(rot_z(yaw) @ DOWN, p), frame="jaw_tip", cloud=cloud)
+
+
+@pytest.mark.parametrize("yaw", np.radians(np.arange(0, 360, 30)))
+def test_straight_down_every_turn_about_the_approach_has_a_solution(model, solver, yaw):
+    for azimuth in (-1.0, 0.0, 1.2):
+        goal = down_goal(0.18, azimuth, yaw, ANY_TURN)
+        assert_inside(model, goal, solver.solve(goal, HOME).q)
+
+
+def test_a_wide_tolerance_is_free_and_a_narrow_one_is_kept_small(model, solver):
+    wide = solver.solve(down_goal(0.18, 0.0, 1.0, ANY_TURN), HOME)
+    assert wide.q[4] == pytest.approx(HOME[4], abs=0.4)  # the roll hardly moves
+    narrow = down_goal(0.18, 0.0, 1.0, PoseCloud(theta=0.1))
+    turned = seen_from_goal(model, narrow, solver.solve(narrow, HOME).q)
+    assert abs(np.arctan2(turned.R[1, 0], turned.R[0, 0])) < 0.05
+
+
+@pytest.mark.parametrize("away", ["x", "y", "z"])
+def test_a_point_out_of_reach_is_met_where_the_cloud_reaches_in(model, solver, away):
+    R = model.frame(HOME).R
+    reach = model.frame(np.radians([0, 76, -73.8, -2.2, 0])).p
+    beyond = reach + np.array([0.03, 0.0, 0.0])
+    free = {"o_x": 1.0, "o_y": 1.0, "o_z": 2.0, "theta": np.pi}
+    goal = PoseGoal(T_base_tool=SE3(R, beyond), cloud=PoseCloud(**{away: 0.05}, **free))
+    # The tool's z axis points outwards there: only a tolerance along it reaches in.
+    if away == "z":
+        assert_inside(model, goal, solver.solve(goal, HOME).q)
+    else:
+        with pytest.raises(Unreachable, match="out of reach"):
+            solver.solve(goal, HOME)
+
+
+def test_an_exact_approach_is_had_by_moving_aside(model, solver):
+    # Five joints face a point one path only; beside it there is room for this approach.
+    T = model.frame(np.radians([0, -30, 40, 20, 0]))
+    turned = SE3(rot_z(0.15) @ T.R, T.p)
+    with pytest.raises(Unreachable, match="no pose within the tolerances"):
+        solver.solve(PoseGoal(T_base_tool=turned, cloud=PoseCloud(theta=np.pi)), HOME)
+    goal = PoseGoal(T_base_tool=turned, cloud=PoseCloud(x=0.05, y=0.05, z=0.0, theta=np.pi))
+    assert_inside(model, goal, solver.solve(goal, HOME).q)
+
+
+def test_a_cloud_out_of_reach_says_what_is_nearest(model, solver):
+    T = model.frame(np.radians([0, -30, 40, 20, 0]))
+    sideways = SE3(rot_z(1.2) @ T.R, T.p)
+    with pytest.raises(Unreachable, match=r"is 0.00 mm and [0-9.]+ deg off; allow more") as caught:
+        solver.solve(PoseGoal(T_base_tool=sideways, cloud=PoseCloud(o_x=0.1, o_y=0.1)), HOME)
+    assert caught.value.error_angle > 0.5
+
+
+@pytest.mark.parametrize("key", [field.name for field in fields(PoseCloud)])
+@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
+def test_a_tolerance_that_is_none_is_refused_by_name(key, value):
+    with pytest.raises(ConfigError, match=f'"{key}".*a tolerance must be 0 or more and finite'):
+        PoseCloud(**{key: value})
+
+
+def test_tolerances_are_about_the_goals_own_axes(model, solver):
+    T = model.frame(np.radians([30, -30, 40, 20, 0]))
+    for turn, free in ((rot_x, "o_y"), (rot_y, "o_x")):
+        cloud = PoseCloud(**{free: 0.35}, o_z=0.1, theta=0.1)
+        goal = PoseGoal(T_base_tool=SE3(T.R @ turn(0.3), T.p), cloud=cloud)
+        assert_inside(model, goal, solver.solve(goal, HOME).q)
+
+
+# The arm's measures, read off the model, and the closed forms built on them
+
+
+@pytest.fixture
+def changed(tmp_path):
+    """Makes models of the URDF with some attributes of some joints changed."""
+
+    def make(joints):
+        robot = ET.parse(URDF_PATH)
+        for joint in robot.getroot().findall("joint"):
+            for tag, key, value in joints.get(joint.get("name"), []):
+                joint.find(tag).set(key, value)
+        robot.write(tmp_path / "changed.urdf")
+        return RobotModel.load(tmp_path / "changed.urdf")
+
+    return make
+
+
+def test_measures_are_those_of_the_so101(structure):
+    m, bars = structure.measures, structure.bars
+    assert m.pan == pytest.approx((0.0388353, 0.0))
+    assert m.pan_sign == -1.0
+    assert m.shoulder == pytest.approx((0.0303992, 0.1166))
+    assert bars.upper_arm == pytest.approx(0.116000, abs=1e-6)
+    assert bars.forearm == pytest.approx(0.135000, abs=1e-6)
+    assert math.degrees(structure.bars.straight) == pytest.approx(-73.8, abs=0.05)
+    assert m.approach_elevation == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_tool_is_on_the_roll_axis_and_the_jaw_tip_7_9_mm_beside_it(structure):
+    assert len(at_pitch(structure, (*structure.measures.pan, 0.3), 0.0, 0.0, "tool")) == 0
+    tool, tip = structure.measures.offsets["tool"], structure.measures.offsets["jaw_tip"]
+    assert structure.on_axis("tool")
+    assert tool.rolls_with_lateral(0.0) == ()
+    assert not structure.on_axis("jaw_tip")
+    assert math.hypot(*tip.left[1:]) == pytest.approx(0.0079, abs=1e-5)
+    assert tip.forward[0] == pytest.approx(0.1592273, abs=1e-6)
+
+
+def test_formulas_and_model_agree_everywhere(model, structure):
+    for q in configurations(model, 50, seed=1):
+        R = rotation(structure.measures, q)
+        assert rotation_angle(R.T @ model.frame(q).R) < 1e-12
+        for name in model.gripper_frames:
+            p_base = position(structure, q, name)
+            np.testing.assert_allclose(p_base, model.frame(q, name).p, atol=1e-14)
+
+
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip", "cup"])
+def test_postures_hold_the_configuration_that_made_the_target(model, frame):
+    model = model.with_frame("cup", SE3.from_rpy((0.4, 0.3, 0.2), (0.03, -0.02, 0.12)))
+    structure, seen = measure_structure(model), set()
+    for q in configurations(model, 500, seed=2):
+        p_base = model.frame(q, frame).p
+        found = at_pitch(structure, p_base, q[1:4].sum(), q[4], frame)
+        assert 1 <= len(found) <= 4
+        assert np.abs(found - q).max(axis=1).min() < 1e-5
+        branches = [structure.branch(to_joints(each), frame) for each in found]
+        assert len(set(branches)) == len(found)
+        seen |= {*branches}
+        for each in found:
+            assert np.linalg.norm(model.frame(each, frame).p - p_base) < 1e-12
+            turned = each[1:4].sum() - q[1:4].sum()
+            assert math.remainder(turned, math.tau) == pytest.approx(0.0, abs=1e-9)
+            assert model.outside(each, tolerance=1e-6) is None
+    assert seen == set(BRANCHES.values())
+
+
+def test_a_roll_brings_the_jaw_tip_to_a_lateral_distance(structure):
+    offset = structure.measures.offsets["jaw_tip"]
+    for lateral in (-0.005, 0.0, 0.003):
+        for roll in offset.rolls_with_lateral(lateral):
+            assert offset.at(roll)[1] == pytest.approx(lateral, abs=1e-12)
+    reached = [offset.at(roll)[1] for roll in offset.rolls_with_lateral(0.1)]
+    assert reached == pytest.approx([offset.left[0] + math.hypot(*offset.left[1:])] * 2)
+
+
+def test_a_roll_outside_its_limits_is_turned_round_or_pulled_in(structure):
+    lower, upper = structure.measures.lower[4], structure.measures.upper[4]
+    assert structure.clip_roll(0.3) == 0.3
+    assert structure.clip_roll(0.3 + math.tau) == pytest.approx(0.3)
+    assert structure.clip_roll(-math.pi) in (lower, upper)
+    assert structure.clip_roll(upper + 0.1) == upper
+
+
+@pytest.mark.parametrize(
+    ("joints", "forearm", "pan_sign"),
+    [
+        ({"wrist_flex": [("origin", "xyz", "-0.2 0.0052 0")]}, math.hypot(0.2, 0.0052), -1.0),
+        ({"shoulder_pan": [("axis", "xyz", "0 0 -1")]}, 0.135, 1.0),
+    ],
+    ids=["longer", "mirrored"],
+)
+def test_measures_follow_the_model_not_a_table(changed, joints, forearm, pan_sign):
+    other = changed(joints)
+    structure = measure_structure(other)
+    assert structure.bars.forearm == pytest.approx(forearm, abs=1e-6)
+    assert structure.measures.pan_sign == pan_sign
+    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
+    found = at_pitch(structure, other.frame(q).p, q[1:4].sum(), 0.6, "tool")
+    assert np.abs(found - q).max(axis=1).min() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        {"wrist_flex": [("origin", "rpy", "0.05 0 -1.5707963267948966")]},
+        {"shoulder_pan": [("origin", "rpy", "3.1 0 -3.141592653589793")]},
+        {"wrist_roll": [("origin", "rpy", "1.5 0.0486795 3.141592653589793")]},
+        {"elbow_flex": [("axis", "xyz", "0 0 -1")]},
+        {"shoulder_lift": [("limit", "upper", "3.3")]},
+        {"tool_fixed": [("origin", "rpy", "0 2.9 0.0486795")]},
+    ],
+)
+def test_an_arm_that_is_built_otherwise_is_noticed(changed, joints):
+    with pytest.raises(ConfigError, match="not built like the SO-101"):
+        measure_structure(changed(joints))
+
+
+def test_angles_rounded_to_six_digits_are_forgiven(tmp_path):
+    text = URDF_PATH.read_text()
+    text = text.replace("1.5707963267948966", "1.5708").replace("3.141592653589793", "3.14159")
+    (tmp_path / "rounded.urdf").write_text(text)
+    assert measure_structure(RobotModel.load(tmp_path / "rounded.urdf"))
+
+
+# Many targets at once
+
+
+def grid_at(structure, frame, p_base, pitch, roll):
+    roll = np.array([[[roll]]])
+    hand = hands(structure, frame, roll)
+    target = facing(structure, p_base, hand.lateral)
+    return all_configurations(structure, target, hand, np.asarray(pitch)[None, None], roll)
+
+
+def test_excess_is_how_far_the_worst_joint_is_beyond_its_limits(model, structure):
+    p = model.frame(np.zeros(5)).p
+    grid = grid_at(structure, "tool", p[None], np.linspace(-3.0, 3.0, 31), 0.0)
+    exists = np.isfinite(grid.excess)
+    beyond = np.maximum(model.lower - grid.q, grid.q - model.upper).max(axis=-1)
+    assert np.array_equal(grid.excess[exists], beyond[exists])
+    assert np.any(grid.excess[exists] > 0.0)
+    assert np.any(grid.excess < 0.0)
+    away = np.array([[1.0, 0.0, 0.1]])
+    grid = grid_at(structure, "tool", away, np.linspace(-3.0, 3.0, 31), 0.0)
+    assert np.all(np.isinf(grid.excess)), "a point out of reach has no posture"
+
+
+def test_at_a_straight_pitch_both_ways_to_bend_are_one(model, structure):
+    p = model.frame(np.radians([10, 30, -60, 20, 0])).p
+    roll = np.zeros((1, 1, 1))
+    hand = hands(structure, "tool", roll)
+    target = facing(structure, p[None], hand.lateral)
+    pitch = straight_pitches(structure, target, hand)
+    grid = all_configurations(structure, target, hand, pitch, roll)
+    exists = np.isfinite(grid.excess).all(axis=-1)
+    assert np.any(exists)
+    up, down = grid.q[exists][:, 0], grid.q[exists][:, 1]
+    assert up == pytest.approx(down, abs=1e-3)  # acos of a cosine that is 1 but for rounding
+
+
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
+def test_pan_pitch_and_roll_agree_for_poses_that_exist(model, structure, frame):
+    random = np.random.default_rng(3)
+    for q in random.uniform(model.lower, model.upper, (30, 5)):
+        T = model.frame(q, frame)
+        R_base_tool = (T.R @ model.rotation_to_tool(frame))[None]
+        target, pitch = facing_turned(structure, frame, T.p[None], R_base_tool, 0.0)
+        roll = roll_for(structure, target.pan, pitch, R_base_tool)
+        pitches = np.array([q[1:4].sum(), q[1:4].sum()])
+        off = np.abs(
+            wrap(
+                np.stack(
+                    [target.pan[0, :, 0] - q[0], pitch[0, :, 0] - pitches, roll[0, :, 0] - q[4]]
+                )
+            )
+        ).max(axis=0)
+        x, y = T.p[:2] - np.array(structure.measures.pan)
+        if np.hypot(x, y) > 0.05:
+            assert off.min() < 1e-6
+
+
+def test_angles_are_accurate_near_zero():
+    random = np.random.default_rng(4)
+    a = random.standard_normal((50, 3))
+    a /= np.linalg.norm(a, axis=1)[:, None]
+    assert np.array_equal(angles_between(a, a), np.zeros(50))
+    turned = np.array([1.0, 1e-7, 0.0]), np.array([1.0, 0.0, 0.0])
+    assert angles_between(turned[0][None], turned[1][None])[0] == pytest.approx(1e-7, rel=1e-6)
+    c, s = np.cos(2.5), np.sin(2.5)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    assert rotation_angles(R[None])[0] == pytest.approx(rotation_angle(R), abs=1e-12)
+
+
+# The model itself
+
+
+def test_limits_come_from_the_urdf_and_stop_the_elbow_where_the_arm_does(model):
+    assert math.degrees(model.upper[2]) == pytest.approx(90.8, abs=0.01)
+    np.testing.assert_array_equal(model.limits, np.column_stack([model.lower, model.upper]))
+    with pytest.raises(ValueError, match="read-only"):
+        model.lower[0] = 0.0
+
+
+def test_a_frame_keeps_its_pose_when_the_model_moves_on(model):
+    T_base_tool = model.frame(np.zeros(5))
+    before = T_base_tool.p.copy()
+    model.frame(np.full(5, 0.3))
+    np.testing.assert_array_equal(T_base_tool.p, before)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("tol", r"tol.*jaw_tip.*tool"), ("moving_jaw_so101_v1_link", "moving_jaw")],
+)
+def test_what_is_no_frame_that_five_joints_place_is_refused(model, name, says):
+    for ask in (model.frame, model.frame_jacobian):
+        with pytest.raises(ConfigError, match=says):
+            ask(np.zeros(5), name)
+
+
+def test_links_are_placed_as_frames_are(model):
+    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
+    placements = model.link_placements(q, 0.7)
+    assert tuple(placements) == LINKS
+    for name in LINKS[:-1]:
+        np.testing.assert_allclose(placements[name].matrix, model.frame(q, name).matrix, atol=1e-15)
+
+
+def test_the_jaw_turns_about_its_own_origin_and_moves_nothing_else(model):
+    closed, opened = (model.link_placements(np.zeros(5), q_jaw) for q_jaw in (0.0, 1.0))
+    jaw = LINKS[-1]
+    np.testing.assert_array_equal(closed[jaw].p, opened[jaw].p)
+    assert rotation_angle(closed[jaw].R.T @ opened[jaw].R) == pytest.approx(1.0)
+    for name in LINKS[:-1]:
+        np.testing.assert_array_equal(closed[name].matrix, opened[name].matrix)
+
+
+def test_an_added_frame_rides_on_the_gripper(model):
+    T_tool_cup = SE3.from_rpy((0.1, 0.2, 0.3), (0.01, -0.02, 0.12))
+    with_cup = model.with_frame("cup", T_tool_cup)
+    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
+    wanted = model.frame(q) @ T_tool_cup
+    np.testing.assert_allclose(with_cup.frame(q, "cup").matrix, wanted.matrix, atol=1e-12)
+    assert "cup" in with_cup.gripper_frames
+    assert "cup" not in model.gripper_frames
+
+
+def test_added_frames_add_up_but_not_under_one_name(model):
+    lid = SE3.from_translation([0.0, 0.0, 0.05])
+    both = model.with_frame("cup", SE3.identity()).with_frame("lid", lid)
+    assert {"tool", "jaw_tip", "cup", "lid"} <= set(both.gripper_frames)
+    with pytest.raises(ConfigError, match="another frame"):
+        both.with_frame("cup", lid)
+    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
+    for name in both.gripper_frames:
+        R_base_tool = both.frame(q, name).R @ both.rotation_to_tool(name)
+        np.testing.assert_allclose(R_base_tool, both.frame(q).R, atol=1e-12)
+
+
+def test_the_joint_furthest_outside_is_named_with_its_limits(model):
+    q = np.array([0.0, 1.8, 1.7, 0.0, 0.0])
+    assert model.outside(q) == 2
+    with pytest.raises(
+        OutsideLimits, match=r"elbow_flex = 97\.40 deg.*-96\.82 to 90\.80"
+    ) as caught:
+        model.check_limits(q)
+    assert caught.value.joint == "elbow_flex"
+    assert caught.value.value == 1.7
+    assert caught.value.upper == model.upper[2]
+
+
+def test_angles_on_the_limits_are_inside_and_nan_is_not(model):
+    for q in (model.lower, model.upper, np.zeros(5)):
+        assert model.outside(q) is None
+        model.check_limits(q)
+    assert model.outside(model.upper + 1e-3, tolerance=2e-3) is None
+    nan = [0.0, 0.0, 0.0, math.nan, 0.0]
+    assert model.outside(nan) == 3
+    with pytest.raises(OutsideLimits, match="wrist_flex"):
+        model.check_limits(nan)
+
+
+def test_a_missing_file_and_a_stranger_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        RobotModel.load(tmp_path / "nothing.urdf")
+    robot = ET.parse(URDF_PATH)
+    for joint in robot.getroot().iter("joint"):
+        if joint.get("name") == "wrist_roll":
+            joint.set("name", "wrist_yaw")
+    robot.write(tmp_path / "stranger.urdf")
+    with pytest.raises(ConfigError, match="exactly the joints shoulder_pan"):
+        RobotModel.load(tmp_path / "stranger.urdf")
+
+
+def test_limits_are_shown_so_that_both_ends_can_be_reached(model):
+    calibrated = JointRange(model.lower + 0.1234, model.upper - 0.1234)
+    for check, lower, upper in (
+        (model.check_limits, model.lower, model.upper),
+        (calibrated.check, *calibrated),
+    ):
+        for i in range(5):
+            with pytest.raises(OutsideLimits) as caught:
+                check(4.0 * np.eye(5)[i])
+            shown = re.findall(r"-?\d+\.\d\d", str(caught.value))[1:]
+            for end, inside in zip(shown, (lower[i], -upper[i]), strict=True):
+                sign = 1.0 if inside == lower[i] else -1.0
+                assert sign * math.radians(float(end)) >= inside - math.radians(1e-4)
+                assert check(math.radians(float(end)) * np.eye(5)[i]) is None
+
+
+# Many at once
+
+
+T_TOOL_PEN = SE3.from_rpy((0.3, -0.2, 0.1), (0.02, -0.03, 0.12))
+
+
+@pytest.fixture(scope="module")
+def penned():
+    return RobotModel.load().with_frame("pen", T_TOOL_PEN)
+
+
+@pytest.fixture(scope="module")
+def q(penned):
+    return np.random.default_rng(0).uniform(penned.lower, penned.upper, (40, 5))
+
+
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip", "pen"])
+def test_many_postures_at_once_are_what_the_model_says_of_each(penned, q, frame):
+    chain = ArmChain(penned, frame)
+    p, J = chain.positions_and_jacobians(q)
+    R = chain.rotations(q)
+    for k, configuration in enumerate(q):
+        T = penned.frame(configuration, frame)
+        assert p[k] == pytest.approx(T.p, abs=1e-14)
+        assert R[k] == pytest.approx(T.R, abs=1e-14)
+        assert J[k] == pytest.approx(penned.frame_jacobian(configuration, frame)[:3], abs=1e-14)
+    assert chain.positions(q) == pytest.approx(p, abs=1e-15)
+    qd = np.random.default_rng(1).standard_normal(q.shape)
+    expected = np.linalg.norm(np.einsum("nij,nj->ni", J, qd), axis=1)
+    assert chain.speeds(q, qd) == pytest.approx(expected, abs=1e-14)
+
+
+# The compiled closed forms, judged by Pinocchio and by a search over what a goal leaves free
+
+
+PEN = SE3.from_rpy((0.3, 0.2, 0.1), (0.02, 0.01, 0.08))
+FRAMES = ("tool", "jaw_tip", "pen")
+
+
+@pytest.fixture(scope="module")
+def pen_model():
+    return RobotModel.load().with_frame("pen", PEN)
+
+
+@pytest.fixture(scope="module")
+def forms(pen_model):
+    return ClosedForms(IkSolver(pen_model).structure)
+
+
+def goals(pen_model, kind, metric, frame, count):
+    """Goals at random poses of a kind, each with a seed, some of them outside the limits."""
+    random = np.random.default_rng([1, *map(ord, kind)])
+    for k in range(count):
+        q = random.uniform(pen_model.lower, pen_model.upper)
+        T = pen_model.frame(q, frame)
+        if kind == "anywhere":
+            T = SE3(T.R, random.uniform([-0.6, -0.6, -0.4], [0.6, 0.6, 0.7]))
+        elif kind == "turned":
+            T = SE3(pen_model.frame(random.uniform(pen_model.lower, pen_model.upper)).R, T.p)
+        elif kind == "straight down":
+            T = SE3(np.diag([1.0, -1.0, -1.0]), T.p)
+        elif kind == "stretched":
+            q[2] = np.radians(-73.8016)  # upper arm and forearm in line
+            T = pen_model.frame(q, frame)
+        tolerance = (0.01, 0.3, 2.0)[k % 3]
+        goal = PoseGoal(T_base_tool=T, metric=metric, frame=frame, approach_tolerance=tolerance)
+        seed = np.zeros(5) if k % 2 else 1.05 * random.uniform(pen_model.lower, pen_model.upper)
+        yield check_goal(pen_model, goal), check_seed(seed)
+
+
+@pytest.mark.parametrize("metric", GoalMetric)
+@pytest.mark.parametrize("kind", ["in reach", "anywhere", "turned", "straight down", "stretched"])
+def test_each_puts_the_frame_at_the_point_within_the_limits(pen_model, forms, kind, metric):
+    found = 0
+    for frame in FRAMES:
+        for task, seed in goals(pen_model, kind, metric, frame, 30):
+            nearest = forms.nearest(task, seed)
+            for configuration in (*nearest, *forms.spread(task, seed)):
+                q = np.array(configuration.q)
+                off = np.linalg.norm(pen_model.frame(q, frame).p - task.p_base)
+                most = (1e-6, 1e-9) if configuration in nearest else (1.1 * REACH_SLACK, 2e-6)
+                assert off < most[0]
+                assert np.all((q >= pen_model.lower - most[1]) & (q <= pen_model.upper + most[1]))
+                assert configuration.branch == forms.branch(q, frame) or off > 1e-7
+                found += 1
+    assert found > 5
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_no_range_of_pitches_is_missed(pen_model, forms, frame):
+    structure, reached = IkSolver(pen_model).structure, 0
+    metric = GoalMetric.POSITION_ONLY
+    for task, seed in (
+        *goals(pen_model, "anywhere", metric, frame, 15),
+        *goals(pen_model, "in reach", metric, frame, 15),
+    ):
+        roll = structure.clip_roll(seed[4])
+        on_grid = [
+            q
+            for pitch in np.linspace(-np.pi, np.pi, 121)
+            for q in at_pitch(structure, task.p_base, pitch, roll, frame)
+        ]
+        spread = [np.array(c.q) for c in forms.spread(task, seed) if c.q[4] == roll]
+        assert bool(forms.nearest(task, seed)) >= bool(on_grid)
+        for q in on_grid:
+            like = [each for each in spread if forms.branch(each, frame) == forms.branch(q, frame)]
+            turns = [math.remainder(each[1:4].sum() - q[1:4].sum(), math.tau) for each in like]
+            assert np.abs(turns).min() < 0.21
+        reached += bool(on_grid)
+    assert reached > 10
+
+
+@pytest.mark.parametrize("kind", ["in reach", "straight down", "stretched"])
+def test_for_a_point_none_of_those_spread_over_its_pitches_is_much_nearer(pen_model, forms, kind):
+    beaten = compared = 0
+    for frame in FRAMES:
+        for task, seed in goals(pen_model, kind, GoalMetric.POSITION_ONLY, frame, 30):
+            nearest = next(iter(forms.nearest(task, seed)), None)
+            if nearest is None:
+                continue
+            away = math.dist(nearest.q, seed)
+            same_roll = (c for c in forms.spread(task, seed) if c.q[4] == nearest.q[4])
+            least = min((math.dist(c.q, seed) for c in same_roll), default=math.inf)
+            assert away <= least + 0.05
+            beaten += away > least + 1e-3
+            compared += 1
+    assert compared > 50
+    assert beaten <= 1
