@@ -46,16 +46,12 @@ def run_until(clock, condition):
         clock.advance(0.01)
 
 
-def test_planning_moves_nothing(arm, clock):
+def test_planning_moves_nothing_and_exactly_the_plan_is_executed(arm, clock):
     before = arm.state.q
     plan = arm.plan(JointGoal(q=READY))
     clock.advance(1.0)
     assert plan.trajectory.duration > 0.5
     np.testing.assert_array_equal(arm.state.q, before)
-
-
-def test_exactly_the_plan_is_executed(arm, clock):
-    plan = arm.plan(JointGoal(q=READY))
     motion = arm.move(plan, wait=False)
     finish(clock, motion)
     assert motion.plan is plan

@@ -36,22 +36,15 @@ def is_inside(q: np.ndarray, bounds: JointRange = NARROW) -> bool:
     return bool(np.all((q >= lower) & (q <= upper)))
 
 
-def test_it_is_narrowed_and_never_widened() -> None:
-    lower, upper = NARROW
-    np.testing.assert_array_equal(lower, [-2.0, -1.0, -1.0, -1.0, -1.0])
-    np.testing.assert_array_equal(upper, [1.0, 1.0, 2.0, 1.0, 1.0])
-
-
-def test_a_refusal_names_joint_value_and_range() -> None:
+def test_it_is_narrowed_never_widened_and_a_refusal_names_joint_value_and_range() -> None:
+    np.testing.assert_array_equal(NARROW.lower, [-2.0, -1.0, -1.0, -1.0, -1.0])
+    np.testing.assert_array_equal(NARROW.upper, [1.0, 1.0, 2.0, 1.0, 1.0])
     says = r"wrist_flex at 68\.75 deg .* -57\.29 to 57\.29 deg"
+    assert refuses(NARROW.check, np.array([0.0, np.nan, 0.0, 0.0, 0.0]))
     with pytest.raises(OutsideLimits, match=says) as caught:
         NARROW.check(np.array([0.0, 0.0, 0.0, 1.2, 0.0]))
     error = caught.value
     assert (error.joint, error.value, error.lower, error.upper) == ("wrist_flex", 1.2, -1.0, 1.0)
-
-
-def test_nan_is_outside() -> None:
-    assert refuses(NARROW.check, np.array([0.0, np.nan, 0.0, 0.0, 0.0]))
 
 
 @given(postures)

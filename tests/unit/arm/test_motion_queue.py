@@ -62,10 +62,6 @@ def under_way(motions: MotionQueue, lasts: threading.Event | None = None) -> Mot
     return motion
 
 
-def test_before_the_first_motion_nothing_is_under_way(motions) -> None:
-    assert motions.current.future.done()
-
-
 def test_failed_motions_do_not_keep_each_other(motions) -> None:
     def fail(motion: Motion) -> None:
         raise MotionError("no")
@@ -81,9 +77,14 @@ def test_failed_motions_do_not_keep_each_other(motions) -> None:
 
 
 def test_a_motion_begins_at_rest_and_ends_when_it_has_run(motions, told) -> None:
+    assert motions.current.future.done(), "before the first nothing is under way"
     motion = motions.start(lambda motion: told.append("moves"))
     motion.result(60.0)
     assert told == ["rest", "moves"]
+    still = MotionQueue(lambda: None)
+    still.start(lambda motion: told.append("moves")).result(60.0)
+    still.close()
+    assert told[2:] == ["moves"], "an arm that rests is not stopped first"
 
 
 def test_a_newer_motion_ends_the_one_under_way_and_waits_for_its_end(motions, told) -> None:
@@ -159,13 +160,6 @@ def test_a_stop_ends_what_is_still_being_prepared(motions, told) -> None:
     with pytest.raises(Interrupted, match="stop"):
         motion.result(60.0)
     assert "moves" not in told
-
-
-def test_an_arm_that_rests_is_not_stopped_first(told) -> None:
-    motions = MotionQueue(lambda: None)
-    motions.start(lambda motion: told.append("moves")).result(60.0)
-    motions.close()
-    assert told == ["moves"]
 
 
 def test_a_stop_does_not_wait_for_a_beginning_motion(motions, told) -> None:
@@ -254,15 +248,6 @@ def test_closing_ends_what_is_under_way(told) -> None:
         first.result(0.0)
 
 
-def test_interrupting_halts_what_was_begun_and_nothing_else():
-    motion, halted = Motion(), []
-    with motion.begin():
-        motion.halt = halted.append
-    motion.interrupt("stop")
-    motion.interrupt("stop")
-    assert halted == ["stop"]
-
-
 def test_an_interrupted_motion_never_begins_and_its_wait_leaves_another_alone():
     motion, other = Motion(), Motion()
     motion.interrupt("cancelled")
@@ -274,13 +259,16 @@ def test_an_interrupted_motion_never_begins_and_its_wait_leaves_another_alone():
     other.future.set_result(None)
 
 
-def test_interrupting_a_motion_that_is_over_does_nothing():
-    motion, halted = Motion(), []
-    motion.halt = halted.append
-    motion.future.set_result(None)
+def test_interrupting_halts_what_was_begun_and_is_not_over():
+    motion, over, halted = Motion(), Motion(), []
+    with motion.begin():
+        motion.halt = over.halt = halted.append
     motion.interrupt("stop")
-    assert not halted
-    motion.result()
+    motion.interrupt("stop")
+    over.future.set_result(None)
+    over.interrupt("stop")
+    assert halted == ["stop"]
+    over.result()
 
 
 @pytest.mark.parametrize("interrupted", [False, True])
@@ -342,10 +330,7 @@ def test_a_request_from_before_the_stop_is_refused_and_one_from_after_it_is_not(
         before.run(refuse_older, stopped)
     requested().run(refuse_older, stopped)
     refuse_older(stopped)  # outside of any request
-
-
-def test_without_a_stop_nothing_is_refused():
-    requested().run(refuse_older, 0)
+    requested().run(refuse_older, 0)  # without a stop
 
 
 def test_a_stopped_queue_begins_nothing_that_was_asked_for_before(queue):

@@ -69,14 +69,11 @@ def test_a_move_that_does_not_wait_can_be_stopped(rig):
         motion.result()
 
 
-def test_limits_of_a_finished_plan_are_refused(rig):
+def test_limits_of_a_finished_plan_and_three_angles_are_refused(rig):
     plan = rig.arm.plan([0.1] * 5)
     caps = so101.MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=9.0)
     with pytest.raises(so101.errors.ConfigError, match=r"limits.*this plan is finished"):
         rig.arm.move(plan, limits=caps)
-
-
-def test_three_angles_are_no_joint_angles(rig):
     with pytest.raises(so101.errors.ConfigError, match="five joint angles in radians"):
         rig.arm.move([0.1, 0.2, 0.3])
 

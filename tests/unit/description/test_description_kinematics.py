@@ -17,6 +17,7 @@ from so101_description.make_hulls import CORNERS, fitted_hull, official_triangle
 from so101_description.make_meshes import MATERIALS, make
 from so101_description.mesh_readers import read_glb, read_obj, to_srgb
 
+GEOMETRY = Path(__file__).resolve().parents[2] / "data" / "so101_geometry.json"
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
 
 # Official file; the elbow's upper limit is the arm's true stop, 90.8 deg.
@@ -28,6 +29,17 @@ LIMITS = {
     "wrist_roll": (-2.74385, 2.84121),
     "gripper": (-0.174533, 1.74533),
 }
+
+
+@pytest.fixture(scope="session")
+def geometry() -> dict:
+    """Figures of the official arm and of the published module; the file names its sources."""
+    return json.loads(GEOMETRY.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def model():
+    return pin.buildModelFromUrdf(str(URDF_PATH))
 
 
 def frame_pose(model, q, frame):
@@ -45,18 +57,17 @@ def test_joints_and_links_keep_the_official_names(model):
     assert list(model.names)[1:] == JOINTS
     frames = {frame.name for frame in model.frames}
     assert frames >= {*PARTS, "tool", "jaw_tip"}
+    # Masses add up to those of the official arm; the base's is fixed to the universe.
+    assert sum(inertia.mass for inertia in model.inertias) == pytest.approx(0.632, abs=1e-3)
 
 
 def test_limits_are_the_official_ones_but_for_the_elbow(model):
+    assert model.upperEffortLimit == pytest.approx([1.91] * 6), "these hold for either servo"
+    assert model.upperVelocityLimit == pytest.approx([4.71] * 6)
     for i, joint in enumerate(JOINTS):
         limits = (model.lowerPositionLimit[i], model.upperPositionLimit[i])
         assert limits == pytest.approx(LIMITS[joint])
     assert np.degrees(LIMITS["elbow_flex"][1]) == pytest.approx(90.8, abs=0.01)
-
-
-def test_effort_and_speed_hold_for_either_servo(model):
-    assert model.upperEffortLimit == pytest.approx([1.91] * 6)
-    assert model.upperVelocityLimit == pytest.approx([4.71] * 6)
 
 
 @pytest.mark.parametrize("case", range(4))
@@ -111,11 +122,6 @@ def test_positive_angles_turn_as_documented(model, joint, frame, axis, sign):
     q[JOINTS.index(joint)] = 0.2
     moved = frame_pose(model, q, frame).translation[axis] - before
     assert np.sign(np.round(moved, 6)) == sign
-
-
-def test_masses_add_up_to_the_official_arm(model):
-    # The base's mass is fixed to the universe.
-    assert sum(inertia.mass for inertia in model.inertias) == pytest.approx(0.632, abs=1e-3)
 
 
 def test_rotations_are_exact_but_for_the_jaw_planes_lean():
@@ -272,9 +278,6 @@ def test_named_poses_are_free_of_self_and_floor(checker, geometry):
         q = np.radians(pose["q_deg"])
         assert checker.overlaps(q) == [], name
         assert checker.height_above_floor(q) > 0.03, name
-
-
-def test_folded_beyond_the_stops_overlaps(checker):
     # LeRobot's shipped rest pose read without its zero offsets: the official solids overlap.
     assert checker.overlaps(np.radians([-4.0, -103.0, 97.0, 78.0, -65.0, 0.0]))
 
@@ -394,39 +397,30 @@ def test_the_folder_holds_the_meshes_and_nothing_else():
     assert {file.name for file in description.MESH_DIR.iterdir()} == names
 
 
-def test_colours_survive_the_linear_encoding():
+def test_colours_survive_and_every_link_but_the_jaw_shows_its_servo():
     for part in ALL:
-        for surface in description.load_visual(part):
+        surfaces = description.load_visual(part)
+        for surface in surfaces:
             srgb = np.array(MATERIALS[surface.name].srgb) / 255
             assert surface.color == pytest.approx(srgb, abs=1e-4)
+        names = {surface.name for surface in surfaces}
+        if part in PARTS.values():
+            assert names & {"print", "accent"}
+            assert ("servo" in names) == (part != "jaw")
     assert to_srgb(to_linear(0.02)) == pytest.approx(0.02)
 
 
-def test_every_link_shows_its_servo_and_the_jaw_has_none():
-    for part in description.PARTS.values():
-        names = {surface.name for surface in description.load_visual(part)}
-        assert ("servo" in names) == (part != "jaw")
-        assert names & {"print", "accent"}
-
-
-def test_unknown_parts_are_refused_by_name():
+def test_unknown_parts_and_other_files_are_refused_and_arrays_cannot_be_written(tmp_path):
     with pytest.raises(ValueError, match="no part 'elbow'; known: base, shoulder"):
         description.load_visual("elbow")
     with pytest.raises(ValueError, match="no part 'axes'"):
         description.load_hull("axes")
-
-
-def test_reader_refuses_other_files(tmp_path):
     other = tmp_path / "old.glb"
     other.write_bytes(struct.pack("<III", 0x46546C67, 1, 12))
     with pytest.raises(ValueError, match="not a binary glTF 2"):
         read_glb(other)
-
-
-def test_loaded_arrays_cannot_be_written():
-    surface = description.load_visual("jaw")[0]
     with pytest.raises(ValueError, match="read-only"):
-        surface.mesh.vertices[0] = 0.0
+        description.load_visual("jaw")[0].mesh.vertices[0] = 0.0
 
 
 @pytest.mark.parametrize("part", ["upper_arm", "axes"])  # all of them take half a minute
