@@ -10,7 +10,15 @@ from so101_motion.common.errors import ConfigError, InCollision, NoPath, Outside
 from so101_motion.common.geometry import SE3, rot_z
 from so101_motion.planning.checkpoint import Abandoned
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import FLOOR_Z, Obstacle, PointCloud, Scene, Sphere
+from so101_motion.planning.collision.scene import (
+    FLOOR_Z,
+    Attached,
+    Box,
+    Obstacle,
+    PointCloud,
+    Scene,
+    Sphere,
+)
 from so101_motion.planning.goal_configurations import simplified
 from so101_motion.planning.goals import (
     ApproachGoal,
@@ -38,8 +46,11 @@ OVER_THE_TABLE = np.radians([[-90, -10, 60, -20, -40], [10, -10, 40, 60, 10]])
 
 @pytest.fixture(scope="module")
 def plan(planner):
-    def plan(goal, q_start=HOME, limits=LIMITS, **options):
-        return planner.plan(PlanRequest(q_start=q_start, goal=goal, limits=limits, **options))
+    def plan(goal, q_start=HOME, scene=None, limits=LIMITS, **options):
+        scene = scene or Scene()
+        return planner.plan(
+            PlanRequest(q_start=q_start, goal=goal, limits=limits, scene=scene, **options)
+        )
 
     return plan
 
@@ -59,6 +70,9 @@ def assert_sound(model, collision, made, limits=LIMITS):
 def test_a_joint_goal_is_one_straight_line(model, collision, plan):
     made = plan(JointGoal(q=GOAL))
     assert_sound(model, collision, made)
+    assert made.tool_path[0] == pytest.approx(model.frame(HOME).p)
+    assert made.tool_path[-1] == pytest.approx(model.frame(GOAL).p)
+    assert 2 < len(made.tool_path) <= 64
     assert np.array_equal(made.q_goal, GOAL)
     assert np.array_equal(made.path, [HOME, GOAL])
     assert made.report.straight
@@ -75,22 +89,25 @@ def test_a_pose_goal_is_reached_within_its_tolerance(model, collision, plan):
         assert made.report.branch == "front, elbow up"
 
 
-def test_a_pose_that_only_another_posture_reaches_freely_is_reached_so(model, collision, plan):
-    # Close above the table: with the hand as it is now, it would touch.
-    made = plan(PoseGoal.at_point((0.22, 0.0, 0.06)), np.radians([0, 30, -20, -40, 0]))
-    assert_sound(model, collision, made)
-    assert model.frame(made.q_goal).p == pytest.approx([0.22, 0.0, 0.06], abs=1e-4)
-
-
-def test_a_point_that_only_a_narrow_range_of_postures_reaches_freely_is_reached(
-    model, collision, plan
+@pytest.mark.parametrize(
+    ("q_start", "frame", "p_base"),
+    [
+        # Close above the table: with the hand as it is now, it would touch.
+        (np.radians([0, 30, -20, -40, 0]), "tool", (0.22, 0.0, 0.06)),
+        # A little above the table; all candidates of inverse kinematics are too close to it.
+        (HOME, "jaw_tip", None),
+    ],
+    ids=["another posture", "a narrow range of postures"],
+)
+def test_a_point_that_only_few_postures_reach_freely_is_reached(
+    model, collision, plan, q_start, frame, p_base
 ):
-    # A little above the table; all candidates of the inverse kinematics are too close to it.
-    q = np.radians([22.04, 54.68, -29.32, 10.51, -81.2])
-    p_base = model.frame(q, "jaw_tip").p + np.array([0.0, 0.0, 2e-4])
-    made = plan(PoseGoal.at_point(p_base, frame="jaw_tip"))
+    if p_base is None:
+        q = np.radians([22.04, 54.68, -29.32, 10.51, -81.2])
+        p_base = model.frame(q, frame).p + np.array([0.0, 0.0, 2e-4])
+    made = plan(PoseGoal.at_point(p_base, frame=frame), q_start)
     assert_sound(model, collision, made)
-    assert model.frame(made.q_goal, "jaw_tip").p == pytest.approx(p_base, abs=1e-4)
+    assert model.frame(made.q_goal, frame).p == pytest.approx(p_base, abs=1e-4)
 
 
 def test_a_blocked_line_is_avoided_without_stopping(model, collision, plan):
@@ -101,13 +118,6 @@ def test_a_blocked_line_is_avoided_without_stopping(model, collision, plan):
     assert len(made.path) > 2
     moving = np.abs(made.trajectory.qd[2:-2]).max(axis=1)
     assert moving.min() > 0.0
-
-
-def test_the_tool_path_is_that_of_the_motion(model, plan):
-    made = plan(JointGoal(q=GOAL))
-    assert made.tool_path[0] == pytest.approx(model.frame(HOME).p)
-    assert made.tool_path[-1] == pytest.approx(model.frame(GOAL).p)
-    assert 2 < len(made.tool_path) <= 64
 
 
 def test_the_report_says_how_the_plan_came_about(plan):
@@ -277,6 +287,8 @@ def test_giving_up_at_once_asks_for_more_time(plan):
 def test_an_invalid_request_names_the_key(key, value):
     with pytest.raises(ConfigError, match=f'"{key}"'):
         PlanRequest(**{"q_start": HOME, "goal": JointGoal(q=GOAL), "limits": LIMITS, key: value})
+    with pytest.raises(TypeError, match="not a str"):
+        PlanRequest(q_start=HOME, goal="ready", limits=LIMITS)
 
 
 def test_many_are_planned_in_order_and_one_that_cannot_be_does_not_end_them(planner):
@@ -288,15 +300,22 @@ def test_many_are_planned_in_order_and_one_that_cannot_be_does_not_end_them(plan
     assert last.duration == 0.0
 
 
-def test_something_else_than_a_goal_is_a_mistake_of_the_program():
-    with pytest.raises(TypeError, match="not a str"):
-        PlanRequest(q_start=HOME, goal="ready", limits=LIMITS)
-
-
-@pytest.mark.parametrize("tolerance", [-0.1, np.nan, np.inf])
-def test_an_invalid_corner_tolerance_is_refused(tolerance):
-    with pytest.raises(ConfigError, match='"tolerance"'):
-        PathGoal(waypoints=WAYPOINTS, tolerance=tolerance)
+@pytest.mark.parametrize(
+    ("make", "key", "bad"),
+    [
+        (
+            lambda bad: PathGoal(waypoints=WAYPOINTS, tolerance=bad),
+            "tolerance",
+            [-0.1, np.nan, np.inf],
+        ),
+        (lambda bad: LeaveContactGoal(farthest=bad), "farthest", [0.0, -1.0, 2.1, np.nan]),
+    ],
+    ids=["path", "leave contact"],
+)
+def test_a_length_that_is_none_is_refused(make, key, bad):
+    for value in bad:
+        with pytest.raises(ConfigError, match=key):
+            make(value)
 
 
 @pytest.mark.parametrize("goal", [PoseGoal, LineGoal, ApproachGoal])
@@ -437,15 +456,16 @@ def test_from_above_every_place_and_yaw_is_reached_and_left_again(model, planner
         planner.plan(request(down.q_goal, up))
 
 
-def test_an_approach_that_cannot_be_followed_says_why(model, planner):
-    T = over(model, 0.16, 0.0, 0.0, -0.03)
-    with pytest.raises(Exception, match=r"the jaw_tip can follow \d+ of the 40 mm .* the floor"):
-        planner.plan(request(np.zeros(5), ApproachGoal(T_base_tool=T, frame="jaw_tip")))
-
-
-def test_a_place_above_which_nothing_can_hover_is_refused_as_a_goal(model, planner):
-    T = over(model, 0.6, 0.0, 0.0, 0.0)
-    with pytest.raises(Unreachable, match="out of reach"):
+@pytest.mark.parametrize(
+    ("radius", "height", "error", "says"),
+    [
+        (0.16, -0.03, InCollision, r"the jaw_tip can follow \d+ of the 40 mm .* the floor"),
+        (0.6, 0.0, Unreachable, "out of reach"),
+    ],
+)
+def test_an_approach_that_cannot_be_made_says_why(model, planner, radius, height, error, says):
+    T = over(model, radius, 0.0, 0.0, height)
+    with pytest.raises(error, match=says):
         planner.plan(request(np.zeros(5), ApproachGoal(T_base_tool=T, frame="jaw_tip")))
 
 
@@ -473,11 +493,7 @@ def test_it_rises_and_stops_as_soon_as_it_is_free(model):
     assert collision.is_free(found.q_goal)
     halfway = LOW + 0.5 * (found.q_goal - LOW)
     assert not collision.is_free(halfway), "it goes no farther than it must"
-
-
-def test_a_free_arm_stays(model):
-    found = left(model, np.zeros(5))
-    assert found.trajectory.duration == 0.0
+    assert left(model, np.zeros(5)).trajectory.duration == 0.0, "a free arm stays"
 
 
 def test_an_arm_that_is_buried_is_told_of_the_hand(model):
@@ -486,7 +502,170 @@ def test_an_arm_that_is_buried_is_told_of_the_hand(model):
         left(model, np.zeros(5), Scene(obstacles=(buried,)))
 
 
-@pytest.mark.parametrize("farthest", [0.0, -1.0, 2.1, np.nan])
-def test_an_invalid_length_is_refused(farthest):
-    with pytest.raises(ConfigError, match="farthest"):
-        LeaveContactGoal(farthest=farthest)
+# Among obstacles, with something in the hand, and within an arm's own joint limits
+
+
+# The finger's tip 30 cm ahead and 7 cm above the table.
+LEFT, AHEAD, RIGHT = np.radians([[-45, 0, 10, 50, 0], [0, 0, 10, 50, 0], [45, 0, 10, 50, 0]])
+
+
+POST = obstacle("post", (0.06, 0.06, 0.3), (0.3, 0.0, 0.15))
+LAMP = obstacle("lamp", (0.06, 0.06, 0.3), (0.3, 0.0, 0.15), keep_out=True)
+AROUND_POST = Scene(obstacles=(POST,))
+
+
+def closest(model, scene, motion, q_jaw=0.0):
+    collision = CollisionModel(model, scene)
+    return min(collision.clearance(q, q_jaw).distance for q in motion.q)
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "obstacle", "where", "says"),
+    [
+        (LEFT, JointGoal(q=AHEAD), POST, "goal", r"at the goal the .* into 'post' \(3 mm must"),
+        (LEFT, JointGoal(q=AHEAD), LAMP, "goal", "into the keep-out zone 'lamp'"),
+        (AHEAD, JointGoal(q=RIGHT), obstacle("crate", (0.2, 0.3, 0.3), (0.35, 0.0, 0.15)), "start",
+         r"at the start the .* mm into 'crate', and no"),
+        (LEFT, PathGoal(waypoints=RIGHT[None]), POST, "path",
+         "between the start and waypoint 1 the .* 'post'"),
+    ],
+)  # fmt: skip
+def test_an_obstacle_in_the_way_is_named(plan, start, goal, obstacle, where, says):
+    with pytest.raises(InCollision, match=says) as caught:
+        plan(goal, start, Scene(obstacles=(obstacle,)))
+    assert (caught.value.where, caught.value.second) == (where, obstacle.name)
+
+
+def test_a_walled_off_path_is_refused_with_the_obstacles_name(plan):
+    wall = Scene(
+        obstacles=(obstacle("wall", (1.2, 0.02, 1.0), (0.3, 0.0, 0.5)),),
+        may_touch=frozenset(
+            frozenset({"wall", link}) for link in ("shoulder", "upper arm", "lower arm")
+        ),
+    )
+    with pytest.raises(NoPath, match="path between them is blocked, mostly by 'wall'") as caught:
+        plan(JointGoal(q=RIGHT), LEFT, wall, time_budget=0.5)
+    assert caught.value.where == "path"
+    assert caught.value.blockers[0] == "wall"
+
+
+def stick(**settings):
+    return Attached(
+        name="stick",
+        shape=Box(size=(0.02, 0.24, 0.02)),
+        T_tool_object=SE3.from_translation((0.0, 0.0, 0.1)),
+        **settings,
+    )
+
+
+def test_a_goal_that_only_what_is_held_cannot_have_names_it(model, plan):
+    low = np.radians([0, 0, 20, 40, 90])
+    assert plan(JointGoal(q=low), LEFT).q_goal is not None
+    with pytest.raises(InCollision, match=r"at the goal 'stick' would be .* into the floor"):
+        plan(JointGoal(q=low), LEFT, Scene(attached=(stick(),)))
+    touching = Scene(attached=(stick(may_touch=frozenset({"floor"})),))
+    assert np.array_equal(plan(JointGoal(q=low), LEFT, touching).q_goal, low)
+
+
+def test_what_was_picked_up_from_the_floor_is_lifted_off_it(model, plan):
+    q = np.radians([0, 0, 20, 40, 0])
+    T_base_tool = model.frame(q)
+    under = SE3(np.eye(3), np.array([*model.frame(q, "jaw_tip").p[:2], -0.0024 + 0.011]))
+    cube = Attached(
+        name="cube", shape=Box(size=(0.02, 0.02, 0.022)), T_tool_object=T_base_tool.inverse @ under
+    )
+    scene = Scene(attached=(cube,))
+    assert not CollisionModel(model, scene).is_free(q, 0.3)
+    made = plan(JointGoal(q=AHEAD - [0, 0.5, 0, 0, 0]), q, scene, q_jaw=0.3)
+    assert made.report.departure
+    collision = CollisionModel(model, scene)
+    k = collision.pairs.index(("cube", "floor"))
+    heights = np.array([collision.distances(each, 0.3)[k] for each in made.trajectory.q])
+    assert heights.min() > -6e-4
+    assert heights[-1] > 0.01
+
+
+def test_surroundings_are_made_ready_once(model):
+    calls = 0
+
+    def count():
+        nonlocal calls
+        calls += 1
+
+    x, y, z = np.meshgrid(*3 * [np.linspace(0.0, 0.1, 50)])
+    cloud = PointCloud(points=np.column_stack([x.ravel(), y.ravel(), z.ravel()]), resolution=0.02)
+    planner, counts = Planner(model, count), []
+    for _ in range(3):
+        scene = Scene(obstacles=(obstacle("cloud", cloud, (-0.3, 0.0, 0.1)),))
+        before = calls
+        planner.plan(PlanRequest(q_start=LEFT, goal=JointGoal(q=RIGHT), limits=LIMITS, scene=scene))
+        counts.append(calls - before)
+    assert counts[0] > counts[1] == counts[2]
+
+
+# An arm's own joint limits
+
+
+@pytest.fixture
+def narrow(model):
+    """Limits within which the elbow cannot bend far."""
+    lower, upper = np.array(model.lower), np.array(model.upper)
+    lower[2], upper[2] = np.radians([-20.0, 30.0])
+    return {"lower": lower, "upper": upper}
+
+
+def test_a_point_is_reached_with_the_joints_this_arm_has(model, plan, narrow):
+    rng = np.random.default_rng(4)
+    otherwise = 0
+    for _ in range(30):
+        q = rng.uniform(narrow["lower"], narrow["upper"])
+        if not CollisionModel(model).is_free(q):
+            continue
+        goal = PoseGoal.at_point(model.frame(q).p)
+        wide = plan(goal, np.radians([0, -60, 25, 60, 0]))
+        made = plan(goal, np.radians([0, -60, 25, 60, 0]), **narrow)
+        otherwise += not (narrow["lower"][2] <= wide.q_goal[2] <= narrow["upper"][2])
+        assert np.all(made.trajectory.q >= narrow["lower"] - 1e-6)
+        assert np.all(made.trajectory.q <= narrow["upper"] + 1e-6)
+        assert model.frame(made.q_goal).p == pytest.approx(model.frame(q).p, abs=1e-4)
+    assert otherwise > 2
+
+
+def test_a_path_around_something_stays_within_them(model, plan):
+    limits = {
+        "lower": np.radians([-60, -30, -10, 0, -20]),
+        "upper": np.radians([60, 40, 40, 90, 20]),
+    }
+    post = Scene(obstacles=(obstacle("post", (0.06, 0.06, 0.12), (0.3, 0.0, 0.06)),))
+    made = plan(JointGoal(q=RIGHT), LEFT, post, **limits)
+    assert not made.report.straight
+    assert np.all(made.trajectory.q >= limits["lower"] - 1e-6)
+    assert np.all(made.trajectory.q <= limits["upper"] + 1e-6)
+
+
+def test_a_joint_goal_outside_them_is_refused_as_outside_the_calibrated_range(plan, narrow):
+    q = np.radians([0, 0, 40, 0, 0])
+    with pytest.raises(OutsideLimits, match=r"elbow_flex = 40\.00 deg .* calibrated range -20\.00"):
+        plan(JointGoal(q=q), LEFT, **narrow)
+    with pytest.raises(OutsideLimits, match="waypoint 2 of 2: elbow_flex = 40"):
+        plan(PathGoal(waypoints=np.array([RIGHT, q])), LEFT, **narrow)
+    assert np.array_equal(plan(JointGoal(q=q), LEFT).q_goal, q)
+
+
+def test_a_point_that_only_other_joints_reach_is_out_of_reach(model, plan, narrow):
+    p = np.array([0.13, 0.0, 0.15])
+    assert np.degrees(plan(PoseGoal.at_point(p), LEFT).q_goal[2]) > 30.0
+    with pytest.raises(Unreachable, match="elbow_flex at its upper limit"):
+        plan(PoseGoal.at_point(p), LEFT, **narrow)
+
+
+def test_limits_wider_than_the_models_change_nothing(model, plan):
+    wide = {"lower": model.lower - 1.0, "upper": model.upper + 1.0}
+    with pytest.raises(OutsideLimits, match=r"elbow_flex = 95\.00 deg is outside its limits"):
+        plan(JointGoal(q=np.radians([0, 0, 95, 0, 0])), LEFT, **wide)
+
+
+def test_limits_that_leave_no_angle_are_refused_by_joint(plan, narrow):
+    narrow["lower"][2] = narrow["upper"][2] + 0.1
+    with pytest.raises(ConfigError, match=r'"elbow_flex" = .* leave the joint no angle'):
+        plan(JointGoal(q=RIGHT), LEFT, **narrow)

@@ -1,16 +1,40 @@
+from functools import partial
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from harness.coal_check import CoalJudge
+from harness.facing_arms import T_LEFT_RIGHT, Facing
+from harness.random_scenes import LEFT, POST, RIGHT, obstacle
 
 from benchmarks.bench_no_path import closed
 from benchmarks.no_path_problems import cut_off, shut_in, slot, tube
-from so101_motion.common.errors import NoPath
+from so101_motion.common.errors import ConfigError, NoPath
+from so101_motion.common.geometry import SE3
 from so101_motion.planning.checkpoint import Abandoned, never_abandoned
+from so101_motion.planning.collision.apart import ROOM, placement
+from so101_motion.planning.collision.batch_check import Couple, LineCheck
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.paths.compiled_search import Deadline, Space, Tree
-from so101_motion.planning.paths.path import PathFinder
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE, Box, Obstacle, Scene
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.native.library import native
+from so101_motion.planning.paths import routes
+from so101_motion.planning.paths.compiled_search import (
+    CompiledSearch,
+    Deadline,
+    Seeds,
+    Space,
+    Tree,
+    compiled_shortened,
+)
+from so101_motion.planning.paths.path import SPACING, PathFinder
+from so101_motion.planning.paths.routes import Routing
 from so101_motion.planning.paths.start_recovery import find_departure, is_harmless, needs_departure
+from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Strength
 
 # Free at both ends, but the straight joint line dips into the table.
 OVER_THE_TABLE = np.radians([[-90, -10, 60, -20, -40], [10, -10, 40, 60, 10]])
@@ -18,9 +42,17 @@ OVER_THE_TABLE = np.radians([[-90, -10, 60, -20, -40], [10, -10, 40, 60, 10]])
 
 def test_a_free_straight_line_is_taken(model, collision):
     goal = np.radians([30, -20, 20, 10, 0])
-    found = PathFinder(model, collision).find(np.zeros(5), [goal], 1.0)
+    asked = []
+
+    def goals():
+        for each in (goal, -goal):
+            asked.append(each)
+            yield each
+
+    found = PathFinder(model, collision).find(np.zeros(5), goals(), 1.0)
     assert np.array_equal(found.waypoints, [np.zeros(5), goal])
     assert found.goal == 0
+    assert len(asked) == 1, "goals are worked out only as far as they are needed"
 
 
 def test_a_path_around_is_found_where_the_line_is_blocked(model, collision):
@@ -41,18 +73,6 @@ def test_of_several_goals_the_first_with_a_free_line_is_taken(model, collision):
     found = PathFinder(model, collision).find(start, [behind, easy], 5.0)
     assert found.goal == 1
     assert np.array_equal(found.waypoints[-1], easy)
-
-
-def test_goals_are_worked_out_only_as_far_as_they_are_needed(model, collision):
-    asked = []
-
-    def goals():
-        for angle in (0.1, 0.2):
-            asked.append(angle)
-            yield np.full(5, angle)
-
-    PathFinder(model, collision).find(np.zeros(5), goals(), 1.0)
-    assert asked == [0.1]
 
 
 @pytest.mark.parametrize("shut_in", ["start", "goal"])
@@ -117,11 +137,8 @@ def test_the_way_out_leans_towards_the_goal_if_it_can(model, collision):
     q_exit = departure(model, collision, q_start, [goal])
     assert collision.is_free(q_exit)
     assert is_harmless(collision, np.array([q_start, q_exit]), 0.0)
-
-
-def test_a_motion_into_contact_is_not_harmless(collision):
     down = np.array([np.zeros(5), np.radians([0, 60, 20, 40, 0])])
-    assert not is_harmless(collision, down, 0.0)
+    assert not is_harmless(collision, down, 0.0), "it leads into contact"
     assert is_harmless(collision, down[[0, 0]], 0.0)
 
 
@@ -178,3 +195,219 @@ def test_it_ends_when_the_plan_is_not_wanted_any_more(model):
             problem.path[0], [problem.path[-1]], AGES
         )
     assert left == [-1]
+
+
+# Routes around an obstacle: compared by counted work, cut short in time, proven, and given up
+
+
+LIMITS = MotionLimits(
+    velocity=np.array([3.0, 2.0, 3.0, 2.5, 3.0]),
+    acceleration=np.array([10.0, 6.0, 10.0, 10.0, 12.0]),
+    jerk=np.full(5, 300.0),
+)
+
+
+def request(effort, **changes):
+    made = {"q_start": LEFT, "goal": JointGoal(q=RIGHT), "limits": LIMITS, "scene": POST}
+    return PlanRequest(**{**made, "route_effort": effort, **changes})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_more_effort_gives_a_quicker_motion_that_coal_finds_free(planner, seed):
+    some, more = (planner.plan(request(effort, seed=seed)) for effort in (1, 16))
+    assert (some.report.routes, some.report.out_of_time) == (1, False)
+    assert 8 < more.report.routes <= 16
+    assert more.duration <= some.duration
+    judge = CoalJudge(RobotModel.load(), POST)
+    for each in (some, more):
+        np.testing.assert_array_equal(each.trajectory.q[[0, -1]], [LEFT, RIGHT])
+        assert judge.first_blocked(each.trajectory.q, tolerance=MARGIN_TOLERANCE) is None
+        assert all(judge.first_blocked(edge) is None for edge in pairwise(each.path))
+
+
+def test_the_same_request_gives_the_same_motion_at_any_width():
+    found = []
+    for lanes in (4, 16):
+        native().library.so101_start(lanes)
+        found.append(Planner(RobotModel.load()).plan(request(8)).trajectory)
+    native().library.so101_start(native().lanes)
+    assert found[0].q.tobytes() == found[1].q.tobytes()
+
+
+def found_route(effort=8, checkpoint=None, budget=10.0):
+    model = RobotModel.load()
+    collision = CollisionModel(model, POST, *([checkpoint] if checkpoint else []))
+    finder = PathFinder(model, collision)
+    return finder.find(LEFT, [RIGHT], budget, partial(Routing.within, LIMITS, effort))
+
+
+def test_its_pieces_fit_together_and_keep_the_caps():
+    motion = found_route().motion
+    (q, qd, half_qdd, none), step = motion.coefficients.transpose(1, 0, 2), np.diff(motion.knots)
+    end = motion.on_pieces(np.arange(len(step)), step)
+    np.testing.assert_allclose(end.q, [*q[1:], RIGHT], atol=1e-8)
+    np.testing.assert_allclose(end.q_s, [*qd[1:], np.zeros(5)], atol=1e-6)
+    np.testing.assert_array_equal(q[0], LEFT)
+    assert not np.any(qd[0])
+    assert not np.any(none)
+    assert np.abs(qd / LIMITS.velocity).max() <= 1.0 + 1e-9
+    assert 0.95 < np.abs(2.0 * half_qdd / LIMITS.acceleration).max() <= 1.0 + 1e-9
+
+
+def test_when_the_time_is_up_the_best_route_so_far_is_taken(monkeypatch):
+    looks = 0
+
+    def has_passed(self):
+        nonlocal looks
+        looks += 1
+        return looks > 30
+
+    monkeypatch.setattr(Deadline, "has_passed", has_passed)
+    found = found_route(effort=1000)
+    assert found.out_of_time
+    assert 1 < found.routes < 30
+    assert found.motion.length > 0.0
+
+
+def test_a_comparison_that_nobody_wants_any_more_ends_at_once():
+    asked, most = 0, 40
+
+    def ask():
+        nonlocal asked
+        asked += 1
+        if asked >= most:
+            raise Abandoned
+
+    with pytest.raises(Abandoned):
+        found_route(effort=1000, checkpoint=ask)
+    assert asked == most
+
+
+def test_a_direct_motion_is_not_compared(planner, monkeypatch):
+    monkeypatch.setattr(routes, "DIRECT", 10.0)
+    assert planner.plan(request(16)).report.routes == 1
+    assert planner.plan(request(16, goal=JointGoal(q=LEFT + 0.1))).report.routes == 0
+
+
+def test_a_cap_on_the_tool_and_weak_servos_hold(planner):
+    capped = MotionLimits(
+        velocity=LIMITS.velocity,
+        acceleration=LIMITS.acceleration,
+        jerk=LIMITS.jerk,
+        tool_speed=0.2,
+    )
+    assert planner.plan(request(16, limits=capped)).report.routes == 0
+    hard = MotionLimits.uniform(velocity=8.0, acceleration=80.0, jerk=5000.0)
+    weak = Strength(holding=1.1, moving=0.6)
+    made = planner.plan(request(16, limits=hard, strength=weak))
+    assert 0.99 < made.report.effort <= 1.001
+    assert made.duration > 1.1 * planner.plan(request(16, limits=hard)).duration
+
+
+@pytest.mark.parametrize("effort", [0, 2.5, 10_001])
+def test_an_effort_out_of_range_is_refused(effort):
+    with pytest.raises(ConfigError, match=r"route_effort.*1 to 10000"):
+        request(effort)
+
+
+# The compiled search
+
+
+def length(points):
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_path_around_a_post_is_proven_by_coal_and_the_same_at_any_width(model, seed):
+    judge = CoalJudge(model, POST)
+    found = []
+    for lanes in (4, 8):
+        native().library.so101_start(lanes)
+        finder = PathFinder(model, CollisionModel(model, POST), seed=seed)
+        found.append(finder.find(LEFT, [RIGHT], 10.0).waypoints)
+    native().library.so101_start(native().lanes)
+    assert judge.first_blocked(found[0]) is None
+    assert len(found[0]) > 2
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0], other)
+    assert length(found[0]) < 3.6  # the straight line: 1.6
+
+
+def test_of_several_goals_the_one_that_is_reached_is_reported(model):
+    finder = PathFinder(model, CollisionModel(model, POST))
+    goals = [RIGHT, RIGHT + 0.1]
+    found = finder.find(LEFT, goals, 10.0)
+    np.testing.assert_array_equal(found.waypoints[-1], goals[found.goal])
+
+
+def walled_in():
+    """A scene without a way from straight ahead to the right."""
+    turn = np.array([0.75, 0.75 + np.pi])
+    at = np.column_stack((0.039 + 0.32 * np.cos(turn), 0.32 * np.sin(turn), (0.6, 0.6)))
+    walls = tuple(
+        Obstacle(
+            name=f"wall {k}",
+            shape=Box(size=np.array([0.5, 0.01, 1.2])),
+            T_base_obstacle=SE3.from_rpy((0.0, 0.0, turn[k]), at[k]),
+        )
+        for k in range(2)
+    )
+    lid = obstacle("lid", (0.3, 0.3, 0.01), (0.039, 0.0, 0.3))
+    return Scene(obstacles=(*walls, lid))
+
+
+def test_a_search_that_fails_says_what_was_in_the_way(model):
+    finder = PathFinder(model, CollisionModel(model, walled_in()))
+    with pytest.raises(NoPath, match=r"configurations reached from the start") as caught:
+        finder.find(np.zeros(5), [np.array([-1.5, 0.0, 0.2, 0.9, 0.0])], 0.1)
+    assert "wall 0" in caught.value.blockers
+
+
+def test_a_search_asks_as_often_when_its_trees_are_large(model):
+    asked = 0
+
+    def ask():
+        nonlocal asked
+        asked += 1
+
+    collision = CollisionModel(model, walled_in(), ask)
+    checker = collision.sampled_check(0.0, spacing=SPACING)
+    goal = np.array([-1.5, 0.0, 0.2, 0.9, 0.0])
+    space = Space(lower=model.lower, upper=model.upper, weights=collision.reach)
+    search = CompiledSearch(space, checker, np.zeros(5), [goal], Seeds(0))
+    apart = []
+    for _ in range(2):
+        before = collision.batch.tally()[0], asked
+        assert search.run(Deadline(60.0), most=2_000) is None
+        apart.append((collision.batch.tally()[0] - before[0]) / (asked - before[1]))
+    assert apart[1] < 0.8 * apart[0]  # configurations between two asks; comparing nodes takes long
+
+
+def two_arms(facing, *, spacing=0.01, room=ROOM):
+    arms = [facing.collision.sampled_check(0.3 * k, spacing=spacing).arms[0] for k in range(2)]
+    bodies = [(each.handle, each.levers_pointer) for each in (facing.bodies, facing.bodies)]
+    (a, levers_a), (b, levers_b) = bodies
+    couple = Couple(0, 1, a, b, levers_a, levers_b, tuple(placement(T_LEFT_RIGHT)))
+    return LineCheck(arms, [couple], room)
+
+
+def test_a_path_of_two_arms_is_clear_for_both_and_between_them():
+    facing = Facing(11)
+    team, model, reach = two_arms(facing), facing.model, facing.collision.reach
+    limits = np.tile(model.lower, 2), np.tile(model.upper, 2)
+    space = Space(lower=limits[0], upper=limits[1], weights=np.tile(reach, 2))
+    kept = two_arms(facing, spacing=1.0, room=0.7 * ROOM)  # a proof leaves seven eighths
+    seeds, deadline = Seeds(0), Deadline(60.0)
+    for _ in range(2):
+        start = goal = np.zeros(10)
+        while not team.is_free(start) or not team.is_free(goal) or team.is_clear(start, goal):
+            start, goal = (np.concatenate([facing.near(), facing.near()]) for _ in range(2))
+        found = CompiledSearch(space, team, start, [goal], seeds).run(deadline)
+        points = compiled_shortened(found[0], team, seeds, deadline)
+        for each in (found[0], points):
+            np.testing.assert_array_equal([each[0], each[-1]], [start, goal])
+            for q in each:
+                assert facing.are_apart(q[:5], q[5:], 0.99 * ROOM)
+                assert all(facing.collision.is_free(q[k : k + 5], 0.06 * k) for k in (0, 5))
+            assert all(kept.is_clear(*line) for line in pairwise(each))
+        assert length(points) <= length(found[0])
