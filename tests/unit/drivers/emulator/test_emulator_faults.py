@@ -12,18 +12,14 @@ def arrivals(bench, count=400):
     return [bench.raw(PING) for _ in range(count)]
 
 
-def test_lost_replies_belong_to_writes_that_were_done(make_bench):
-    bench = make_bench(wire=WireFaults(loss=1.0))
+@pytest.mark.parametrize(("lost", "written"), [("loss", 33), ("request_loss", 0)])
+def test_lost_replies_belong_to_writes_that_were_done_and_lost_requests_do_not(
+    make_bench, lost, written
+):
+    bench = make_bench(wire=WireFaults(**{lost: 1.0}))
     assert bench.raw(frame(1, Code.WRITE, bytes((reg.ACCELERATION.address, 33)))) == []
-    bench.bus.faults.loss = 0.0
-    assert bench.read(1, reg.ACCELERATION) == 33
-
-
-def test_lost_requests_are_not_done(make_bench):
-    bench = make_bench(wire=WireFaults(request_loss=1.0))
-    assert bench.raw(frame(1, Code.WRITE, bytes((reg.ACCELERATION.address, 33)))) == []
-    bench.bus.faults.request_loss = 0.0
-    assert bench.read(1, reg.ACCELERATION) == 0
+    setattr(bench.bus.faults, lost, 0.0)
+    assert bench.read(1, reg.ACCELERATION) == written
 
 
 def test_shares_are_kept(make_bench):
@@ -77,21 +73,9 @@ def test_faults_are_read_from_text(text, event):
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "",
-        "fire",
-        "dead",
-        "dead:3=2",
-        "hot:3",
-        "loss",
-        "loss=1.5",
-        "unplug:3",
-        "hot:3=4.5.6",
-        "loss=x",
-        "only",
-        "pose=3",
-    ],
-)
+    ["", "fire", "dead", "dead:3=2", "hot:3", "loss", "loss=1.5", "unplug:3", "hot:3=4.5.6",
+     "loss=x", "only", "pose=3"],
+)  # fmt: skip
 def test_nonsense_is_refused_with_the_text_in_the_message(text):
     with pytest.raises(ConfigError) as caught:
         parse_fault(text)

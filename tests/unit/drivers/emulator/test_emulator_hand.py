@@ -55,16 +55,11 @@ def test_hand_leads_a_limp_joint_along_its_script(bench):
     assert bench.world.q[0] == pytest.approx(math.radians(-40), abs=math.radians(1))
 
 
-def test_hand_cannot_overpower_a_servo_that_holds(bench):
+def test_hand_gives_in_at_a_stop_and_cannot_overpower_a_servo_that_holds(bench):
     bench.write(1, reg.TORQUE_ENABLE, 1)
-    bench.world.hand = Hand(parse_script(SCRIPT))
+    bench.world.hand = Hand(parse_script(SCRIPT + "0 elbow_flex start\n1 elbow_flex 160"))
     bench.advance(3.4)
     assert abs(bench.world.q[0]) < math.radians(15)
-
-
-def test_hand_gives_in_at_a_stop(bench):
-    bench.world.hand = Hand(parse_script("0 elbow_flex start\n1 elbow_flex 160"))
-    bench.advance(3.0)
     assert math.degrees(bench.world.q[2]) == pytest.approx(90.8, abs=2.0)
 
 

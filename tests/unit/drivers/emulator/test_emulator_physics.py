@@ -53,32 +53,23 @@ def test_top_speed_is_that_of_the_motor_whatever_is_asked(bench):
     assert 2500 <= fastest <= 3300  # measured in a loaded joint: about 2700 tick/s
 
 
-def test_moving_rises_within_two_milliseconds_and_falls_when_the_joint_rests(bench):
+def test_moving_falls_when_the_joint_rests_and_velocity_counts_in_fifties(bench):
+    bench.write(1, reg.GOAL_VELOCITY, 430)
     bench.write(1, reg.GOAL_POSITION, 2500)
     assert bench.read(1, reg.MOVING) == 0
     bench.advance(0.005)
     assert bench.read(1, reg.MOVING) == 1
+    bench.advance(0.6)
+    assert bench.read(1, reg.PRESENT_VELOCITY) in (400, 450)
     bench.advance(2.0)
     assert bench.read(1, reg.MOVING) == 0
 
 
-def test_velocity_register_counts_in_fifties(bench):
-    bench.write(1, reg.GOAL_VELOCITY, 430)
-    bench.write(1, reg.GOAL_POSITION, 3000)
-    bench.advance(0.6)
-    assert bench.read(1, reg.PRESENT_VELOCITY) in (400, 450)
-
-
-def test_limp_arm_falls_and_rests_on_its_stop(make_bench, constant_load):
-    bench = make_bench(gravity=constant_load(j2=-0.8))
-    bench.advance(3.0)
+def test_limp_arm_falls_onto_its_stop_and_light_joints_stay_by_friction(make_bench, constant_load):
+    bench = make_bench(gravity=constant_load(j2=-0.8, j4=0.04))
+    bench.advance(10.0)
     stop = bench.world.servo(2).joint.upper
     assert bench.world.q[1] == pytest.approx(stop, abs=math.radians(1.5))
-
-
-def test_limp_joint_keeps_still_under_its_own_friction(make_bench, constant_load):
-    bench = make_bench(gravity=constant_load(j4=0.04))
-    bench.advance(10.0)
     assert abs(bench.world.q[3]) < math.radians(0.5)  # only through the play
 
 

@@ -30,14 +30,10 @@ def test_overload_trips_after_its_time_and_sags_to_the_protective_torque(stalled
     assert stalled.read(6, reg.TORQUE_ENABLE) == 1
 
 
-def test_overloaded_servo_still_does_what_it_acknowledges(stalled):
+def test_overloaded_servo_does_what_it_acknowledges_and_a_goal_pulled_back_clears_it(stalled):
     stalled.advance(2.0)
     assert stalled.write(6, reg.ACCELERATION, 33) == reg.OVERLOAD
     assert stalled.read(6, reg.ACCELERATION) == 33
-
-
-def test_pulling_the_goal_back_clears_an_overload(stalled):
-    stalled.advance(2.0)
     stalled.write(6, reg.GOAL_POSITION, stalled.read(6, reg.PRESENT_POSITION))
     stalled.advance(0.7)
     assert stalled.read(6, reg.STATUS) == 0
@@ -205,14 +201,10 @@ def test_a_torque_of_one_and_a_half_newton_metres_is_held_at_forty_eight_degrees
     assert motor.temperature == pytest.approx(48.0, abs=3.0)
 
 
-def test_resting_servo_cools_to_room_temperature():
-    motor = Motor(STS3215_12V)
-    motor.temperature = 60.0
-    motor.advance(150.0, duty=0.0, volts=12.0, velocity=0.0)
-    assert motor.temperature == pytest.approx(ROOM_C + 35.0 / 2.718, abs=0.1)
-
-
-def test_stalled_motor_draws_its_stall_current():
+def test_stalled_motor_draws_its_stall_current_and_a_resting_one_cools_to_room_temperature():
     motor = Motor(STS3215_12V)
     motor.advance(0.001, duty=1.0, volts=12.0, velocity=0.0)
     assert motor.current == pytest.approx(2.95, abs=0.01)
+    motor.temperature = 60.0
+    motor.advance(150.0, duty=0.0, volts=12.0, velocity=0.0)
+    assert motor.temperature == pytest.approx(ROOM_C + 35.0 / 2.718, abs=0.1)
