@@ -52,6 +52,8 @@ def test_a_finished_arm_is_seen_without_being_written_to():
 def test_an_arm_needs_five_servos_of_its_kind():
     bus = LentBus({1: 1, 2: 2, 3: 3, 5: 5, 6: 6})
     assert not seen_on(bus).has_arm
+    seen = seen_on(LentBus({1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 9}))
+    assert (seen.has_arm, seen.has_gripper, seen.unexpected_ids) == (True, False, (9,))
     bus = LentBus()
     bus.set(3, model_number=2825)
     seen = seen_on(bus)
@@ -60,13 +62,6 @@ def test_an_arm_needs_five_servos_of_its_kind():
     bus.set(3, model_number=4711)
     assert not seen_on(bus).has_arm
     assert seen_on(bus).servos[3].model == "model 4711"
-
-
-def test_wheels_beside_an_arm_are_strangers():
-    seen = seen_on(LentBus({1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 9}))
-    assert seen.has_arm
-    assert not seen.has_gripper
-    assert seen.unexpected_ids == (9,)
 
 
 def test_a_servo_that_is_not_there_or_not_alone_cannot_be_read():
@@ -96,6 +91,10 @@ def test_a_file_fits_the_arm_whose_servos_hold_it():
     assert not fits(seen, file_of(bus, gripper=-2))
     assert fits(seen, file_of(bus, without=("gripper",)))
     assert not fits(seen, file_of(bus, without=("elbow_flex",))), "half a file could be anybody's"
+    file = file_of(bus)
+    bus.set(2, homing_offset=-300)
+    assert not fits(seen_on(bus), file)
+    assert fits(seen_on(bus), file_of(bus))
 
 
 def test_a_file_that_cannot_be_used_fits_nobody():
@@ -105,14 +104,6 @@ def test_a_file_that_cannot_be_used_fits_nobody():
     )
     assert not fits(seen_on(bus), found)
     assert role(seen_on(bus), [found])[0] == "follower"
-
-
-def test_an_offset_counts_as_well():
-    bus = LentBus()
-    file = file_of(bus)
-    bus.set(2, homing_offset=-300)
-    assert not fits(seen_on(bus), file)
-    assert fits(seen_on(bus), file_of(bus))
 
 
 # Leader or follower
@@ -130,11 +121,6 @@ def test_lerobots_own_file_decides(kept_for):
         assert "arm.json" in because
 
 
-def test_a_file_that_does_not_fit_decides_nothing():
-    bus = low_voltage()
-    assert role(seen_on(bus), [file_of(bus, role="leader", gripper=-50)])[0] == "unknown"
-
-
 def test_what_lerobot_stores_in_a_follower_makes_a_follower():
     bus = low_voltage()
     bus.set(6, protection_current=250, overload_torque=25)
@@ -146,6 +132,9 @@ def test_what_lerobot_stores_in_a_follower_makes_a_follower():
 
 
 def test_anything_else_is_unknown():
+    bus = low_voltage()
+    not_its_own = file_of(bus, role="leader", gripper=-50)
+    assert role(seen_on(bus), [not_its_own])[0] == "unknown"
     assert role(seen_on(low_voltage())) == (
         "unknown", "leaders and followers both have 7.4 V servos, and nothing tells them apart",
     )  # fmt: skip

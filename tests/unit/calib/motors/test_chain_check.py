@@ -54,9 +54,6 @@ def test_a_chain_that_is_cut_names_the_cable():
     assert setup.state.motors["elbow_flex"].state == "verified"
     bus.whole_arm()
     assert setup.verify().ok
-
-
-def test_behind_a_cut_cable_it_is_not_only_the_id_that_may_be_wrong():
     _, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 7, 5: 8, 6: 9})  # with the wheels of a LeKiwi
     fix = check(setup, "wrist_flex").fix
     assert "between servos 3 and 4, or set wrist_flex up again if it answers as 7 or 8 or 9" in fix
@@ -78,12 +75,17 @@ def test_garbled_answers_of_a_bad_cable_are_no_twins():
     assert "duplicate" not in {check.status for check in setup.verify().motors.values()}
 
 
-def test_a_servo_at_another_rate_is_found():
+def test_a_servo_or_a_whole_arm_at_another_rate_is_found():
     bus, setup = arm()
     bus.set(5, baud_rate=reg.BAUDS.index(115_200))
     missing = check(setup, "wrist_roll")
     assert "servo 5 (wrist_roll) talks at 115200 baud, not at 1000000" in missing.error
     assert bus.wire.baud == 1_000_000
+    for place in range(1, 7):
+        bus.set(place, baud_rate=reg.BAUDS.index(500_000))
+    found = setup.verify()
+    assert "at 500000 baud, so the supply is on" in found.sentence
+    assert "so101 setup --repair" in found.motors["gripper"].fix
 
 
 def test_strangers_and_other_kinds_are_named():
@@ -99,6 +101,11 @@ def test_strangers_and_other_kinds_are_named():
     found = setup.verify()
     assert found.ok
     assert "sts3250: it works" in found.notes[0]
+    bus, setup = arm()
+    bus.set(4, firmware_minor=9)
+    found = setup.verify()
+    assert found.ok
+    assert "servo 4 3.9" in found.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -158,15 +165,6 @@ def test_nothing_is_repaired_while_two_servos_share_an_id():
         setup.repair()
 
 
-def test_a_whole_arm_at_another_rate_is_found():
-    bus, setup = arm()
-    for place in range(1, 7):
-        bus.set(place, baud_rate=reg.BAUDS.index(500_000))
-    found = setup.verify()
-    assert "at 500000 baud, so the supply is on" in found.sentence
-    assert "so101 setup --repair" in found.motors["gripper"].fix
-
-
 def test_voltages_are_judged_servo_by_servo():
     _, setup = arm(kind=STS3215_7V4, volts=12.0)
     found = check(setup, "shoulder_pan")
@@ -180,14 +178,6 @@ def test_voltages_are_judged_servo_by_servo():
     bus, setup = arm(volts=7.4, kind=STS3215_7V4)
     bus.set(4, max_voltage=140)
     assert "a 12 V servo" in check(setup, "wrist_flex").error
-
-
-def test_mixed_firmware_is_a_note_and_no_fault():
-    bus, setup = arm()
-    bus.set(4, firmware_minor=9)
-    found = setup.verify()
-    assert found.ok
-    assert "servo 4 3.9" in found.notes[0]
 
 
 def test_a_skipped_joint_that_is_missing_stays_skipped():
@@ -220,9 +210,6 @@ def test_a_scan_finds_everybody_at_every_rate():
     )
     assert setup.state.status == found["status"]
     assert {s["model"] for s in found["servos"]} == {"sts3215"}
-
-
-def test_a_scan_tells_of_twins_and_of_silence():
     _, setup = arm(ids={1: 1, 2: 1})
     found = setup.scan()
     assert [(s["id"], s["model"]) for s in found["servos"]] == [(1, "unknown")]

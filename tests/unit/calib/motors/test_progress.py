@@ -28,11 +28,7 @@ def test_step_and_port_are_found_again_without_arguments(tmp_path):
     again = SetupProgress(path, None)
     assert (again.port, again.workflow, again.step) == ("/dev/a", "full", "motors")
     assert again.done == ["gripper"]
-
-
-def test_the_motors_of_another_port_are_another_kits(tmp_path):
-    path = tmp_path / "setup.json"
-    SetupProgress(path, "/dev/a").add("gripper")
+    # The motors of another port are another kit's.
     assert SetupProgress(path, "/dev/b").done == []
     progress = SetupProgress(path, None)
     progress.work_on("/dev/b")

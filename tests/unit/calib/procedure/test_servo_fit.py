@@ -123,8 +123,9 @@ def test_torque_and_friction_that_are_off_by_the_same_share_are_told_from_the_ri
     assert found.friction == pytest.approx(true.friction, rel=0.06)
 
 
-def test_a_play_that_nobody_has_seen_is_not_made_up():
+def test_a_play_that_nobody_has_seen_is_not_made_up_and_set_points_arrive_where_they_were_sent():
     record = record_of(ServoFigures(torque=1.1), index=0)
+    assert setpoints(replace(record, goals=np.full(len(record.goals), 2100.0)))[-1] == 2100.0
     found = TwinFit(record, np.zeros(len(record.t))).best(ServoFigures(), torque_is_open=True)
     assert found.play is None
 
@@ -188,9 +189,3 @@ def test_a_weight_that_changes_sides_is_met_half_way_between_two_readings():
     coarse = unrounded(record, figures, rising)
     finer = unrounded(fine, figures, np.interp(fine.t, record.t, rising))[::2]
     assert np.mean(np.abs(coarse - finer)) < 0.02
-
-
-def test_a_set_point_arrives_where_it_was_sent():
-    record = record_of(ServoFigures())
-    still = replace(record, goals=np.full(len(record.goals), 2100.0))
-    assert setpoints(still)[-1] == 2100.0

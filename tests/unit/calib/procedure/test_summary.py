@@ -49,17 +49,15 @@ def test_before_anything_is_known_the_arm_is_drawn_in_the_pose_that_is_asked_for
     assert found.guessed == set(JOINTS)
 
 
-def test_a_former_calibration_tells_where_its_joints_are(session):
-    arm = LentArm()
+def test_a_former_calibration_tells_where_its_joints_are_but_not_those_of_new_servos(file):
+    arm, session = LentArm(), Session(file)
     session.start(arm)
     arm.tick(3)
     found = seen(session, former={"elbow_flex": 0.3})
     assert found.angles["elbow_flex"] == 0.3
     assert "elbow_flex" not in found.guessed
     assert "wrist_flex" in found.guessed
-
-
-def test_new_servos_are_guessed_whatever_somebody_makes_of_their_ticks(session, arm):
+    arm, session = LentArm(calibrated=False), Session(file)
     session.start(arm)
     arm.tick(3)
     found = seen(session, former=dict.fromkeys(JOINTS, 1.0))
@@ -115,19 +113,14 @@ def test_a_joint_far_from_the_pose_is_reported_by_how_much(session):
     assert found["shoulder_pan"] == ("there", "good")
 
 
-def test_joints_that_were_never_calibrated_are_matched_by_eye(session, arm):
+def test_joints_that_were_never_calibrated_are_matched_by_eye_and_silent_ones_named(session, arm):
     session.start(arm)
+    assert told(session, {})["gripper"] == ("does not answer: check its cable", "bad")
     arm.tick(3)
     assert {tone for _, tone in told(session, {}).values()} == {"dim"}
     view = session.view
     seen = estimate_pose(view.state, view.joints, {})
     assert "Trust the arm" in summary.picture_note(seen, view.joints)
-
-
-def test_a_silent_servo_is_named(session, arm):
-    session.start(arm)
-    found = told(session, {})  # nothing was read yet
-    assert found["gripper"] == ("does not answer: check its cable", "bad")
 
 
 # The travels
@@ -178,12 +171,7 @@ def test_the_first_calibration_is_new_and_the_same_one_again_is_the_same(recorde
     assert [line.cells[0] for line in lines] == ["good"] * 6
     again = summary.lines(joints, summary.calibration_of(joints))
     assert [line.cells[2] for line in again] == ["the same"] * 6
-
-
-def test_ends_that_have_moved_are_reported_in_degrees_whatever_the_offset(recorded, arm):
-    arm.sweep_all()
-    recorded.stop_recording()
-    joints = recorded.view.joints
+    # Ends that have moved are reported in degrees, whatever the offset.
     before = summary.calibration_of(joints)
     was = before["elbow_flex"]
     shifted = replace(

@@ -62,13 +62,10 @@ def test_after_a_pause_the_way_in_between_is_unknown_until_it_is_passed():
     for i, ticks in enumerate(line(3300, 1000)):
         sweep.feed(10.03 + 0.01 * i, ticks)
     assert sweep.arc == TravelArc(1000, 2300)
-
-
-def test_a_short_pause_is_bridged():
     sweep = swept(*line(1000, 1100))
     for i in range(3):
         sweep.feed(0.3 + 0.01 * i, 1500)
-    assert sweep.arc == TravelArc(1000, 500)
+    assert sweep.arc == TravelArc(1000, 500), "a short pause is bridged"
 
 
 @pytest.mark.parametrize(
@@ -87,7 +84,9 @@ def test_readings_are_shown_in_the_turn_of_the_travel(arc, ticks, unrolled):
 # Homing offsets
 
 
-def test_only_one_place_of_the_circle_is_a_tick_off():
+def test_only_one_place_of_the_circle_is_a_tick_off_and_a_full_turn_has_its_zero_in_the_middle():
+    found = full_turn(offset=5, home=2047)
+    assert (found.lower, found.upper, found.home) == (0, 4095, 2047)
     off = [encoder for encoder in range(4096) if (encoder - homing_offset(encoder)) % 4096 != 2047]
     assert off == [4095]
 
@@ -113,11 +112,6 @@ def test_a_travel_keeps_the_offset_of_the_pose_or_is_moved_to_the_middle(lower, 
     found = fit(TravelArc(lower, 2700), offset=offset, home=2047)
     assert (found.homing_offset, found.lower, found.home) == fitted
     assert found.upper == found.lower + 2700
-
-
-def test_a_full_turn_has_its_zero_in_the_middle():
-    found = full_turn(offset=5, home=2047)
-    assert (found.lower, found.upper, found.home) == (0, 4095, 2047)
 
 
 DEG = 4096 / 360
@@ -185,12 +179,8 @@ def test_a_jaw_that_opens_towards_smaller_readings_is_named():
     said = assess("gripper", TravelArc(MIDDLE - travel + 10, travel), expected=travel, home=MIDDLE)
     assert said.verdict is Verdict.WRONG_DIRECTION
     assert said.is_usable  # it may just have been open
-
-
-def test_a_servo_that_counts_down_is_named_before_it_has_moved():
-    said = judged("elbow_flex", 0.0, counts_down=True)
-    assert said.verdict is Verdict.WRONG_DIRECTION
-    assert not said.is_usable
+    counts_down = judged("elbow_flex", 0.0, counts_down=True)
+    assert (counts_down.verdict, counts_down.is_usable) == (Verdict.WRONG_DIRECTION, False)
 
 
 ROLL = round(zero.expected_travel("wrist_roll"))
