@@ -66,15 +66,12 @@ def test_an_exported_file_reads_back_the_same_and_the_one_that_was_there_is_kept
     assert (tmp_path / "arm.json.bak").read_text() == "somebody's"
 
 
-def test_lerobot_is_not_given_a_part_of_an_arm(tmp_path):
+def test_lerobot_is_not_given_a_part_of_an_arm_nor_what_cannot_be_written(tmp_path):
     part = {joint: ALL[joint] for joint in JOINTS if joint not in ("wrist_roll", "elbow_flex")}
     with pytest.raises(CalibrationError, match="elbow_flex, wrist_roll is not calibrated"):
         lerobot.export(part, tmp_path / "arm.json")
 
     assert not (tmp_path / "arm.json").exists()
-
-
-def test_an_export_that_cannot_be_written_says_so(tmp_path):
     (tmp_path / "robots").write_text("")
     with pytest.raises(CalibrationError, match="cannot be written"):
         lerobot.export(ALL, tmp_path / "robots" / "arm.json")
@@ -150,6 +147,8 @@ def test_the_jaw_of_the_lists_is_closed_at_their_start():
     assert jaw.range_min + jaw.homing_offset == 1983
     assert jaw.range_max - jaw.range_min == 2793 - 1983
     assert "gripper" not in found
+    some = {**lists_of(MIDDLES), "motor_names": ["shoulder_pan", *"abcd", "gripper"]}
+    assert set(lerobot.from_lists(some)[0]) == {"shoulder_pan", "gripper"}
 
 
 def test_the_lists_are_read_as_a_file_and_saving_makes_them_ours(tmp_path, monkeypatch):
@@ -216,10 +215,3 @@ def test_lists_that_contradict_themselves_are_refused_by_name(content, says):
     assert lerobot.is_of_lists(content)
     with pytest.raises(CalibrationError, match=says):
         lerobot.from_lists(content)
-
-
-def test_lists_of_some_of_the_joints_give_those():
-    content = lists_of(MIDDLES)
-    content["motor_names"] = ["shoulder_pan", *"abcd", "gripper"]
-
-    assert set(lerobot.from_lists(content)[0]) == {"shoulder_pan", "gripper"}

@@ -1,8 +1,6 @@
 import json
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from so101_motion.calib.record import record
 from so101_motion.calib.record.compare import diff
@@ -32,9 +30,9 @@ def seed_with(joint="shoulder_pan", **changes):
 
 
 def test_the_seed_s_own_example_is_read():
-    found = record.parse(SEED)
+    found = record.parse({**SEED, "elbow_flex": None, "something_else": 5})
 
-    assert set(found) == {"shoulder_pan", "shoulder_lift", "gripper"}
+    assert set(found) == {"shoulder_pan", "shoulder_lift", "gripper"}, "null is as missing"
     assert found["shoulder_pan"].to_json() == SEED["shoulder_pan"]
 
 
@@ -44,13 +42,6 @@ def test_lerobot_s_five_fields_are_enough():
 
     assert found["shoulder_pan"].norm_mode == 3
     assert found["gripper"].norm_mode == 1
-
-
-def test_joints_that_are_null_or_missing_are_missing():
-    found = record.parse({**SEED, "elbow_flex": None, "something_else": 5})
-
-    assert "elbow_flex" not in found
-    assert "wrist_flex" not in found
 
 
 @pytest.mark.parametrize(
@@ -162,29 +153,6 @@ def test_registers_are_believed_when_they_make_sense(joint, held, believed, says
 
     assert (found.homing_offset, found.range_min, found.range_max) == believed
     assert odd is None if says is None else says in odd
-
-
-@given(
-    st.dictionaries(
-        st.sampled_from(JOINTS),
-        st.tuples(
-            st.integers(0, 1), st.integers(-2047, 2047), st.integers(0, 95), st.integers(200, 4000),
-            st.integers(1, 3),
-        ),
-        min_size=1,
-    )
-)  # fmt: skip
-def test_a_written_file_reads_back_the_same(entries):
-    calibration = {
-        joint: JointCalibration(
-            id=JOINTS.index(joint) + 1, drive_mode=mode, homing_offset=offset,
-            range_min=low, range_max=high, norm_mode=norm,
-        )
-        for joint, (mode, offset, low, high, norm) in entries.items()
-    }  # fmt: skip
-    content = {joint: entry.to_json() for joint, entry in calibration.items()}
-
-    assert record.parse(json.loads(json.dumps(content))) == calibration
 
 
 def test_a_servo_with_the_limits_it_came_with_looks_as_new():

@@ -33,17 +33,16 @@ def test_a_saved_file_reads_back_the_same(path):
     assert found.load == LOAD
 
 
-def test_an_arm_that_was_never_identified_has_none(path):
-    assert servo_file.read(path) is None
-
-
 def test_joints_that_were_not_looked_at_keep_their_figures(path):
+    assert servo_file.read(path) is None
     servo_file.save(path, record({"elbow_flex": ELBOW}))
     servo_file.save(path, record({"wrist_flex": WRIST}))
     assert set(servo_file.read(path).servos) == {"elbow_flex", "wrist_flex"}
 
 
 def test_restored_figures_follow_what_they_once_followed(path):
+    with pytest.raises(CalibrationError, match="identify the arm again"):
+        servo_file.restore(path)
     for torque in (0.8, 0.9, 1.0):
         servo_file.save(path, record({"elbow_flex": replace(ELBOW, torque=torque)}))
     servo_file.restore(path)
@@ -52,11 +51,6 @@ def test_restored_figures_follow_what_they_once_followed(path):
     servo_file.restore(path)
     assert servo_file.read(path).servos["elbow_flex"].torque == 1.0
     assert servo_file.before(path).servos["elbow_flex"].torque == 0.9
-
-
-def test_with_nothing_to_go_back_to_that_is_said(path):
-    with pytest.raises(CalibrationError, match="identify the arm again"):
-        servo_file.restore(path)
 
 
 @pytest.mark.parametrize(

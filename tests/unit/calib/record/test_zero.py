@@ -84,16 +84,14 @@ def test_a_pose_is_where_it_was(lower, upper, ticks, angle, drive_mode):
     assert mapped("wrist_roll", entry, known).to_rad(Ticks(ticks)) == pytest.approx(angle)
 
 
-def test_without_anything_known_zero_is_the_published_module_s():
-    entry = JointCalibration(id=3, range_min=800, range_max=3000)
+def test_the_configuration_outranks_the_file_and_both_the_published_module_s_zero():
+    known, entry = (
+        Zero(by="stops", angle=0.1),
+        JointCalibration(id=3, range_min=800, range_max=3000),
+    )
 
     assert zero.in_force(None, None, entry, None) is MIDDLE
     assert mapped("elbow_flex", entry, MIDDLE).to_rad(Ticks(1900)) == 0.0
-
-
-def test_the_configuration_outranks_the_file():
-    known, entry = Zero(by="stops", angle=0.1), JointCalibration(id=3)
-
     assert zero.in_force(known, None, entry, "homing") is known
     assert zero.in_force(known, 0.0, entry, "homing") == Zero(by="configured", angle=0.0)
 
@@ -209,18 +207,15 @@ def file(tmp_path):
     return tmp_path / "arm.zero.json"
 
 
-def test_a_written_file_reads_back_the_same(file):
+def test_a_written_file_reads_back_the_same_and_no_file_knows_no_zeros(file):
+    assert zero.read_zeros(file, BOTH) == ({}, ())
+    assert zero.zeros_text((BOTH, {})) == b""
     file.write_bytes(zero.zeros_text((BOTH, ZEROS)))
     zeros, notes = zero.read_zeros(file, BOTH)
 
     assert (zeros["elbow_flex"].by, zeros["shoulder_pan"].by) == ("stops", "pose")
     assert zeros["elbow_flex"].angle == pytest.approx(-0.1, abs=1e-6)
     assert notes == ()
-
-
-def test_no_file_knows_no_zeros_and_nothing_known_is_no_file(file):
-    assert zero.read_zeros(file, BOTH) == ({}, ())
-    assert zero.zeros_text((BOTH, {})) == b""
 
 
 @pytest.mark.parametrize(
@@ -242,12 +237,8 @@ def test_while_saving_the_old_record_and_the_new_each_have_their_own(file):
 
     assert zero.read_zeros(file, BOTH)[0]["elbow_flex"].by == "stops"
     assert zero.read_zeros(file, new)[0]["elbow_flex"].by == "pose"
-
-
-def test_a_new_zero_for_the_same_numbers_counts(file):
-    new_zeros = {"elbow_flex": Zero(by="pose", angle=0)}
+    # A new zero for the same numbers counts.
     file.write_bytes(zero.zeros_text((BOTH, ZEROS), (BOTH, new_zeros)))
-
     assert zero.read_zeros(file, BOTH)[0]["elbow_flex"].by == "pose"
 
 
