@@ -1,11 +1,11 @@
 """The pose of a base, computed from points that two tips have touched."""
 
 import threading
-from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack
 
 import numpy as np
 import pytest
+from harness.facing_arms import in_time
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import CalibrationError
@@ -56,14 +56,11 @@ def test_a_touch_that_does_not_fit_is_named():
         fit_base(p_first, p_second)
 
 
-def test_touches_along_a_line_are_refused():
+def test_touches_along_a_line_and_too_few_are_refused():
     p_first = np.array([0.17, 0.0, 0.05]) + np.outer(np.arange(6), [0.0, 0.0, 0.03])
     p_second = np.array([T_FIRST_SECOND.inverse @ p for p in p_first])
     with pytest.raises(CalibrationError, match="one line"):
         fit_base(p_first, p_second)
-
-
-def test_too_few_touches_are_refused():
     p_first, p_second = touches(FEWEST - 1, 0.0)
     with pytest.raises(CalibrationError, match="too few"):
         fit_base(p_first, p_second)
@@ -74,15 +71,9 @@ def test_too_few_touches_are_refused():
 T_LEFT_RIGHT = SE3.from_rpy((0.0, 0.0, 3.05), (0.36, 0.015, 0.0))
 """Where the right arm really stands."""
 
-PLACES = np.array(
-    [
-        [0.2, 0.05, 0.1],
-        [0.16, -0.06, 0.14],
-        [0.18, 0.0, 0.2],
-        [0.2, -0.05, 0.08],
-        [0.17, 0.07, 0.17],
-    ]
-)
+PLACES = np.array([
+    [0.2, 0.05, 0.1], [0.16, -0.06, 0.14], [0.18, 0.0, 0.2], [0.2, -0.05, 0.08], [0.17, 0.07, 0.17],
+])  # fmt: skip
 
 
 class Hands:
@@ -111,11 +102,9 @@ class Hands:
 
     def measure(self, touch):
         """What is measured while time passes."""
-        with ThreadPoolExecutor(1) as pool:
-            done = pool.submit(lambda: measure_bases(self.arms, len(PLACES), touch))
-            while not wait([done], timeout=0.0005).done:
-                self.clock.advance(0.01)
-        return done.result()
+        return in_time(
+            self.clock, lambda: measure_bases(self.arms, len(PLACES), touch), patience=0.0005
+        )
 
 
 @pytest.fixture

@@ -53,7 +53,7 @@ def arm():
     return LentArm()
 
 
-def test_a_sound_arm_has_nothing_but_good_checks(arm):
+def test_a_sound_arm_has_nothing_but_good_checks_and_an_unplugged_port_is_an_error(arm):
     checks = check_up(seen_on(arm, stored=stored_of(arm)))
     assert {check.verdict for check in checks} == {"ok"}
     names = [check.name for check in checks]
@@ -62,9 +62,6 @@ def test_a_sound_arm_has_nothing_but_good_checks(arm):
         "speed",
     ]  # fmt: skip
     assert is_healthy(checks)
-
-
-def test_an_unplugged_port_is_no_finding_but_an_error(arm):
     arm.wire.unplugged = True
     with pytest.raises(PortUnavailable):
         examine(arm)
@@ -207,11 +204,9 @@ def test_zeros_that_are_guesses_are_one_warning_and_known_ones_are_reported_one_
     )
     verdicts = {check.name: check.verdict for check in check_up(Findings(zero_reports=mixed))}
     assert verdicts == {
-        "zero of shoulder_pan": "ok",
-        "zero of elbow_flex": "warn",
-        "zero of wrist_roll": "ok",
+        "zero of shoulder_pan": "ok", "zero of elbow_flex": "warn", "zero of wrist_roll": "ok",
         "zeros": "ok",
-    }
+    }  # fmt: skip
 
 
 def test_what_is_wrong_with_the_computer_comes_first():
@@ -224,12 +219,9 @@ def test_what_is_wrong_with_the_computer_comes_first():
     )
     checks = check_up(seen)
     assert [(check.name, check.verdict) for check in checks] == [
-        ("software", "fail"),
-        ("planner", "fail"),
-        ("adapter", "fail"),
-        ("port", "ok"),
+        ("software", "fail"), ("planner", "fail"), ("adapter", "fail"), ("port", "ok"),
         ("ModemManager", "warn"),
-    ]
+    ]  # fmt: skip
     assert "toppra" in checks[0].sentence
     refused = check_up(Findings(port="/dev/x", port_trouble="in use by python3"))
     assert not is_healthy(refused)

@@ -61,14 +61,13 @@ def test_a_motor_that_is_found_alone_can_be_written_to():
     assert view.offers[0].title == "Write id 6 to this motor"
     assert view.offers[0].due_in is None, "a person says so"
     assert not can_write(operation().view)
-    assert not can_write(operation(gripper=TWO).view)
+    two = operation(gripper=TWO).view
+    assert not can_write(two)
+    assert (two.trouble, two.fix) == (TWO["sentence"], "connect only the servo of gripper")
     assert operation(writes=True, gripper=NEW).view.offers[0].due_in == 0.0
-
-
-def test_a_motor_on_the_wrong_supply_is_in_trouble_and_is_not_written_to():
-    view = operation(writes=True, gripper={**NEW, "fix": "switch the power off now"}).view
-    assert not can_write(view)
-    assert view.fix == "switch the power off now"
+    on_wrong_supply = {**NEW, "fix": "switch the power off now"}
+    view = operation(writes=True, gripper=on_wrong_supply).view
+    assert (can_write(view), view.fix) == (False, "switch the power off now")
 
 
 def test_the_motor_that_was_just_set_up_is_not_taken_for_the_next():
@@ -77,6 +76,9 @@ def test_the_motor_that_was_just_set_up_is_not_taken_for_the_next():
     assert asked.view.text.startswith(
         "unplug the motor of gripper and write 6 on it, then connect only the motor of wrist_roll"
     )
+    older = {"wrist_roll": {**DONE, "found_id": 5}, "wrist_flex": {**NEW, "found_id": 6}}
+    view = operation(gripper=DONE, **older).view
+    assert view.text.startswith("unplug the motor of gripper")
 
 
 def test_a_motor_that_got_another_ones_id_can_be_taken_for_what_it_is():
@@ -97,21 +99,6 @@ def test_a_motor_with_an_id_of_another_joint_is_written_to_when_a_person_says_so
     assert "set up before as the motor of wrist_roll" in view.note
     assert can_write(view)
     assert view.offers[0].due_in is None
-
-
-def test_an_older_motor_that_is_plugged_in_again_is_named():
-    done = {**DONE, "found_id": 5}
-    flex = {**NEW, "found_id": 6}
-    view = operation(gripper=DONE, wrist_roll=done, wrist_flex=flex).view
-    assert view.text.startswith("unplug the motor of gripper")
-
-
-def test_two_motors_at_once_are_a_trouble_with_what_to_do():
-    view = operation(gripper=TWO).view
-    assert (view.trouble, view.fix) == (
-        "several servos answer",
-        "connect only the servo of gripper",
-    )
 
 
 def test_nobody_on_the_cable_is_no_trouble_until_it_has_been_so_for_a_while():

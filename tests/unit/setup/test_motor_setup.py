@@ -84,10 +84,12 @@ def test_a_port_with_a_rate_of_its_own_gets_servos_of_that_rate():
     assert bus.wire.baud == 500_000
 
 
-def test_the_search_begins_at_the_rate_the_user_gives():
+def test_the_search_begins_at_the_rate_the_user_gives_and_what_was_done_is_logged(caplog):
     bus, setup = loose(1, 57_600)
-    setup.assign("gripper", current_id=1, target_id=6, current_baudrate=57_600)
+    with caplog.at_level(logging.INFO, "so101_motion"):
+        setup.assign("gripper", current_id=1, target_id=6, current_baudrate=57_600)
     assert bus.rates[0] == 57_600
+    assert "servo 1 at 57600 baud is now servo 6 at 1000000 baud" in caplog.text
     bus, setup = loose(1, 1_000_000)
     done = setup.assign("gripper", current_id=1, target_id=6, current_baudrate=57_600)
     assert done["old_baudrate"] == 1_000_000
@@ -118,16 +120,12 @@ def test_a_fresh_servo_gets_what_an_arm_needs_and_is_limp():
     assert bus.holds(6, reg.TORQUE_ENABLE) == 0
 
 
-def test_gains_that_somebody_chose_are_left_alone():
-    bus, setup = loose()
-    bus.set(6, p_gain=16, d_gain=40, i_gain=2)
-    setup.assign("gripper")
-    assert [bus.holds(6, row) for row in (reg.P_GAIN, reg.D_GAIN, reg.I_GAIN)] == [16, 40, 2]
-
-
 def test_a_servo_that_is_right_already_keeps_its_calibration_and_is_not_written():
     bus, setup = loose(6)
+    bus.set(6, p_gain=16, d_gain=40, i_gain=2)
     setup.assign("gripper")
+    chosen = [bus.holds(6, row) for row in (reg.P_GAIN, reg.D_GAIN, reg.I_GAIN)]
+    assert chosen == [16, 40, 2], "gains that somebody chose are left alone"
     bus.set(6, homing_offset=321, min_position=1000, max_position=2400)
     bus.wire.sent.clear()
     done = setup.assign("gripper")
@@ -283,16 +281,13 @@ def test_the_servo_of_a_motor_that_is_done_is_not_taken_for_the_next():
     assert setup.state.next_joint == "gripper"
 
 
-def test_starting_with_the_shoulder_does_not_bar_the_others():
+def test_any_joint_may_be_skipped_or_be_the_first():
     bus = LentBus(KIT, calibrated=False)
     setup = MotorOperation(bus.lent)
     bus.plug(1)
     setup.assign("shoulder_pan")
     bus.plug(6)
     assert setup.assign("gripper")["old_id"] == 1
-
-
-def test_any_joint_may_be_skipped_and_then_nothing_more_is_asked():
     _, setup = loose()
     for count, joint in enumerate(SETUP_ORDER, start=1):
         assert setup.state.next_joint == joint
@@ -312,13 +307,6 @@ def test_the_view_says_what_is_going_on_and_does_not_wait():
     setup.discover("gripper")
     assert ("listening at 115200 baud", True) in seen
     assert setup.state.doing == ""
-
-
-def test_what_was_done_is_logged(caplog):
-    _, setup = loose(17, 57_600)
-    with caplog.at_level(logging.INFO, "so101_motion"):
-        setup.assign("gripper")
-    assert "servo 17 at 57600 baud is now servo 6 at 1000000 baud" in caplog.text
 
 
 def test_a_servo_that_falls_silent_is_reported_as_such():
@@ -430,10 +418,7 @@ requests = st.lists(
 
 def state(bus):
     """Id and rate of every servo, by place."""
-    return {
-        place: (servo.servo_id, servo.baud)
-        for place, servo in enumerate(bus.world.servos, start=1)
-    }  # fmt: skip
+    return {i: (servo.servo_id, servo.baud) for i, servo in enumerate(bus.world.servos, start=1)}
 
 
 def carry_out(setup, name, argument):

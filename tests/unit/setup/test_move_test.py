@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from harness.facing_arms import in_time
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -41,18 +42,6 @@ def make(rig):
     return MoveTest(rig, name="simulated arm")
 
 
-def carried_out(clock, call, meanwhile=lambda: None):
-    """What ``call`` returns, time passing as it needs it."""
-    found = []
-    thread = threading.Thread(target=lambda: found.append(call()))
-    thread.start()
-    while thread.is_alive():
-        clock.advance(0.05)
-        meanwhile()
-    thread.join()
-    return found[0]
-
-
 def test_an_outline_moves_nothing_and_says_what_will(rig, clock):
     before = rig.arm.state.q
     outline = make(rig).outline()
@@ -68,7 +57,7 @@ def test_every_joint_moves_alone_within_what_was_said_and_comes_back(rig, clock)
     test = make(rig)
     outline, start = test.outline(), rig.arm.state
     seen, joints = [], []
-    report = carried_out(
+    report = in_time(
         clock,
         lambda: test.move_and_measure(outline, lambda joint, _share: joints.append(joint)),
         lambda: seen.append(rig.arm.state),
@@ -101,7 +90,7 @@ def test_a_stop_ends_the_test(rig, clock, moving):
             stops.append(threading.Thread(target=rig.arm.stop))
             stops[0].start()
 
-    report = carried_out(clock, lambda: test.move_and_measure(outline), stop_once)
+    report = in_time(clock, lambda: test.move_and_measure(outline), stop_once)
     stops[0].join()
     assert not report.passed
     assert "the arm holds" in report.ended_by
@@ -115,7 +104,7 @@ def test_a_test_that_was_cancelled_before_it_began_does_not_move(rig, clock):
     test, start = make(rig), rig.arm.state.q
     outline = test.outline()
     test.cancel()
-    report = carried_out(clock, lambda: test.move_and_measure(outline))
+    report = in_time(clock, lambda: test.move_and_measure(outline))
     assert not report.passed
     np.testing.assert_allclose(rig.arm.state.q, start, atol=np.radians(0.5))
 
@@ -259,9 +248,7 @@ def state(t, *, q, q_ref, qd_ref, moving=True):
 def ramp(lag, *, speed=0.2, duration=1.0, settles=0.0):
     """A joint that runs at ``speed`` and is late by ``lag``, then takes a while to settle."""
     times = np.arange(0.0, duration, 0.01)
-    states = [
-        state(t, q=speed * (t - lag), q_ref=speed * t, qd_ref=speed) for t in times
-    ]  # fmt: skip
+    states = [state(t, q=speed * (t - lag), q_ref=speed * t, qd_ref=speed) for t in times]
     end = speed * duration
     rest = np.arange(duration, duration + settles, 0.01)
     return states + [state(t, q=end, q_ref=end, qd_ref=0.0) for t in rest]
@@ -283,19 +270,15 @@ def test_an_arm_that_does_not_tell_setpoints_apart_has_no_lag_and_no_settling():
     assert (found.lag, found.settle, found.error) == (None, None, 0.0)
 
 
-def test_settling_is_counted_from_the_end_of_the_reference():
+def test_stops_are_compared_by_the_side_and_settling_counted_from_the_end_of_the_reference():
     measured = Measurements("shoulder_pan")
     measured.note_motion(0, ramp(0.05, settles=0.3))
-    assert measured.accuracy().settle == pytest.approx(0.3, abs=0.011)
-
-
-def test_stops_in_one_place_are_compared_by_the_side_they_were_reached_from():
-    measured = Measurements("shoulder_pan")
     for wanted, here, is_from_below in (
         (0.1, 0.103, True), (0.0, 0.002, False), (-0.1, -0.1, False), (0.0, -0.003, True),
     ):  # fmt: skip
         measured.note_stop(wanted, here, is_from_below=is_from_below)
     found = measured.accuracy()
+    assert found.settle == pytest.approx(0.3, abs=0.011)
     assert found.hysteresis == pytest.approx(0.005)
     assert found.error == pytest.approx(0.003)
 
@@ -346,9 +329,7 @@ def test_a_report_is_the_same_as_text_and_as_json():
     text = WELL.text()
     assert text.startswith("Passed: all joints move as commanded.\n")
     assert all(joint in text for joint in ARM_JOINTS)
-
-
-def test_what_is_wrong_with_several_joints_is_said_once_under_the_table():
+    # What is wrong with several joints is named once, under the table.
     first, second, *others = WELL.joints
     stuck = [replace(joint, error=to_rad(3.0)) for joint in (first, second)]
     text = replace(WELL, joints=(*stuck, *others)).text()

@@ -46,10 +46,8 @@ def test_without_a_file_the_arm_asks_its_servos_and_the_sensor_gets_a_file_of_it
     found = by_model(report())
     assert found["arm"].attributes == {"port": PORT.name}
     assert found["gripper"].attributes == {"port": PORT.name}
-    assert found["calibration"].attributes == {
-        "port": PORT.name,
-        "calibration_file": "58CD_calibration.json",
-    }
+    own = {"port": PORT.name, "calibration_file": "58CD_calibration.json"}
+    assert found["calibration"].attributes == own
 
 
 def test_all_three_name_the_same_file_as_it_is_called_in_the_data_directory(data):
@@ -66,11 +64,6 @@ def test_what_is_configured_already_is_not_suggested_again():
     assert found["gripper"].frame == {"parent": "blue"}
 
 
-def test_a_leaders_gripper_is_said_to_be_one():
-    assert by_model(report(role="leader"))["gripper"].attributes["gripper_type"] == "leader"
-    assert "gripper_type" not in by_model(report(role="follower"))["gripper"].attributes
-
-
 def test_no_gripper_without_its_servo_and_no_arm_without_all_of_its():
     assert set(by_model(report(ARM_JOINTS))) == {"arm", "calibration"}
     assert set(by_model(report((*ARM_JOINTS[:4], GRIPPER_JOINT)))) == {"calibration"}
@@ -82,3 +75,5 @@ def test_what_is_suggested_of_a_leader_at_another_rate_is_accepted(data):
     found = by_model(report(role="leader", baudrate=500_000, calibration=data / "a.json"))
     HardwareArmConfig.from_attributes(found["arm"].attributes)
     HardwareGripperConfig.from_attributes(found["gripper"].attributes)
+    assert found["gripper"].attributes["gripper_type"] == "leader"
+    assert "gripper_type" not in by_model(report(role="follower"))["gripper"].attributes

@@ -12,14 +12,7 @@ from so101_motion.calib.record.store import Stored
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.setup import setup_steps
 from so101_motion.setup.checkup import Check, Findings, check_up
-from so101_motion.setup.setup_steps import (
-    CHAIN,
-    CONNECT,
-    FULL,
-    MOTORS,
-    MOTORS_ONLY,
-    SetupState,
-)
+from so101_motion.setup.setup_steps import CHAIN, CONNECT, FULL, MOTORS, MOTORS_ONLY, SetupState
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 PORT = Findings(port="/dev/ttyACM0", adapter="CH343")
@@ -97,16 +90,13 @@ def test_the_connection_is_judged_as_the_doctor_does():
         assert CONNECT.check(SetupState(seen=seen)).verdict == "ok"
 
 
-def test_motors_that_are_left_are_counted_and_the_next_is_named():
+def test_motors_that_are_left_are_counted_and_skipped_ones_are_a_warning():
     check = MOTORS.check(SetupState(setup=motors(gripper="configured", wrist_roll="verified")))
     assert check.verdict == "fail"
     assert check.sentence == "4 of 6 motors are still to be set up, next wrist_flex"
     failed = MOTORS.check(SetupState(setup=motors(gripper="failed")))
     assert failed.sentence == "gripper: about gripper"
     assert failed.fix == "mend"
-
-
-def test_skipped_motors_are_a_warning_and_do_not_stop_anybody():
     setup = motors(**{**dict.fromkeys(JOINTS, "configured"), "elbow_flex": "skipped"})
     check = MOTORS.check(SetupState(setup=setup))
     assert check.verdict == "warn"
@@ -128,16 +118,13 @@ def test_the_chain_is_judged_as_the_doctor_does():
     assert CHAIN.check(SetupState(seen=replace(PORT, servos=chain()))).verdict == "ok"
 
 
-def test_the_steps_of_a_calibration_follow_its_states():
+def test_the_steps_of_a_calibration_follow_its_states_and_errors():
     pose, record, save = setup_steps.POSE, setup_steps.RECORD, setup_steps.SAVE
     done = {State.HOMED: [pose], State.RECORDING: [pose], State.COMPLETED: [pose, record]}
     for state in State:
         known = SetupState(view=calibration(state))
         found = [step for step in (pose, record, save) if step.check(known).verdict == "ok"]
         assert found == done.get(state, []), state
-
-
-def test_an_error_of_the_calibration_is_what_its_step_says():
     known = SetupState(view=calibration(State.HOMED, error="servo 3 does not answer"))
     check = setup_steps.POSE.check(known)
     assert (check.verdict, check.sentence) == ("fail", "servo 3 does not answer")

@@ -78,7 +78,8 @@ def test_a_few_of_the_campaigns_arms_are_told_truly(request):
     assert spoilt_arms.run(seed, 60.0, 8)["failures"] == []
 
 
-def test_an_arm_whose_ids_run_the_other_way_is_refused():
+def test_an_arm_whose_ids_run_the_other_way_is_refused_and_one_reversed_as_calibrated_is_not():
+    assert ServoFacts(servo_id=3, held={"phase": 141}, counts_down=True).odd_settings == ()
     bus = spoilt(ids={place: 7 - place for place in range(1, 7)})
     assert not doctor_lets_it_move(bus)
     assert "6 to 1" in trouble_with_moving(bus)
@@ -133,11 +134,6 @@ def test_a_servo_that_must_not_be_moved_is_refused_before_torque(one):
     assert "so101 setup --repair" in trouble_with_moving(bus)
     assert not any(servo.drive.torque for servo in bus.world.servos)
     assert bus.holds(3, reg.PHASE, after_power_off=True) == dict([one]).get("PHASE", 12)
-
-
-def test_a_servo_that_is_reversed_as_its_calibration_says_is_no_trouble():
-    facts = ServoFacts(servo_id=3, held={"phase": 141}, counts_down=True)
-    assert facts.odd_settings == ()
 
 
 @pytest.mark.parametrize(("name", "value"), [("PHASE", 0), ("PHASE", 4), ("MIN_SPEED", 254)])
