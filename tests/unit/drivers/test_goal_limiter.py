@@ -145,11 +145,9 @@ def test_what_is_added_for_the_weight_keeps_its_bound_and_comes_no_faster_than_i
     steps = [b - a for a, b in zip([0.0, *goals], goals, strict=False)]
     assert max(steps) <= OFFSET_SPEED * (DT + SLACK) + 1e-12
     assert goals[-1] == 0.05
-
-
-def test_what_is_added_begins_at_once_with_a_new_command(limiter):
-    limiter.begin(NONE, NONE, DT)
-    assert limiter.goals(six(0.5), six(0.05), NONE, DT)[0] == 0.05
+    limiter.begin(NONE, NONE, 20 * DT)
+    begun = limiter.goals(six(-0.5), six(0.05), NONE, 20 * DT)[0]
+    assert begun == -0.05, "with a new command it begins at once"
 
 
 def test_goals_follow_a_hand_no_faster_than_the_hard_cap(limiter):

@@ -99,12 +99,9 @@ def test_limp_joints_stay_where_they_are_pushed(clock):
     assert not arm.torque
 
 
-def test_driven_joints_cannot_be_pushed(arm):
+def test_switching_on_drives_to_the_goal_that_was_written_last(clock, arm):
     with pytest.raises(RuntimeError, match="driven"):
         arm.push(np.zeros(5))
-
-
-def test_switching_on_drives_to_the_goal_that_was_written_last(clock, arm):
     set_off(arm, Q)
     clock.advance(1.0)
     arm.set_torque(False)

@@ -68,12 +68,10 @@ def test_a_silent_servo_is_an_error_that_names_servo_joint_register_and_tries(po
     assert (info.value.servo_id, info.value.register) == (3, "present_position")
     assert isinstance(info.value, TimeoutError)
     assert len(port.sent) == 1 + RETRIES
-
-
-def test_a_silent_servo_is_given_more_time_in_the_end(port):
-    port.world.disconnect(3)
+    bus = Bus(port, reply_timeout=0.001)  # it is given more time in the end
+    port.limits.clear()
     with pytest.raises(NoReply):
-        Bus(port, reply_timeout=0.001).read(3, POSITION)
+        bus.read(3, POSITION)
     waited_until = [limit for limit in port.limits if limit]
     assert len(waited_until) == 1 + RETRIES
     assert waited_until[-1] - waited_until[-2] > 0.02
@@ -129,29 +127,23 @@ def test_eeprom_is_written_only_where_it_differs_and_locked_again(port, bus):
     assert port.memory(4, reg.LOCK) == 1
 
 
-def test_eeprom_that_is_right_already_is_not_even_unlocked(port, bus):
+def test_eeprom_that_is_right_is_not_even_unlocked_and_is_locked_after_a_failed_write(port, bus):
     assert bus.store(4, {reg.P_GAIN: 32, reg.MAX_TEMPERATURE: 70}) == ()
     assert all(packet[INSTRUCTION] != WRITE for packet in port.sent)
-
-
-def test_a_servo_is_locked_again_after_a_write_that_failed(port, bus):
     with pytest.raises(ValueError, match="p_gain"):
         bus.store(4, {reg.P_GAIN: 255})
     assert port.memory(4, reg.LOCK) == 1
 
 
-def test_a_new_id_is_kept_and_locked_at_the_new_id(port, bus):
+def test_a_new_id_is_kept_and_locked_at_the_new_id_unless_it_is_taken(port, bus):
+    with pytest.raises(ServoFault, match="servo 5 already"):
+        bus.change_id(6, 5)
+    assert bus.scan() == list(IDS)
     bus.change_id(6, 9)
     assert bus.scan() == [1, 2, 3, 4, 5, 9]
     port.world.servo("gripper").boot()
     assert bus.ping(9) == Fault.NONE
     assert port.memory("gripper", reg.LOCK) == 1
-
-
-def test_an_id_that_is_taken_is_refused(bus):
-    with pytest.raises(ServoFault, match="servo 5 already"):
-        bus.change_id(6, 5)
-    assert bus.scan() == list(IDS)
 
 
 def test_every_kind_of_question_reports_that_the_port_is_gone_and_works_after(port, bus):

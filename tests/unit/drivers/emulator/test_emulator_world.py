@@ -51,13 +51,10 @@ def test_held_load_warms_the_servo_while_nobody_looks(make_bench, raised_arm):
     assert bench.read(1, reg.PRESENT_TEMPERATURE) == 25
 
 
-def test_clock_that_goes_back_changes_nothing(bench):
+def test_servos_are_found_by_joint_or_place_and_a_clock_that_goes_back_changes_nothing(bench):
     bench.advance(1.0)
     bench.world.advance(0.5)
     assert bench.world.t == pytest.approx(1.0)
-
-
-def test_servos_are_found_by_joint_or_place(bench):
     assert bench.world.servo("elbow_flex") is bench.world.servo(3) is bench.world.servo("3")
     with pytest.raises(ConfigError, match="elbow_flex"):
         bench.world.servo("knee")

@@ -31,7 +31,9 @@ def test_connecting_caps_speed_and_acceleration_in_every_servo(make_stand):
         assert stand.memory(servo_id, reg.ACCELERATION) == 28
 
 
-def test_a_goal_is_only_remembered_while_the_joints_are_limp(stand):
+def test_a_goal_is_only_remembered_while_the_joints_are_limp_and_torque_needs_one(stand):
+    with pytest.raises(RuntimeError, match="goal"):
+        stand.arm.set_torque(True)
     before = len(stand.port.sent)
     stand.arm.write(np.full(5, 0.02), 0.02)
     assert len(stand.port.sent) == before
@@ -50,11 +52,6 @@ def test_torque_comes_on_where_the_joints_are(stand):
     assert stand.q[1] == pytest.approx(300 * RAD_PER_TICK, abs=0.01)  # the gears' play
 
 
-def test_torque_without_a_goal_is_a_mistake(stand):
-    with pytest.raises(RuntimeError, match="goal"):
-        stand.arm.set_torque(True)
-
-
 def test_a_servo_in_the_wrong_mode_or_counting_turns_is_put_right_until_power_off(make_stand):
     stand = make_stand()
     servo = stand.port.world.servo(ELBOW)
@@ -69,11 +66,13 @@ def test_a_servo_in_the_wrong_mode_or_counting_turns_is_put_right_until_power_of
     assert stand.memory(ELBOW, reg.PHASE) == 28
 
 
-def test_a_servo_that_does_not_acknowledge_is_taught_to(make_stand):
+def test_without_a_calibration_the_servos_own_is_left_alone_and_each_must_acknowledge(make_stand):
     stand = make_stand()
+    before = [stand.memory(i, reg.MAX_POSITION) for i in range(1, 7)]
     stand.port.world.servo(2).write(bytes((reg.STATUS_LEVEL.address, 0)))
     stand.connect()
     assert stand.memory(2, reg.STATUS_LEVEL) == 1
+    assert [stand.memory(i, reg.MAX_POSITION) for i in range(1, 7)] == before
 
 
 def test_the_calibration_is_the_truth_and_is_not_stored_in_the_servo(make_stand):
@@ -94,13 +93,6 @@ def test_the_calibration_is_the_truth_and_is_not_stored_in_the_servo(make_stand)
     assert stand.memory(ELBOW, reg.MIN_POSITION) == 1000
     assert stand.memory(ELBOW, reg.MAX_POSITION) == 3300
     assert arm.read().q[2] == pytest.approx((2148 - 2150) * RAD_PER_TICK)
-
-
-def test_without_a_calibration_the_servos_own_is_left_alone(make_stand):
-    stand = make_stand()
-    before = [stand.memory(i, reg.MAX_POSITION) for i in range(1, 7)]
-    stand.connect()
-    assert [stand.memory(i, reg.MAX_POSITION) for i in range(1, 7)] == before
 
 
 def test_a_missing_servo_is_an_error_that_says_where_to_look(make_stand):

@@ -112,10 +112,8 @@ def test_what_the_firmware_drops_of_its_set_point_is_added_towards_higher_ticks(
     for direction in (1, -1):
         beyond = 0.0
         for way in (1.0, -1.0):
-            arm, qd = (
-                Driven(servos={n: replace(m, direction=direction) for n, m in MAPS.items()}),
-                0.0,
-            )
+            servos = {name: replace(map_, direction=direction) for name, map_ in MAPS.items()}
+            arm, qd = Driven(servos=servos), 0.0
             for k in range(1, 101):
                 qdd = way * (5.0 if k <= 20 else 0.0)
                 qd += 0.01 * qdd
@@ -231,10 +229,6 @@ def test_a_second_command_at_the_same_time_drives_no_motor_through_its_play():
 # Braking, and what the firmware drops
 
 
-def test_a_joint_at_rest_is_sent_where_it_is():
-    assert stopping_distance(0.0, BRAKING[0]) == 0.0
-
-
 @given(qd=st.floats(-4.0, 4.0), acceleration=st.floats(1.0, 20.0))
 def test_braking_over_the_stopping_distance_ends_at_rest(qd, acceleration):
     end = stopping_distance(qd, acceleration)
@@ -248,12 +242,8 @@ def test_a_motion_that_brakes_more_gently_is_never_sent_beyond_its_end(time, pla
     assert q + stopping_distance(qd, min(BRAKING)) <= 1e-12
 
 
-@pytest.mark.parametrize("units", [0, 50, 100])
-def test_register_85_as_new_or_below_leaves_the_measured_figure(units):
-    assert braking(2, units) == BRAKING[2]
-
-
 def test_a_raised_register_85_lets_servos_brake_harder_but_no_harder_than_the_cap():
+    assert [braking(2, units) for units in (0, 50, 100)] == [BRAKING[2]] * 3, "as new or below"
     assert BRAKING[1] < braking(1, 120) < braking(1, 254) == math.radians(980.0)
 
 
@@ -269,5 +259,5 @@ def test_what_the_firmware_drops_of_a_set_point_on_its_way_is_known(speed):
     assert cut_off(speed) == pytest.approx(RAD_PER_TICK * sum(dropped) / 300.0, rel=0.05)
 
 
-def test_nothing_is_dropped_of_a_set_point_at_rest():
-    assert cut_off(0.0) == 0.0
+def test_nothing_is_dropped_of_a_set_point_at_rest_and_it_is_sent_where_the_joint_is():
+    assert cut_off(0.0) == stopping_distance(0.0, BRAKING[0]) == 0.0

@@ -44,13 +44,10 @@ def test_a_joint_that_is_not_seen_is_taken_to_follow_its_goals(at):
     assert at.q[LIFT] == pytest.approx(0.48, abs=RAD_PER_TICK)
 
 
-def test_a_joint_that_is_sent_nowhere_is_where_it_was_seen(at):
+def test_a_joint_sent_nowhere_or_told_to_stay_where_it_was_pushed_is_where_it_was_seen(at):
     seen(at, 0.3, sent(None, 0.9))
     at.look({}, sent(0.9, None), 0.01)
     assert at.q[:2] == pytest.approx([0.3, 0.3], abs=RAD_PER_TICK)
-
-
-def test_a_joint_that_is_told_to_stay_where_it_was_pushed_is_there(at):
     seen(at, 0.3, sent(0.0, 0.0))
     for wanted in (0.3, 0.2):
         at.look({}, sent(wanted, wanted), 0.01)
@@ -82,10 +79,7 @@ def test_nothing_known_is_no_movement():
     slope.add(0.0, np.ones(3))
     slope.add(0.0, np.ones(3))
     assert slope.value() == [0.0] * 3
-
-
-def test_a_stop_is_seen_within_the_window():
-    slope = VelocityEstimate(1)
+    slope = VelocityEstimate(1)  # a stop is seen within the window
     for k in range(100):
         slope.add(0.01 * k, np.array([min(k, 50) * 0.01]))
     assert slope.value() == pytest.approx([0.0])

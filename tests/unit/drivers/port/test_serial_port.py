@@ -98,33 +98,26 @@ def test_a_closed_port_can_be_opened_again(terminal, port):
     SerialPort(terminal.name).close()
 
 
-def test_a_missing_port_is_reported_with_what_to_check(tmp_path):
-    with pytest.raises(PortUnavailable, match=r"no such port; check the USB cable"):
-        SerialPort(str(tmp_path / "ttyACM0"))
-
-
-@pytest.mark.parametrize("name", ["socket://pi:5760", "rfc2217://pi:5760?logging=debug"])
-def test_an_address_names_the_bridge(name):
-    with pytest.raises(PortUnavailable, match="socat pty,link=/tmp/so101,rawer tcp:pi:5760,"):
-        SerialPort(name)
-
-
-def test_something_that_is_no_port_is_reported(tmp_path):
-    file = tmp_path / "file"
-    file.write_text("")
-    with pytest.raises(PortUnavailable, match="is not a serial port; list the ports with"):
-        SerialPort(str(file))
+BRIDGE = "socat pty,link=/tmp/so101,rawer tcp:pi:5760,"
 
 
 @pytest.mark.parametrize(
-    "use",
+    ("name", "says"),
     [
-        lambda port: port.read(soon()),
-        lambda port: port.write(b"\x01"),
-        lambda port: port.discard(),
+        ("/dev/no-such-ttyACM0", "no such port; check the USB cable"),
+        ("socket://pi:5760", BRIDGE),
+        ("rfc2217://pi:5760?logging=debug", BRIDGE),
+        (__file__, "is not a serial port; list the ports with"),
     ],
-    ids=["read", "write", "discard"],
 )
+def test_what_is_no_port_of_this_computer_is_reported_with_what_to_do(name, says):
+    with pytest.raises(PortUnavailable, match=says):
+        SerialPort(name)
+
+
+@pytest.mark.parametrize("use", [
+    lambda port: port.read(soon()), lambda port: port.write(b"\x01"), lambda port: port.discard(),
+], ids=["read", "write", "discard"])  # fmt: skip
 def test_a_port_that_goes_away_is_noticed(terminal, port, use):
     terminal.unplug()
     with pytest.raises(PortUnavailable, match="went away"):
