@@ -254,9 +254,10 @@ def test_a_save_whose_file_could_not_be_written_is_tried_again_or_taken_back(arm
         session.save()
     assert session.view.state is State.COMPLETED
     assert all_held(arm) != AS_NEW
-    file.rmdir()
+    if then == "save":
+        file.rmdir()
     getattr(session, then)()
-    assert file.exists() is (then == "save")
+    assert file.is_file() is (then == "save")
     assert (all_held(arm) == AS_NEW) is (then == "abort")
     assert then == "abort" or set(json.loads(file.read_text())) == set(JOINTS)
 

@@ -57,11 +57,9 @@ def test_a_horn_that_was_mounted_anew_is_told_in_degrees(arm, calibration, drive
 def test_servos_that_hold_another_offset_are_compared_by_their_encoders(arm, calibration):
     pan = calibration["shoulder_pan"]
     same = replace(
-        pan,
-        homing_offset=pan.homing_offset + 300,
-        range_min=pan.range_min - 300,
-        range_max=pan.range_max - 300,
-    )
+        pan, homing_offset=pan.homing_offset + 300,
+        range_min=pan.range_min - 300, range_max=pan.range_max - 300,
+    )  # fmt: skip
     assert verified({"shoulder_pan": same}, arm)["shoulder_pan"].agrees
 
 

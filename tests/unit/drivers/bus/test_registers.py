@@ -65,15 +65,12 @@ def test_zero_speed_and_zero_acceleration_cannot_be_written():
             row.encode(0)
 
 
-def test_a_register_is_cut_out_of_a_block():
+def test_a_register_is_cut_out_of_a_block_and_decodes_exactly_its_bytes():
+    with pytest.raises(ValueError, match="2 bytes"):
+        reg.PRESENT_POSITION.decode(b"\x01")
     block = bytes(range(56, 71))
     assert reg.PRESENT_TEMPERATURE.cut(block, 56) == 63
     assert reg.PRESENT_CURRENT.cut(block, 56) == 69 + 256 * 70
-
-
-def test_decoding_takes_exactly_the_registers_bytes():
-    with pytest.raises(ValueError, match="2 bytes"):
-        reg.PRESENT_POSITION.decode(b"\x01")
 
 
 def test_faults_have_names_and_unknown_bits_do_no_harm():

@@ -13,7 +13,8 @@ def joint(name="elbow_flex", **changes):
     return JointHealth(**{**figures, **changes})
 
 
-def test_a_healthy_servo_alarms_nobody():
+def test_a_healthy_servo_alarms_nobody_and_a_silent_one_is_the_driver_s_to_report():
+    assert alarms((joint(is_silent=True, temperature_c=80),)) == {}
     assert alarms((joint(), joint("gripper", temperature_c=64, latched=("overload",)))) == {}
 
 
@@ -41,10 +42,6 @@ def test_trouble_is_named_by_joint_with_its_figure(changes, says):
 )
 def test_the_hottest_servo_says_how_fast_the_arm_may_be(celsius, share):
     assert share_of_speed([joint(temperature_c=each) for each in celsius]) == share
-
-
-def test_a_silent_servo_is_the_driver_s_to_report():
-    assert alarms((joint(is_silent=True, temperature_c=80),)) == {}
 
 
 @pytest.mark.parametrize(
