@@ -15,13 +15,10 @@ def positions(bus, ids=IDS, **how):
     return {servo_id: POSITION.decode(answer.data) for servo_id, answer in found.items()}
 
 
-def test_a_register_reads_as_the_servo_holds_it(bus):
+def test_a_register_reads_as_the_servo_holds_it_though_answers_arrive_byte_by_byte(port, bus):
     assert bus.read(1, POSITION) == 2048
     assert bus.read(6, reg.MODEL_NUMBER) == reg.STS3215_MODEL
     assert bus.read(2, reg.MAX_ACCELERATION) == 100
-
-
-def test_answers_may_arrive_byte_by_byte(port, bus):
     port.chunk = 1
     assert positions(bus) == dict.fromkeys(IDS, 2048)
     assert bus.read(3, POSITION) == 2048

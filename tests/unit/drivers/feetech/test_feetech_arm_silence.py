@@ -234,12 +234,14 @@ def test_servos_without_power_after_a_replug_are_looked_for_until_they_are_there
     assert stand.arm.is_connected
 
 
-def test_an_arm_that_was_left_holding_is_taken_over_without_a_jump(make_stand):
+def test_closing_leaves_the_servos_holding_and_they_are_taken_over_without_a_jump(make_stand):
     stand = make_stand(gravity=heavy)
     stand.connect()
     stand.hold()
     stand.follow(2.0, np.full(5, 0.2))
     stand.arm.close()
+    assert stand.port.closed
+    assert stand.torque() == [1] * 6
     before = stand.q
     stand.connect()
     stand.hold()
@@ -248,10 +250,3 @@ def test_an_arm_that_was_left_holding_is_taken_over_without_a_jump(make_stand):
         stand.follow(0.01)
         moved.append(np.abs(stand.q - before))
     assert np.max(moved) < math.radians(0.3)
-
-
-def test_closing_leaves_the_servos_holding(stand):
-    stand.hold()
-    stand.arm.close()
-    assert stand.port.closed
-    assert stand.torque() == [1] * 6

@@ -190,13 +190,15 @@ def test_a_jaw_that_is_not_heard_while_it_moves_is_taken_to_follow(make):
     assert reading.q_jaw == pytest.approx(before + 0.1, abs=0.02)
 
 
-def test_letting_go_and_holding_again_end_it_too(make):
+def test_letting_go_and_holding_again_end_it_too_and_only_a_held_arm_is_guided(make):
     arm = make()
     for on in (True, False):
         arm.arm.guide(Compliance())
         arm.look(0.3)
         arm.arm.set_torque(on)
         assert arm.limits() == [1000] * 6
+    with pytest.raises(RuntimeError, match="hold the joints"):
+        arm.arm.guide(Compliance())
 
 
 @pytest.mark.parametrize("pushing", [False, True])
@@ -215,13 +217,6 @@ def test_a_program_that_died_meanwhile_leaves_no_trace_and_the_next_moves_nothin
 
     assert arm.limits() == [1000] * 6
     assert arm.q_deg == pytest.approx(before, abs=0.5)
-
-
-def test_an_arm_that_is_not_held_is_not_guided(make):
-    arm = make()
-    arm.arm.set_torque(False)
-    with pytest.raises(RuntimeError, match="hold the joints"):
-        arm.arm.guide(Compliance())
 
 
 def test_a_port_that_goes_away_ends_it(make):

@@ -65,13 +65,12 @@ def test_reading_wakes_as_soon_as_a_byte_comes(terminal, port):
     timer.join()
 
 
-def test_a_moment_that_has_passed_still_brings_what_is_there(terminal, port):
+def test_a_moment_that_has_passed_still_brings_what_is_there_and_discarded_input_is_gone(
+    terminal, port
+):
     os.write(terminal.far, b"\x07")
     assert port.read(0.0) == b"\x07"
     assert port.read(0.0) == b""
-
-
-def test_discarded_input_is_gone(terminal, port):
     os.write(terminal.far, b"stale")
     port.discard()
     os.write(terminal.far, b"new")
