@@ -1,6 +1,9 @@
-"""A machine's configuration of the published module, taken over."""
+"""A machine's configuration of the published module, taken over; meta.json; tables in docs."""
 
 import json
+import logging
+import os
+import re
 from pathlib import Path
 
 import pytest
@@ -8,6 +11,9 @@ import pytest
 from so101_motion.common.errors import ConfigError
 from so101_motion.viam import migration
 from so101_motion.viam.migration import PUBLISHED, migrate
+from so101_motion.viam.models import module
+from so101_motion.viam.models.registered import MODELS as REGISTERED
+from so101_motion.viam.published_models import MODELS
 
 ROOT = Path(__file__).parents[3]
 
@@ -153,3 +159,77 @@ def test_the_sample_configuration_goes_through_unchanged():
         for entry, before in zip(again[kind], sample[kind], strict=True):
             assert entry == {"attributes": {}, **before}
     assert migration.FAMILY == "devrel:so101:"
+
+
+META = json.loads((ROOT / "meta.json").read_text())
+
+
+def test_the_published_models_are_the_registered_ones():
+    listed = {(model["api"], model["model"]) for model in META["models"]}
+    registered = {(str(model.api), str(model.model)) for model in REGISTERED}
+
+    assert listed == registered
+    assert len(META["models"]) == len(REGISTERED)
+
+
+def test_our_own_loggers_are_heard_by_viam_server():
+    assert module  # importing it is what makes them heard
+    assert logging.getLogger("so101_motion").handlers
+
+
+@pytest.mark.parametrize("key", ["entrypoint", "first_run"])
+def test_what_viam_server_runs_is_there_and_executable(key):
+    assert os.access(ROOT / META[key], os.X_OK)
+
+
+def test_the_texts_it_points_to_are_there():
+    links = [META["markdown_link"], *(model["markdown_link"] for model in META["models"])]
+
+    assert all((ROOT / link).is_file() for link in links)
+
+
+HEAD = "| attribute | unit, range | default | |\n|---|---|---|---|\n"
+OWN_WORDS = {"servo_voltage"}  # two of the numbers in its range are possible
+
+
+def rows_of(model):
+    """The cells of the model's table on its page, by attribute."""
+    page = (ROOT / "docs" / ("teleoperation.md" if model == "teleop" else "viam.md")).read_text()
+    if model != "teleop":
+        page = re.search(rf"^## `devrel:so101:{model}`\n(.*?)(?=^## |\Z)", page, re.M | re.S)[1]
+    [table] = re.findall(re.escape(HEAD) + r"((?:^\|.*\n)+)", page, re.M)
+    cells = [[cell.strip() for cell in row.split(" | ")] for row in table.splitlines()]
+    return {row[0].strip("| `"): row[1:] for row in cells}
+
+
+def form_of(each):
+    """What the second column must say of an attribute; None if words of its own are needed."""
+    if each.kind == "flag":
+        return "true, false"
+    if each.kind == "choice":
+        return ", ".join(f"`{option}`" for option in each.options)
+    if each.kind not in ("number", "whole") or each.name in OWN_WORDS:
+        return None
+    lower, upper = each.range
+    span = f"{lower:.10g} to {upper:.10g}" if upper < 1e9 else ""
+    return ", ".join(filter(None, (each.unit.replace("^2", "²"), span)))
+
+
+def default_of(each):
+    """What the third column must say of it; None if words of its own are needed."""
+    if each.options:
+        return f"`{each.options[0]}`"
+    if isinstance(each.default, bool):
+        return str(each.default).lower()
+    return None if each.default is None else f"{each.default:.10g}"
+
+
+@pytest.mark.parametrize("model", [each for each in MODELS if each != "simulated-gripper"])
+def test_the_table_on_the_page_is_that_of_the_code(model):
+    written = rows_of(model)
+    assert list(written) == [each.name for each in MODELS[model].rows()]
+    for each in MODELS[model].rows():
+        form, default, use = written[each.name]
+        assert form == (form_of(each) or form), each.name
+        assert default == (default_of(each) or default) != "", each.name
+        assert use.strip(" |"), each.name

@@ -1,4 +1,4 @@
-"""The state of a machine as a snapshot, commands sent to it, and connecting to it."""
+"""The state of a machine as a snapshot, commands, connecting, and pictures of its camera."""
 
 import asyncio
 import itertools
@@ -7,8 +7,13 @@ import math
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
+from harness.fake_camera import FakeCamera
+from harness.in_process_module import client_of
+from harness.web_camera import jpeg
 from hypothesis import given
 from hypothesis import strategies as st
+from viam.media.video import CameraMimeType, NamedImage
+from viam.proto.common import ResponseMetadata
 from viam.proto.component.arm import JointPositions
 
 from so101_motion.common.errors import ConfigError, So101Error
@@ -18,6 +23,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.rig.protocols import ArmConnection
 from so101_motion.tasks.guided.path import corners_of
 from so101_motion.viam.client.link import Access
+from so101_motion.viam.client.machine import picture_of
 from so101_motion.viam.client.reports import (
     AT_REST,
     GripperReport,
@@ -198,3 +204,23 @@ def test_a_connection_is_reported_in_words():
 def test_an_arm_that_says_no_angle_is_refused(value):
     with pytest.raises(So101Error, match="shoulder_pan"):
         told(q_deg=(value, 0.0, 0.0, 0.0, 0.0))
+
+
+class Changing(FakeCamera):
+    """Sends a raw picture and a JPEG that differs from the one before."""
+
+    kinds = (CameraMimeType.VIAM_RGBA, CameraMimeType.JPEG)
+
+    async def get_images(self, **kwargs):
+        self.looks += 1
+        images = [NamedImage("", jpeg(self.looks), kind) for kind in self.kinds]
+        return images, ResponseMetadata()
+
+
+async def test_a_picture_is_a_jpeg_and_the_next_one_another():
+    camera = Changing("top", None)
+    async with client_of(camera) as client:
+        assert [await picture_of(client) for _ in range(2)] == [jpeg(1), jpeg(2)]
+        camera.kinds = (CameraMimeType.VIAM_RGBA,)
+        with pytest.raises(ConfigError, match="neither JPEG nor PNG"):
+            await picture_of(client)

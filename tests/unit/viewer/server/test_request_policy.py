@@ -1,4 +1,12 @@
+import gzip
+import json
+import os
+import re
+import sys
+
 import pytest
+from so101_viewer.server import head
+from so101_viewer.server.kept_key import LIFETIME, key_for, new_key
 from so101_viewer.server.request_policy import RequestPolicy, harden
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
@@ -101,3 +109,106 @@ def test_a_ticket_opens_once_and_brings_the_cookie():
     assert first.status_code == 200
     assert "s3cret" in first.headers["Set-Cookie"]
     assert second.status_code == 401
+
+
+PAGE = b"<!doctype html><html><head><title>Viser</title></head><body></body></html>"
+LIGHT, DARK = "#ffffff", "#242424"
+
+
+def reply(body, content="text/html; charset=utf-8", **headers):
+    told = Headers({"Content-Type": content, "Content-Length": str(len(body)), **headers})
+    return Response(200, "OK", told, body)
+
+
+def luminance(color):
+    parts = [int(color[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+    r, g, b = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b
+
+
+def contrast(color, ground):
+    high, low = sorted((luminance(color), luminance(ground)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_a_page_begins_with_our_style_and_script_and_says_how_long_it_is():
+    page = reply(PAGE)
+    head.add_head(page)
+    assert page.body.startswith(b"<!doctype html><html><head><style>")
+    assert page.body.endswith(PAGE.partition(b"<head>")[2])
+    assert page.headers.get_all("Content-Length") == [str(len(page.body))]
+
+
+def test_a_compressed_page_stays_compressed():
+    page = reply(gzip.compress(PAGE), **{"Content-Encoding": "gzip"})
+    head.add_head(page)
+    assert b"so101-stop" in gzip.decompress(page.body)
+
+
+def test_responses_that_are_no_page_stay_unchanged():
+    for other in (reply(b"<head>", "image/png"), Response(404, "no", Headers(), b"<head>")):
+        head.add_head(other)
+        assert other.body == b"<head>"
+
+
+@pytest.mark.parametrize("name", ["good", "bad", "warm", "dim", "link"])
+def test_our_colours_are_legible_on_light_and_on_dark(name):
+    """4.5 is what the web's accessibility guidelines ask of text."""
+    light, dark = re.findall(rf"--so101-{name}: (#[0-9a-f]{{6}})", head.front().decode())
+    assert contrast(light, LIGHT) >= 4.5
+    assert contrast(dark, DARK) >= 4.5
+
+
+ARM = "Arm on /dev/ttyACM0"
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    return tmp_path / "so101_motion" / "page-keys.json"
+
+
+def test_a_page_has_the_same_key_when_it_is_started_again(file):
+    key = key_for(ARM, 8080)
+    assert key_for(ARM, 8080) == key
+    assert len(key) == len(new_key()) >= 43
+    assert len({key, key_for(ARM, 8081), key_for("Simulated arm", 8080)}) == 3
+    assert key_for(ARM, 8080) == key
+
+
+def test_a_new_key_makes_the_old_one_invalid(file):
+    key = key_for(ARM, 8080)
+    new = key_for(ARM, 8080, is_new=True)
+    assert new != key
+    assert key_for(ARM, 8080) == new
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such permissions")
+def test_keys_that_others_could_have_read_are_not_used_again(file):
+    key = key_for(ARM, 8080)
+    assert file.stat().st_mode & 0o077 == 0
+    os.chmod(file, 0o644)
+    assert key_for(ARM, 8080) != key
+    assert file.stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize(
+    ("key", "age"),
+    [("short", 0.0), (None, 0.0), ("ü" * 43, 0.0), ("k" * 43, LIFETIME + 60.0), ("k" * 43, -60.0)],
+)
+def test_a_key_that_is_old_or_no_key_is_replaced(file, key, age):
+    key_for(ARM, 8080)
+    content = json.loads(file.read_text())
+    (entry,) = content["keys"].values()
+    entry["key"], entry["made_at"] = key, int(entry["made_at"] - age)
+    file.write_text(json.dumps(content))
+    new = key_for(ARM, 8080)
+    assert new not in (key, None)
+    file.write_text("{")
+    assert key_for(ARM, 8080) != new
+
+
+def test_without_a_folder_for_files_there_is_a_key_all_the_same(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "file"))
+    assert len(key_for(ARM, 8080)) >= 43
