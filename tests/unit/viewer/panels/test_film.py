@@ -28,7 +28,6 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.online import point_to_point
 
 HOSTILE = '</title><script>window.PWNED = 1</script><img src=x onerror="window.PWNED = 1">'
 
@@ -48,6 +47,9 @@ SCENE = Scene(
         ),
     ),
 )
+
+NOW = datetime(2026, 11, 21, 19, 30, 5)
+RUN_OF_TWO = Run(t=np.array([0.0, 5.0]), q_ref=np.ones((2, 5)), q=np.full((2, 5), 0.9))
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +83,7 @@ def test_a_film_goes_from_the_start_to_the_goal_in_even_steps(film, plan):
 
 
 def test_the_film_of_a_run_has_the_arm_as_measured_and_the_ghost_as_planned(plan):
-    run = Run(t=np.array([0.0, 0.5]), q_ref=np.ones((2, 5)), q=np.full((2, 5), 0.9))
-    film = Film(title="Arm", arms={"": MovedArm(view=_seen(plan), run=run)})
+    film = Film(title="Arm", arms={"": MovedArm(view=_seen(plan), run=RUN_OF_TWO)})
     q, q_ghost = film.arms[""].at(film.times())
     np.testing.assert_allclose(q, 0.9)
     np.testing.assert_allclose(q_ghost, 1.0)
@@ -109,9 +110,8 @@ def test_a_recording_ends_with_html_and_says_when_it_cannot_be_written(film, tmp
 
 def test_a_film_of_several_arms_has_them_where_they_stand_with_what_they_hold(plan):
     there = SE3.from_rpy((0.0, 0.0, np.pi), (0.35, 0.0, 0.02))
-    run = Run(t=np.array([0.0, 5.0]), q_ref=np.ones((2, 5)), q=np.full((2, 5), 0.9))
     one = MovedArm(view=_seen(plan), T_scene_base=there)
-    other = MovedArm(view=_seen(plan, replace(SCENE, attached=())), run=run)
+    other = MovedArm(view=_seen(plan, replace(SCENE, attached=())), run=RUN_OF_TWO)
     film = Film(title="Two arms", arms={"arm 1": one, "arm 2": other})
     assert film.times()[-1] == 5.0  # the longer of the two
     np.testing.assert_allclose(film.arms["arm 1"].at(film.times())[0][-1], plan.q_goal, atol=1e-6)
@@ -131,14 +131,9 @@ def _seen(plan, scene=SCENE):
     return plan_view(plan, solver, "tool", scene=scene, q_jaw=0.0)
 
 
-NOW = datetime(2026, 11, 21, 19, 30, 5)
-
-
 @pytest.fixture
-def arm():
-    limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=20.0)
-    trajectory = point_to_point(np.zeros(5), np.full(5, 0.2), limits, 0.01)
-    return MovedArm(view=SimpleNamespace(plan=SimpleNamespace(trajectory=trajectory)))
+def arm(plan):
+    return MovedArm(view=SimpleNamespace(plan=plan))
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != FILM])
@@ -147,7 +142,7 @@ def test_each_kind_of_file_has_something_in_it_for_a_plan(arm, kind):
 
 
 def test_names_of_files_tell_kinds_plans_and_arms_apart(arm):
-    ran = replace(arm, run=Run(t=np.array([0.0, 0.1]), q_ref=np.zeros((2, 5)), q=np.zeros((2, 5))))
+    ran = replace(arm, run=RUN_OF_TWO)
     kind = "JSON, degrees"
     assert file_name(arm, kind, NOW) == "so101-plan-20261121-193005.json"
     assert file_name(ran, kind, NOW) == "so101-run-20261121-193005.json"
@@ -182,12 +177,7 @@ def test_there_is_no_download_before_a_plan_and_of_the_run_none_before_it_has_ru
     assert offered() == (False, False)
     page.plan_view = SimpleNamespace(name="Plan 1")
     assert offered() == (True, False)
-    page.ran = (
-        page.plan_view,
-        SimpleNamespace(
-            run=Run(t=np.array([0.0, 0.1]), q_ref=np.zeros((2, 5)), q=np.zeros((2, 5)))
-        ),
-    )
+    page.ran = (page.plan_view, SimpleNamespace(run=RUN_OF_TWO))
     part._what.value = RUN
     assert offered() == (True, True)
     assert "The last run, of Plan 1." in part._sentence.content
