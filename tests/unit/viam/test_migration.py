@@ -65,11 +65,8 @@ def test_what_is_known_stays_and_what_is_not_is_named():
     }  # fmt: skip
     assert arm.config["frame"] == {"parent": "world"}
     assert arm.config["name"] == "it"
-
-
-def test_what_another_model_has_is_left_out_without_a_suggestion():
-    given = {"port": "/dev/a", "servo_id": 6, "leader_arm": "one", "note": "mine"}
-    (arm,) = migrate(part("devrel:so101:arm", given)).parts
+    others = {"port": "/dev/a", "servo_id": 6, "leader_arm": "one", "note": "mine"}
+    (arm,) = migrate(part("devrel:so101:arm", others)).parts  # what another model has
     assert [line.endswith("ignored if it stays") for line in arm.notes] == [True] * 3
     assert arm.config["attributes"] == {"port": "/dev/a"}
 

@@ -30,13 +30,6 @@ def test_a_point_in_the_table_names_it_and_one_too_far_away_says_by_how_much(sol
     assert off == pytest.approx(missing, abs=0.001)
 
 
-def test_joint_angles_are_a_target_too(solver):
-    target = solver.at_joints(np.full(5, 0.1), "tool", q_jaw=0.0)
-    assert target.problem is None
-    assert isinstance(target.goal, JointGoal)
-    np.testing.assert_allclose(target.p_base, solver.point(np.full(5, 0.1), "tool"))
-
-
 @pytest.mark.parametrize("frame", FRAMES)
 def test_every_frame_of_the_hand_can_be_brought_to_a_point(solver, frame):
     p_base = np.array([0.25, 0.05, 0.10])
@@ -46,8 +39,12 @@ def test_every_frame_of_the_hand_can_be_brought_to_a_point(solver, frame):
     np.testing.assert_allclose(solver.point(target.q, frame), p_base, atol=1e-4)
 
 
-def test_joint_angles_outside_the_calibrated_range_name_the_joint(solver):
+def test_joint_angles_are_a_target_and_outside_the_calibrated_range_name_the_joint(solver):
     model = RobotModel.load()
+    target = solver.at_joints(np.full(5, 0.1), "tool", q_jaw=0.0)
+    assert target.problem is None
+    assert isinstance(target.goal, JointGoal)
+    np.testing.assert_allclose(target.p_base, solver.point(np.full(5, 0.1), "tool"))
     target = solver.at_joints(np.array([0.0, 0.0, 3.0, 0.0, 0.0]), "tool", q_jaw=0.0)
     assert target.problem.startswith("elbow_flex would be at 171.89°; its range is ")
     narrow = TargetSolver(Surroundings(Scene(), (0.5 * model.lower, 0.5 * model.upper)))

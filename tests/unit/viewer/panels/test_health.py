@@ -56,7 +56,7 @@ def test_a_simulated_arm_says_that_nothing_is_measured_instead_of_zeros():
     assert "10 ms" in page
 
 
-def test_a_machine_tells_the_figures_of_its_servos_base_to_jaw():
+def test_a_machine_tells_the_figures_of_its_servos_base_to_jaw_and_which_are_not_calibrated():
     told = {"wrist_flex": {**TOLD, "servo_id": 4}, "elbow_flex": TOLD}
     health = read_health(machine({"health": told}))
     assert [servo.joint for servo in health.servos] == ["elbow_flex", "wrist_flex"]
@@ -64,12 +64,7 @@ def test_a_machine_tells_the_figures_of_its_servos_base_to_jaw():
     assert health.servos[0].lost + health.servos[0].corrupt == 3
     assert health.late_ticks == 4
     assert health.period is None
-
-
-def test_a_machine_tells_which_joints_were_never_calibrated():
     assert read_health(machine({"uncalibrated": ["elbow_flex"]})).uncalibrated == ("elbow_flex",)
-    for told in ({}, {"uncalibrated": None}, {"uncalibrated": "all"}):
-        assert read_health(machine(told)).uncalibrated == ()
 
 
 @pytest.mark.parametrize(
@@ -77,14 +72,14 @@ def test_a_machine_tells_which_joints_were_never_calibrated():
     [
         {},
         {"health": {}},
-        {"health": "fine"},
-        {"health": {"elbow_flex": 3}},
+        {"health": "fine", "uncalibrated": "all"},
+        {"health": {"elbow_flex": 3}, "uncalibrated": None},
         {"health": {"elbow_flex": {"volts": "x"}}},
     ],
 )
 def test_a_machine_that_tells_nothing_useful_is_said_to(told):
     health = read_health(machine(told))
-    assert health.servos == ()
+    assert health.servos == health.uncalibrated == ()
     assert health.silence == "The machine's arm reports no servo health."
 
 
@@ -105,7 +100,7 @@ def test_figures_out_of_the_ordinary_are_coloured(changes, figure, tone):
     assert tones(replace(WELL, **changes))[figure] is tone
 
 
-def test_figures_are_rounded_and_a_silent_servo_has_none():
+def test_figures_are_rounded_names_escaped_and_a_silent_servo_has_none():
     page = shown(WELL)
     for figure in (">12.1<", ">0.12<", ">34<", ">25<"):
         assert figure in page
@@ -113,9 +108,6 @@ def test_figures_are_rounded_and_a_silent_servo_has_none():
     page = shown(replace(WELL, is_silent=True))
     assert "does not answer" in page
     assert "12.1" not in page
-
-
-def test_names_from_a_machine_are_escaped():
     page = shown(replace(WELL, joint="<b>x</b>", faults=("<i>",)))
     assert "<i>" not in page
     assert "&lt;b&gt;x&lt;/b&gt;" in page

@@ -1,8 +1,7 @@
-import asyncio
-
 import numpy as np
 import pytest
 import pytest_asyncio
+from harness.fake_parent import until
 from harness.raw_window import RawWindow
 from so101_viewer.server.guarded_server import start_guarded
 from so101_viewer.server.windows import Windows
@@ -49,14 +48,6 @@ class PageUnderTest:
     async def has_done(self, *words):
         """What was sent is done by the server's own thread, in order."""
         await until(lambda: self.done == list(words))
-
-
-async def until(condition):
-    for _ in range(1000):
-        if condition():
-            return
-        await asyncio.sleep(0.01)
-    assert condition()
 
 
 @pytest.fixture(scope="module")

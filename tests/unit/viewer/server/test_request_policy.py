@@ -168,16 +168,12 @@ def file(tmp_path, monkeypatch):
     return tmp_path / "so101_motion" / "page-keys.json"
 
 
-def test_a_page_has_the_same_key_when_it_is_started_again(file):
+def test_a_page_has_the_same_key_when_it_is_started_again_until_a_new_one_is_made(file):
     key = key_for(ARM, 8080)
     assert key_for(ARM, 8080) == key
     assert len(key) == len(new_key()) >= 43
     assert len({key, key_for(ARM, 8081), key_for("Simulated arm", 8080)}) == 3
     assert key_for(ARM, 8080) == key
-
-
-def test_a_new_key_makes_the_old_one_invalid(file):
-    key = key_for(ARM, 8080)
     new = key_for(ARM, 8080, is_new=True)
     assert new != key
     assert key_for(ARM, 8080) == new

@@ -50,7 +50,7 @@ def test_what_is_added_is_selected_and_can_be_taken_back(world):
     assert not world.history.can_redo
 
 
-def test_numbers_change_the_selected_thing(world):
+def test_numbers_change_the_selected_thing_or_nothing_where_they_cannot_be(world):
     world.add("box")
     world.resize(size=np.array([0.1, 0.2, 0.3]))
     world.move_to(np.array([0.3, 0.0, 0.15]))
@@ -59,6 +59,12 @@ def test_numbers_change_the_selected_thing(world):
     np.testing.assert_allclose(thing.shape.size, [0.1, 0.2, 0.3])
     np.testing.assert_allclose(thing.T_base_obstacle.p, [0.3, 0.0, 0.15])
     np.testing.assert_allclose(thing.T_base_obstacle.rpy, [0.0, 0.0, 0.5], atol=1e-12)
+    before = world.scene
+    with pytest.raises(ConfigError):
+        world.resize(size=np.array([0.1, -0.2, 0.3]))
+    with pytest.raises(ConfigError):
+        world.move_to(np.array([0.1, np.nan, 0.3]))
+    assert world.scene is before
     world.set_keep_out(True)
     assert world.thing.keep_out
     world.rename("lamp  zone")
@@ -77,16 +83,6 @@ def test_edits_without_a_selection_are_refused_in_a_sentence(world):
     ):
         with pytest.raises(ConfigError, match="select an object first"):
             edit()
-
-
-def test_a_figure_that_cannot_be_leaves_everything_as_it_was(world):
-    world.add("box")
-    before = world.scene
-    with pytest.raises(ConfigError):
-        world.resize(size=np.array([0.1, -0.2, 0.3]))
-    with pytest.raises(ConfigError):
-        world.move_to(np.array([0.1, np.nan, 0.3]))
-    assert world.scene is before
 
 
 def test_a_number_that_is_typed_is_undone_in_one_go(tmp_path):
@@ -265,47 +261,19 @@ def test_a_scene_that_somebody_else_gave_the_arm_is_taken_over(world):
     assert world.selected is None
 
 
-@pytest.fixture(scope="module")
-def contacts():
-    return OverlapCheck(RobotModel.load())
-
-
-def test_an_obstacle_where_the_arm_stands_is_reported(contacts):
-    q = np.zeros(5)
-    p = RobotModel.load().frame(q, "gripper_link").p
-    pair = contacts.overlap(Scene(obstacles=(box_at(p),)), q, 0.0)
-    assert pair is not None
-    assert "'block'" in in_each_other(pair).text
-    assert in_each_other(pair).tone is Tone.BAD
-
-
-def test_what_is_apart_and_what_stands_on_the_floor_is_not(contacts):
-    q = np.zeros(5)
-    scene = Scene(
-        obstacles=(box_at((0.2, 0.25, 0.0)),),
-        attached=(
-            Attached(
-                name="long",
-                shape=Sphere(radius=0.02),
-                T_tool_object=SE3.from_translation((0.0, 0.0, 0.1)),
-            ),
-        ),
-    )
-    assert contacts.overlap(scene, q, 0.0) is None
-
-
-def test_held_things_are_in_obstacles_too(contacts):
-    q = np.zeros(5)
-    T = RobotModel.load().frame(q) @ SE3.from_translation((0.0, 0.0, 0.1))
-    scene = scene_edits.held(
-        Scene(obstacles=(box_at(T.p, name="part", size=0.02),)),
-        "part",
-        RobotModel.load().frame(q),
-    )
+def test_an_obstacle_in_the_arm_or_in_what_it_holds_is_reported_and_what_is_apart_is_not():
+    contacts, model, q = OverlapCheck(RobotModel.load()), RobotModel.load(), np.zeros(5)
+    inside = Scene(obstacles=(box_at(model.frame(q, "gripper_link").p),))
+    said = in_each_other(contacts.overlap(inside, q, 0.0))
+    assert "'block'" in said.text
+    assert said.tone is Tone.BAD
+    T = model.frame(q) @ SE3.from_translation((0.0, 0.0, 0.1))
+    part = Scene(obstacles=(box_at(T.p, name="part", size=0.02),))
+    holds = scene_edits.held(part, "part", model.frame(q))
     wall = box_at(T.p - np.array([0.0, 0.0, 0.025]), name="wall", size=0.04)
-    pair = contacts.overlap(scene.with_obstacles([wall]), q, 0.0)
-    assert pair is not None
-    assert "'wall'" in pair
+    assert "'wall'" in contacts.overlap(holds.with_obstacles([wall]), q, 0.0)
+    on_the_floor = box_at((0.2, 0.25, 0.0))
+    assert contacts.overlap(holds.with_obstacles([on_the_floor]), q, 0.0) is None
 
 
 def test_a_cloud_stays_where_it_was_seen_and_has_voxels_of_a_size_that_is_chosen(world):
