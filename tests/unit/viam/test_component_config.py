@@ -170,6 +170,8 @@ def test_values_that_the_published_module_takes_for_none_are_none():
     assert arm.servo_ids == (1, 2, 3, 4, 5)
     assert (gripper.servo_id, gripper.connection.baudrate) == (6, 1_000_000)
     assert sensor.connection.timeout == 1.0
+    assert DiscoveryConfig.from_attributes({}).ports == ()
+    assert DiscoveryConfig.from_attributes({"ports": ["/dev/ttyAMA0"]}).ports == ("/dev/ttyAMA0",)
 
 
 @pytest.mark.parametrize(
@@ -260,11 +262,6 @@ def test_a_calibration_needs_a_port_and_takes_what_the_published_module_takes():
     assert CalibrationConfig.from_attributes({**PORT, "servo_ids": []}).joints == fresh.joints
 
 
-def test_further_ports_are_a_list_of_names():
-    assert DiscoveryConfig.from_attributes({}).ports == ()
-    assert DiscoveryConfig.from_attributes({"ports": ["/dev/ttyAMA0"]}).ports == ("/dev/ttyAMA0",)
-
-
 # Attributes that a model does not know
 
 URDF = next(row for row in HardwareArmConfig.rows() if row.name == "use_urdf")
@@ -321,12 +318,9 @@ def config(count):
     return SimulatedArmConfig.from_attributes({"obstacles": boxes})
 
 
-def test_what_was_checked_once_is_not_built_again():
+def test_what_was_checked_once_is_not_built_again_and_too_many_are_refused():
     assert len(scene_of(config(2)).obstacles) == 2
     assert scene_of(config(2)) is scene_of(config(2))
     assert scene_of(config(2)) is not scene_of(config(1))
-
-
-def test_too_many_obstacles_are_refused():
     with pytest.raises(ConfigError, match=f"{MOST_THINGS + 1} obstacles.*more than"):
         scene_of(config(MOST_THINGS + 1))

@@ -112,7 +112,10 @@ def test_another_module_is_asked_for_its_joints_and_whether_it_moves(status, mov
     assert (state.mode, state.arm_moving) == (mode, moves)
 
 
-def test_an_arm_with_other_joints_is_refused():
+@pytest.mark.parametrize("value", ["north", "1e999", float("nan"), [1.0], None])
+def test_an_arm_that_says_no_angle_or_has_other_joints_is_refused(value):
+    with pytest.raises(So101Error, match="shoulder_pan"):
+        told(q_deg=(value, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(So101Error, match="5 joints"):
         asyncio.run(ask_arm(Machine(joints=[1, 2, 3, 4, 5, 6])))
 
@@ -170,14 +173,9 @@ def _off(point, a, b):
 # Getting in
 
 
-def test_without_a_key_the_connection_is_plain_and_direct():
-    options = Access(address="10.0.0.7:8080").options().dial_options
-    assert options.insecure
-    assert options.disable_webrtc
-    assert options.credentials is None
-
-
-def test_a_key_is_never_sent_over_a_plain_connection_nor_shown():
+def test_a_key_is_never_sent_over_a_plain_connection_which_is_for_access_without_nor_shown():
+    plain = Access(address="10.0.0.7:8080").options().dial_options
+    assert (plain.insecure, plain.disable_webrtc, plain.credentials) == (True, True, None)
     key_id = "0b6c8a5e-93a7-4a36-8a7e-0d4f3a2f7b11"
     access = Access(address="arm.local.viam.cloud", api_key_id=key_id, api_key="hunter2")
     options = access.options().dial_options
@@ -185,9 +183,6 @@ def test_a_key_is_never_sent_over_a_plain_connection_nor_shown():
     assert not options.allow_insecure_with_creds_downgrade
     assert options.credentials.payload == "hunter2"
     assert "hunter2" not in repr(access)
-
-
-def test_an_empty_address_is_refused():
     with pytest.raises(ConfigError, match="host:port"):
         Access(address=" ")
 
@@ -198,12 +193,6 @@ def test_a_connection_is_reported_in_words():
     assert lost.words(5.0) == "lost 3 s ago: nobody listens"
     assert not lost.is_up
     assert ArmConnection(to="it", problem="no port").words(5.0) == "no port"
-
-
-@pytest.mark.parametrize("value", ["north", "1e999", float("nan"), [1.0], None])
-def test_an_arm_that_says_no_angle_is_refused(value):
-    with pytest.raises(So101Error, match="shoulder_pan"):
-        told(q_deg=(value, 0.0, 0.0, 0.0, 0.0))
 
 
 class Changing(FakeCamera):

@@ -76,12 +76,14 @@ def test_what_stands_around_is_where_and_what_it_was(pose: SE3, shape: Shape, na
     assert to_geometry(again.shape, "") == to_geometry(shape, "")
 
 
-def test_meshes_are_text_which_is_all_that_viam_server_reads() -> None:
+def test_meshes_are_text_which_viam_server_reads_and_clouds_have_no_centre_of_their_own() -> None:
     mesh = to_geometry(SHAPES[3], "part").mesh
     assert mesh.mesh.startswith(b"ply\nformat ascii 1.0\n")
-    there = Obstacle(name="part", shape=SHAPES[3], T_base_obstacle=TOOL)
-    (group,) = read(world_state_json(Scene(obstacles=(there,)))).obstacles
+    there = [Obstacle(name=f"{i}", shape=SHAPES[i], T_base_obstacle=TOOL) for i in (3, 4)]
+    (group,) = read(world_state_json(Scene(obstacles=tuple(there)))).obstacles
     assert group.geometries[0].mesh == mesh
+    assert group.geometries[1].center == Pose(o_z=1.0), "a cloud's points are where they are"
+    assert read(world_state_json(Scene())) == WorldState()
 
 
 @pytest.mark.parametrize(
@@ -102,12 +104,6 @@ def test_a_mesh_file_from_a_client_goes_back_as_text(kind: str, said: str) -> No
     again = trimesh.load_mesh(io.BytesIO(back.mesh), file_type="ply")
     np.testing.assert_allclose(again.bounds, [[-0.05, -0.1, -0.15], [0.05, 0.1, 0.15]], atol=1e-6)
     assert again.volume == pytest.approx(0.1 * 0.2 * 0.3)
-
-
-def test_a_cloud_says_where_its_points_are_without_a_centre() -> None:
-    there = Obstacle(name="seen", shape=SHAPES[4], T_base_obstacle=TOOL)
-    (group,) = read(world_state_json(Scene(obstacles=(there,)))).obstacles
-    assert group.geometries[0].center == Pose(o_z=1.0)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -141,7 +137,3 @@ def test_what_stands_is_seen_from_the_base_of_the_arm_that_was_named() -> None:
             }
         ]
     }  # fmt: skip
-
-
-def test_an_empty_scene_is_an_empty_world() -> None:
-    assert read(world_state_json(Scene())) == WorldState()

@@ -199,6 +199,12 @@ async def test_the_first_request_waits_and_the_next_ones_do_not(bench):
         await bench.guarded.known()
     assert bench.arm.told == [(OWN, FULL)]
     assert bench.around.asked == 1
+    for _ in range(3):
+        await bench.guarded.read()
+    assert (bench.around.asked, bench.arm.told) == (4, [(OWN, FULL)]), "told what changes alone"
+    bench.arm.scene = OTHER
+    await bench.guarded.known()
+    assert bench.arm.told[-1] == (OTHER, FULL)
 
 
 async def test_requests_that_keep_coming_have_it_read_again_and_do_not_wait(bench):
@@ -224,19 +230,6 @@ async def test_a_block_of_motion_has_it_read_again_and_again(bench, monkeypatch,
     asked = bench.around.asked
     await asyncio.sleep(0.05)
     assert bench.around.asked == asked
-
-
-async def test_a_guard_is_told_only_what_has_changed(bench):
-    for _ in range(3):
-        await bench.guarded.read()
-    assert (bench.around.asked, bench.arm.told) == (3, [(OWN, FULL)])
-
-
-async def test_another_scene_of_the_arm_is_read_for_at_once(bench):
-    await bench.guarded.known()
-    bench.arm.scene = OTHER
-    await bench.guarded.known()
-    assert bench.arm.told[-1] == (OTHER, FULL)
 
 
 @pytest.fixture
@@ -290,13 +283,13 @@ async def test_a_cancelled_request_leaves_the_reading_to_the_others(bench, waiti
     assert bench.around.asked == 1
 
 
-async def test_without_a_machine_nothing_is_read(bench):
+async def test_without_a_guard_only_a_teleoperation_with_one_reads_and_without_a_machine_none(
+    bench,
+):
     bench.around.scene = None
     await bench.guarded.known()
     assert bench.arm.told == []
-
-
-async def test_without_a_guard_only_a_teleoperation_with_one_reads(bench):
+    bench.around.scene = FULL
     unused = GuardedScene(bench.arm, bench.around, LOGGER, is_used=False)
     async with unused.kept_known():
         await unused.known()

@@ -338,14 +338,7 @@ async def test_a_thing_that_goes_while_it_is_read_is_no_trouble(caplog):
     assert not caplog.records
 
 
-async def test_what_hangs_from_the_tool_is_held():
-    async with watched(FakeStore(seen_thing("screw", parent="arm"))) as scene:
-        [held] = (await scene()).attached
-        assert held.name == "screw"
-        np.testing.assert_allclose(held.T_tool_object.p, (0.3, 0, 0), atol=1e-9)
-
-
-async def test_things_of_one_name_are_told_apart_and_what_we_show_is_none():
+async def test_things_of_one_name_are_told_apart_what_we_show_is_none_and_the_tools_are_held():
     goal = seen_thing("arm goal")
     goal.uuid = shown_id("world", "arm goal")
     twice = (
@@ -353,13 +346,26 @@ async def test_things_of_one_name_are_told_apart_and_what_we_show_is_none():
         seen_thing("cup", x=400.0, uuid=b"2"),
         seen_thing("camera", uuid=b"3"),
     )
-    async with watched(FakeStore(goal, *twice)) as scene:
-        assert places(await scene()) == {"cup": 0.2, "cup 2": 0.3, "camera 2": 0.2}
-
-
-async def test_an_empty_store_is_no_trouble():
+    store = FakeStore(goal, *twice, seen_thing("screw", parent="arm"))
+    async with watched(store) as scene:
+        seen = await scene()
+    assert places(seen) == {"cup": 0.2, "cup 2": 0.3, "camera 2": 0.2}
+    [held] = seen.attached  # it hangs from the tool
+    assert held.name == "screw"
+    np.testing.assert_allclose(held.T_tool_object.p, (0.3, 0, 0), atol=1e-9)
     async with watched(FakeStore()) as scene:
         assert (await scene()) == Scene()
+
+
+async def test_an_invalid_entry_and_a_store_that_does_not_run_are_refused_by_name():
+    says = 'store "seen" has something that is not valid'
+    async with watched(FakeStore(seen_thing("crate", x=float("nan")))) as scene:
+        with pytest.raises(SurroundingsUnknown, match=says):
+            await scene()
+    watch = StoreWatch("seen", None, LOGGER)
+    with pytest.raises(SurroundingsUnknown, match='"seen" does not run'):
+        await watch.added_to(Scene(), None)
+    await watch.close()
 
 
 async def test_a_store_that_fails_is_not_planned_without_and_comes_back(monkeypatch):
@@ -387,18 +393,3 @@ async def is_known(scene):
 
 async def is_unknown(scene):
     return not await is_known(scene)
-
-
-async def test_an_invalid_entry_is_refused_with_its_name():
-    async with watched(FakeStore(seen_thing("crate", x=float("nan")))) as scene:
-        with pytest.raises(
-            SurroundingsUnknown, match='store "seen" has something that is not valid'
-        ):
-            await scene()
-
-
-async def test_a_store_that_does_not_run_is_named():
-    watch = StoreWatch("seen", None, LOGGER)
-    with pytest.raises(SurroundingsUnknown, match='"seen" does not run'):
-        await watch.added_to(Scene(), None)
-    await watch.close()

@@ -180,13 +180,10 @@ def test_if_websockets_did_not_ask_the_policy_the_server_refuses_to_run(monkeypa
         start_guarded(port=0)
 
 
-def test_nothing_of_websockets_stays_replaced(server):
-    assert websockets.asyncio.server.serve.__module__ == "websockets.asyncio.server"
-
-
-def test_starting_prints_nothing(capfd):
+def test_starting_prints_nothing_and_leaves_nothing_of_websockets_replaced(capfd):
     start_guarded(port=0).close()
     assert capfd.readouterr().out == ""
+    assert websockets.asyncio.server.serve.__module__ == "websockets.asyncio.server"
 
 
 def test_a_broken_request_leaves_no_traceback(server, caplog):
