@@ -161,12 +161,14 @@ def test_the_sample_configuration_goes_through_unchanged():
 META = json.loads((ROOT / "meta.json").read_text())
 
 
-def test_the_published_models_are_the_registered_ones():
+def test_the_published_models_are_the_registered_ones_and_have_their_texts():
     listed = {(model["api"], model["model"]) for model in META["models"]}
     registered = {(str(model.api), str(model.model)) for model in REGISTERED}
 
     assert listed == registered
     assert len(META["models"]) == len(REGISTERED)
+    links = [META["markdown_link"], *(model["markdown_link"] for model in META["models"])]
+    assert all((ROOT / link).is_file() for link in links)
 
 
 def test_our_own_loggers_are_heard_by_viam_server():
@@ -177,12 +179,6 @@ def test_our_own_loggers_are_heard_by_viam_server():
 @pytest.mark.parametrize("key", ["entrypoint", "first_run"])
 def test_what_viam_server_runs_is_there_and_executable(key):
     assert os.access(ROOT / META[key], os.X_OK)
-
-
-def test_the_texts_it_points_to_are_there():
-    links = [META["markdown_link"], *(model["markdown_link"] for model in META["models"])]
-
-    assert all((ROOT / link).is_file() for link in links)
 
 
 HEAD = "| attribute | unit, range | default | |\n|---|---|---|---|\n"

@@ -248,9 +248,6 @@ async def test_a_scene_is_built_while_the_loop_goes_on():
     assert turns > 10
 
 
-ASKS = pytest.mark.parametrize("ask", [lambda: Frames("arm", TOOL).T_base("camera"), parents])
-
-
 @pytest.fixture
 def losses(machine, monkeypatch):
     """Lets the connection to the machine be lost at so many requests."""
@@ -270,14 +267,12 @@ def losses(machine, monkeypatch):
     return left
 
 
-@ASKS
-async def test_the_machine_is_asked_again_when_the_connection_is_back(ask, losses):
+@pytest.mark.parametrize("ask", [lambda: Frames("arm", TOOL).T_base("camera"), parents])
+async def test_a_lost_connection_is_waited_for_and_one_that_stays_lost_is_said(
+    ask, losses, monkeypatch
+):
     losses[:] = [2]
     assert await ask()
-
-
-@ASKS
-async def test_a_connection_that_stays_lost_is_said_in_a_sentence(ask, losses, monkeypatch):
     monkeypatch.setattr(frames_module, "CONNECTED_WITHIN", 0.0)
     losses[:] = [1_000_000]
     with pytest.raises(MachineUnavailable, match=r"viam-server.*\(Connection lost\); ask again"):

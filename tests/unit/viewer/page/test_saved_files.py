@@ -136,7 +136,7 @@ def test_arm_and_target_can_be_saved_and_aimed_at(poses, page):
     np.testing.assert_allclose(page.aimed[-1], 0.2, atol=1e-6)
 
 
-def test_a_pose_can_be_renamed_and_deleted(poses, page):
+def test_a_pose_can_be_renamed_and_deleted_and_without_one_there_is_nothing_to_use(poses, page):
     poses.call("mine")
     poses.save_arm()
     poses.call("<b>other</b>")
@@ -145,7 +145,11 @@ def test_a_pose_can_be_renamed_and_deleted(poses, page):
     assert poses.chosen == "<b>other</b>"
     poses.delete()
     assert names(poses) == []
+    poses.choose("home")
     assert poses.chosen is None
+    for command in (poses.use, poses.rename, poses.delete):
+        with pytest.raises(ConfigError, match="save a pose first"):
+            command()
     assert page.sentence[-1] == "Deleted <b>other</b>."
     poses.saved_files.undo()
     assert names(poses) == ["<b>other</b>"]
@@ -157,14 +161,6 @@ def test_a_pose_can_be_renamed_and_deleted(poses, page):
     poses.saved_files.undo()
     poses.use()
     np.testing.assert_allclose(page.aimed[-1], 0.1, atol=1e-6)
-
-
-def test_without_a_pose_there_is_nothing_to_use(poses):
-    poses.choose("home")
-    assert poses.chosen is None
-    for command in (poses.use, poses.rename, poses.delete):
-        with pytest.raises(ConfigError, match="save a pose first"):
-            command()
 
 
 def test_a_broken_file_is_reported_and_the_page_opens_all_the_same(tmp_path, page):

@@ -1,3 +1,4 @@
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -178,14 +179,6 @@ def test_many_late_cycles_are_an_alarm_until_they_have_stopped():
     assert late.alarm(20.0, 3 + LATE_MANY) == ()
 
 
-class Tab(SimpleNamespace):
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        return None
-
-
 @pytest.mark.parametrize(
     ("status", "words", "tone", "joints"),
     [
@@ -200,7 +193,7 @@ def test_an_alarm_is_in_the_bar_at_the_tab_and_the_joint_and_once_in_the_log(
     monkeypatch, status, words, tone, joints
 ):
     monkeypatch.setattr(health_panel, "_EVERY", 0.0)
-    rig, tab, marked = machine(status), Tab(icon=None), []
+    rig, tab, marked = machine(status), nullcontext(), []
     rig.arm.state, rig.connection = STILL, ArmConnection(to="machine")
     gui = SimpleNamespace(add_html=lambda html: SimpleNamespace(content=html))
     context = SimpleNamespace(bar=Bar(), events=EventLog(), gui=gui)

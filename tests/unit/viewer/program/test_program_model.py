@@ -38,7 +38,7 @@ class Tab:
         self.q_target = A
         self.aimed = []
         self.worker = ThreadPoolExecutor(max_workers=1)
-        self.model = ProgramModel(Solo.of(rig), {ARM: self}, self._submit)
+        self.model = ProgramModel(Solo.of(rig), {ARM: self}, self.worker.submit)
         self.edit = self.model.edit[ARM]
 
     @property
@@ -52,9 +52,6 @@ class Tab:
     def set_target_joints(self, q):
         self.aimed.append(q)
 
-    def _submit(self, call):
-        return self.worker.submit(call)
-
     def until(self, condition):
         wait(self.model, self._clock, condition)
 
@@ -66,12 +63,6 @@ class Tab:
     def plan(self):
         self.model.plan()
         self.until(lambda: self.model.can_run)
-
-    @property
-    def planned(self):
-        timeline = self.model.timeline
-        assert timeline is not None
-        return timeline
 
     @property
     def said(self):
@@ -200,7 +191,7 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab):
     tab.record(A, B, A)
     tab.model.set_loop(0, 1, 3)
     tab.plan()
-    line = words.timeline(tab.planned)
+    line = words.timeline(tab.model.timeline)
     assert "".join(part.name for part in line.parts) == "ABABC"
     ((name, begins, ends, depth),) = line.loops
     assert (name, begins, depth) == ("3×", 0.0, 0)
@@ -232,17 +223,17 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab):
 def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab):
     tab.record(A, A, B)
     tab.plan()
-    full = tab.planned.rehearsal.legs[0].at[-1]
+    full = tab.model.timeline.rehearsal.legs[0].at[-1]
     tab.model.choose(0)
     tab.edit.set_speed(0.25)
     tab.plan()
-    slow, _, rest = (leg.at[-1] for leg in tab.planned.rehearsal.legs)
+    slow, _, rest = (leg.at[-1] for leg in tab.model.timeline.rehearsal.legs)
     assert 1.4 * full < slow < 4.1 * full  # so short a one is all acceleration
     assert rest < slow
     near = tab.model.timeline.nearest
     assert [*near] == [0, 2]  # the second is where the first is
     assert 0.0 < near[0] < 0.2
-    program = tab.planned.rehearsal.program
+    program = tab.model.timeline.rehearsal.program
     assert words.line(program, 0, near[0]) == f"25 % speed, {1000.0 * near[0]:.0f} mm clear"
     tab.model.history.undo()
     assert tab.model.program.waypoints[0].speed == 1.0
@@ -253,12 +244,15 @@ def test_a_program_that_passes_a_waypoint_says_so(tab):
     tab.model.choose(0)
     tab.edit.set_passes(True)
     tab.plan()
-    rehearsal = tab.planned.rehearsal
-    facts = dict(tab.model.texts.facts(tab.planned))
+    rehearsal = tab.model.timeline.rehearsal
+    facts = dict(tab.model.texts.facts(tab.model.timeline))
     assert facts["Waypoints"] == "2, 1 of them passed"
     assert facts["One round"] == f"{rehearsal.duration:.1f} s"  # the gripper does nothing
     assert words.line(rehearsal.program, 0) == "passed"
-    assert [tab.planned.at(t)[0] for t in (0.0, rehearsal.arrivals[0].leg.at[0] + 0.01)] == [0, 1]
+    assert [tab.model.timeline.at(t)[0] for t in (0.0, rehearsal.arrivals[0].leg.at[0] + 0.01)] == [
+        0,
+        1,
+    ]
 
 
 def test_a_program_is_planned_and_run_to_its_end_and_a_waypoint_out_of_reach_is_named(tab):

@@ -6,6 +6,16 @@ from harness.raw_window import RawWindow
 from so101_viewer.server.guarded_server import start_guarded
 from so101_viewer.server.windows import Windows
 
+CLICK = {
+    "name": "/target",
+    "instance_index": None,
+    "ray_origin": (0.0, 0.0, 0.0),
+    "ray_direction": (0.0, 0.0, 1.0),
+    "screen_pos": (0.5, 0.5),
+    "modifier": None,
+    "owner": "",
+}
+
 
 @pytest.fixture(scope="module")
 def server():
@@ -93,7 +103,7 @@ async def test_another_window_changes_nothing_whatever_it_sends(page, pair):
     await second.enter(page.slider, 99)
     await second.key(page.plan)
     await second.drag("/target", (0.9, 0.9, 0.9))
-    await second.send("SceneNodeClickMessage", **_click("/target"))
+    await second.send("SceneNodeClickMessage", **CLICK)
     await second.press(page.stop)
     await page.has_done("stop")
     assert page.slider.value == 30
@@ -150,15 +160,3 @@ async def test_a_window_acts_before_it_has_drawn(page, server):
             await second.press(page.stop)
             await page.has_done("execute", "stop", "stop")
     await page.until(0)
-
-
-def _click(name):
-    return {
-        "name": name,
-        "instance_index": None,
-        "ray_origin": (0.0, 0.0, 0.0),
-        "ray_direction": (0.0, 0.0, 1.0),
-        "screen_pos": (0.5, 0.5),
-        "modifier": None,
-        "owner": "",
-    }
