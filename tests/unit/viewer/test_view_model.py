@@ -168,7 +168,7 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(page, arm, change):
 
 @pytest.mark.parametrize("cap", ["speed", "acceleration"])
 @pytest.mark.parametrize("is_made", [True, False])
-def test_a_limit_that_another_program_has_set_drops_the_plan(page, arm, cap, is_made):
+def test_a_limit_or_a_place_that_another_program_has_set_drops_the_plan(page, arm, cap, is_made):
     page.plan()
     if is_made:
         page.refresh()
@@ -180,6 +180,10 @@ def test_a_limit_that_another_program_has_set_drops_the_plan(page, arm, cap, is_
     assert page.sentence.text == "The speed limits have changed. Press Plan again."
     assert not page.refresh()
     assert planned(page).can_execute
+    arm.be(np.full(5, to_rad(1.0)))
+    assert page.refresh()
+    assert not page.can_execute
+    assert page.sentence.text == "The arm has moved. Press Plan again."
 
 
 @pytest.mark.parametrize(
@@ -195,14 +199,6 @@ def test_a_plan_that_fails_is_reported_and_does_not_stop_the_page(page, arm, fai
     assert says in page.sentence.text
     assert page.sentence.tone is Tone.BAD
     assert page.can_plan
-
-
-def test_an_arm_moved_by_somebody_else_drops_the_plan(page, arm):
-    assert planned(page).can_execute
-    arm.be(np.full(5, to_rad(1.0)))
-    assert page.refresh()
-    assert not page.can_execute
-    assert page.sentence.text == "The arm has moved. Press Plan again."
 
 
 def test_the_preview_moves_the_ghost_along_the_plan(page):
@@ -376,9 +372,6 @@ def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(page, a
     assert inputs.loaded[-1].range is arm.range
     page.refresh()
     assert not page.refresh()
-
-
-def test_surroundings_that_cannot_be_taken_up_are_reported(page, arm, inputs):
     inputs.failure = ConfigError("elbow_flex", [1, 1], "leaves no angle")
     arm.range = (np.full(5, 1.0), np.full(5, 1.0))
     page.refresh()
@@ -506,10 +499,7 @@ def test_targets_that_arms_cannot_have_run_at_once_are_refused_with_their_names(
     bench.aim(first=OVER_THE_MIDDLE, second=OVER_THE_MIDDLE, third=OVER_THE_MIDDLE)
     assert not bench.plan().plan_is_current
     assert bench.says("arm 1") or bench.says("Arm 1")
-
-
-def test_a_target_out_of_reach_is_reported_with_the_name_of_the_arm(bench):
     bench.aim()
-    list(bench.arms.values())[1].set_target_point(np.array([0.9, 0.0, 0.2]))
+    list(bench.arms.values())[1].set_target_point(np.array([0.9, 0.0, 0.2]))  # out of reach
     assert bench.says("arm 2: ")
     assert not bench.model.can_plan

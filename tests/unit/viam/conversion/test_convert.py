@@ -25,12 +25,6 @@ from so101_motion.viam.conversion.planner_options import (
 BASE = MotionLimits.uniform(velocity=math.radians(90), acceleration=math.radians(100), jerk=20.0)
 
 
-def descendants(cls):
-    for child in cls.__subclasses__():
-        yield child
-        yield from descendants(child)
-
-
 def test_a_pose_is_millimetres_and_degrees_outside():
     pose = convert.to_pose(SE3(rot_z(math.radians(30)), np.array([0.1, -0.2, 0.3])))
 

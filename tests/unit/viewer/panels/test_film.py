@@ -90,7 +90,7 @@ def test_the_film_of_a_run_has_the_arm_as_measured_and_the_ghost_as_planned(plan
     np.testing.assert_allclose(q_ghost, 1.0)
 
 
-def test_a_recording_asks_for_nothing_runs_no_name_and_is_dark_where_its_browser_prefers_it(film):
+def test_a_recording_asks_for_nothing_runs_no_name_and_is_dark_where_its_browser_is(film, tmp_path):
     page = recording(film).decode()
     assert page.count("darkMode:matchMedia('(prefers-color-scheme: dark)').matches") == 1
     assert "{darkMode:false}" not in page
@@ -100,9 +100,6 @@ def test_a_recording_asks_for_nothing_runs_no_name_and_is_dark_where_its_browser
     assert "<script>window.PWNED" not in page
     assert "&lt;script&gt;window.PWNED" in page
     assert len(page) < 2_000_000
-
-
-def test_a_recording_ends_with_html_and_says_when_it_cannot_be_written(film, tmp_path):
     with pytest.raises(ConfigError, match=r"must end with \.html"):
         write_recording(film, tmp_path / "film.mp4")
     with pytest.raises(ConfigError, match="cannot be written"):

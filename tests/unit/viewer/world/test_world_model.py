@@ -168,7 +168,7 @@ def test_what_is_held_is_dragged_and_moved_in_the_hand(world):
     )
 
 
-def test_a_saved_scene_is_what_a_plan_reads(world):
+def test_a_saved_scene_is_what_a_plan_reads_and_a_file_that_cannot_be_written_is_named(world):
     world.add("capsule")
     world.rename('<img src=x onerror="alert(1)">')
     world.save()
@@ -176,6 +176,8 @@ def test_a_saved_scene_is_what_a_plan_reads(world):
     assert str(world.file) in world.sentence.text
     assert scene_to(read_scene(world.file)) == scene_to(world.scene)
     assert json.loads(world.as_file()) == json.loads(world.file.read_bytes())
+    with pytest.raises(ConfigError, match=r"scene\.json"):  # its folder is a file
+        WorldModel(Scene(), file=world.file / "scene.json").save()
 
 
 def test_a_scene_that_was_saved_over_comes_back_by_undo_of_the_files(world):
@@ -201,12 +203,6 @@ def test_an_edit_that_cannot_be_planned_with_is_taken_back_and_it_is_said_why(wo
     assert world.scene.floor_z is None
     assert "does not stand upright" in world.sentence.text
     assert world.sentence.tone is Tone.BAD
-
-
-def test_a_file_that_cannot_be_written_is_named(tmp_path):
-    (tmp_path / "kept").write_text("a file where a folder should be")
-    with pytest.raises(ConfigError, match=r"scene\.json"):
-        WorldModel(Scene(), file=tmp_path / "kept" / "scene.json").save()
 
 
 def test_a_loaded_scene_takes_the_place_of_what_was_there_and_can_be_taken_back(world):
