@@ -40,18 +40,15 @@ def test_a_bar_stands_where_its_value_is_and_is_red_near_its_limits_only():
     assert ">12.3 °<" in gauge(12.3456)
 
 
-def test_a_bad_sentence_looks_different_from_a_good_one():
-    said = [markup.sentence(Sentence(text="Hm.", tone=tone)) for tone in Tone]
-    assert len(set(said)) == len(Tone)
-
-
 def test_no_line_ends_within_an_option_that_is_to_be_typed():
     whole = '<span style="white-space:nowrap">-aG</span>'
     assert f"sudo usermod {whole} video" in markup.warning("sudo usermod -aG video, log in")
     assert "<b>" not in markup.warning("<b> -<b>")
 
 
-def test_a_sentence_in_a_narrow_panel_is_not_cut():
+def test_a_sentence_looks_as_its_tone_and_is_not_cut_in_a_narrow_panel():
+    said = [markup.sentence(Sentence(text="Hm.", tone=tone)) for tone in Tone]
+    assert len(set(said)) == len(Tone)
     long = Sentence(text="elbow_flex was held up. " * 9)
     assert ";height:4.6em;overflow-y:auto;" in markup.sentence(long)
     assert ";min-height:4.6em;" in markup.sentence(long, is_whole=True)

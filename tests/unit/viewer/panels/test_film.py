@@ -83,13 +83,6 @@ def test_a_film_goes_from_the_start_to_the_goal_in_even_steps(film, plan):
     assert told["Gripper"].endswith("% open")
 
 
-def test_the_film_of_a_run_has_the_arm_as_measured_and_the_ghost_as_planned(plan):
-    film = Film(title="Arm", arms={"": MovedArm(view=_seen(plan), run=RUN_OF_TWO)})
-    q, q_ghost = film.arms[""].at(film.times())
-    np.testing.assert_allclose(q, 0.9)
-    np.testing.assert_allclose(q_ghost, 1.0)
-
-
 def test_a_recording_asks_for_nothing_runs_no_name_and_is_dark_where_its_browser_is(film, tmp_path):
     page = recording(film).decode()
     assert page.count("darkMode:matchMedia('(prefers-color-scheme: dark)').matches") == 1
@@ -113,6 +106,9 @@ def test_a_film_of_several_arms_has_them_where_they_stand_with_what_they_hold(pl
     film = Film(title="Two arms", arms={"arm 1": one, "arm 2": other})
     assert film.times()[-1] == 5.0  # the longer of the two
     np.testing.assert_allclose(film.arms["arm 1"].at(film.times())[0][-1], plan.q_goal, atol=1e-6)
+    measured, q_ghost = film.arms["arm 2"].at(film.times())  # of a run, the ghost as planned
+    np.testing.assert_allclose(measured, 0.9)
+    np.testing.assert_allclose(q_ghost, 1.0)
     assert [holder_of(each) for each in film.scene().attached] == ["arm 1"]
     [ball] = film.scene().obstacles
     np.testing.assert_allclose(ball.T_base_obstacle.p, [0.35, -0.3, 0.07], atol=1e-12)
