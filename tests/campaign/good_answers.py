@@ -5,8 +5,6 @@ holds and held fast in mid-motion. The driver asks again for each answer that it
 which shows on the wire as a question to fewer than all six servos.
 """
 
-from __future__ import annotations
-
 import math
 import random
 

@@ -1,21 +1,16 @@
 """When two arms come too near to each other, by coal: a judge that shares no code with apart.c."""
 
-from __future__ import annotations
-
 import math
 
 import coal
 import numpy as np
 
-from so101_motion.common.geometry import SE3, Array
-from so101_motion.planning.collision.arm_bodies import ArmBodies
+from so101_motion.common.geometry import SE3
 
 _PART = 0.25  # as in apart.c
 
 
-def meet_by_coal(
-    a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
-) -> tuple[float, float, int, int] | None:
+def meet_by_coal(a, b, T, qa, qb, room, early):
     """The first time at which two arms come too near, by coal; ``early`` is in steps."""
     data = a.model.createData(), b.model.createData()
     travel_a, travel_b, last = a.travel(qa), b.travel(qb), len(qa) - 1
@@ -46,7 +41,7 @@ def meet_by_coal(
     return None
 
 
-def until(speeds: Array, t: float, k: int, room: float, early: float) -> float:
+def until(speeds, t, k, room, early):
     """Like ``until`` in apart.c; ``speeds`` begin at step ``k``, shape (m, 2), [m]."""
     for step, (va, vb) in enumerate(speeds, k):
         left, late = (step + 1 - t) * (va + vb), early * min(va, vb)

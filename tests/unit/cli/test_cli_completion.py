@@ -1,12 +1,9 @@
 """The values that Tab offers in a shell."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +16,7 @@ from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.program import Program, Waypoint, files
 
 
-def offered(*words: str) -> list[str]:
+def offered(*words):
     """What is offered for the last of these words, each with its kind."""
     asked = {
         "_SO101_COMPLETE": "bash_complete",
@@ -30,19 +27,19 @@ def offered(*words: str) -> list[str]:
     return [line for line in told.output.splitlines() if line]
 
 
-def test_poses_are_offered_those_of_ones_own_too() -> None:
+def test_poses_are_offered_those_of_ones_own_too():
     assert offered("plan", "--pose", "") == ["plain,home", "plain,ready", "plain,rest"]
     SavedPoses().save("over the mug", np.zeros(5))
     assert offered("move", "--sim", "--pose", "o") == ["plain,over the mug"]
 
 
-def test_a_pose_file_that_cannot_be_read_is_no_reason_to_complain(data: Path) -> None:
+def test_a_pose_file_that_cannot_be_read_is_no_reason_to_complain(data):
     data.mkdir(parents=True)
     (data / "poses.json").write_text("{")
     assert offered("plan", "--pose", "r") == ["plain,ready", "plain,rest"]
 
 
-def test_programs_are_offered_and_files_where_there_is_none_that_fits() -> None:
+def test_programs_are_offered_and_files_where_there_is_none_that_fits():
     made = Program.of_waypoints([Waypoint(name="a", q=np.zeros(5))])
     files.write(made, files.file_of("stack it"))
     assert offered("run", "") == ["plain,stack it"]
@@ -52,9 +49,7 @@ def test_programs_are_offered_and_files_where_there_is_none_that_fits() -> None:
 @pytest.mark.parametrize(
     "words", [("status", "--port"), ("ports", "--port"), ("teleop", "--leader")], ids=str
 )
-def test_ports_are_offered_by_each_of_their_names(
-    words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ports_are_offered_by_each_of_their_names(words, monkeypatch):
     names = ("/dev/cu.usbmodem58CD", "/dev/tty.usbmodem58CD")  # as macOS shows one adapter
     told = {"vid": 0x1A86, "pid": 0x55D3, "serial_number": "58CD", "location": "1-1", "product": ""}
     listed = [SimpleNamespace(device=name, **told) for name in names]
@@ -64,7 +59,7 @@ def test_ports_are_offered_by_each_of_their_names(
     assert offered(*words, "/tmp/so") == ["file,/tmp/so"]
 
 
-def test_nothing_heavy_is_imported_for_it() -> None:
+def test_nothing_heavy_is_imported_for_it():
     asked = {"_SO101_COMPLETE": "bash_complete", "COMP_WORDS": "so101\nplan\n--pose\n"}
     program = (
         "import sys, atexit\n"
@@ -84,7 +79,7 @@ def test_nothing_heavy_is_imported_for_it() -> None:
     ("typed", "made"),
     [("ov", r"over\ the\ mug"), ('"ov', "over the mug"), ("it", r"it\'s\ \$HOME")],
 )
-def test_bash_itself_completes_names_with_blanks(typed: str, made: str, tmp_path: Path) -> None:
+def test_bash_itself_completes_names_with_blanks(typed, made, tmp_path):
     """With a program in place of so101 that answers as it would."""
     script = CliRunner().invoke(main, ["completion", "bash"]).stdout
     so101 = tmp_path / "so101"

@@ -1,24 +1,21 @@
 """Verbs that fail: a sentence on stderr for people, JSON on stdout for programs."""
 
-from __future__ import annotations
-
 import errno
 import json
 import logging
 from pathlib import Path
-from typing import Any
 
 import click
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from so101_motion.cli.error_exit import KINDS, parted, reports_errors
 from so101_motion.cli.shared import DEBUG, in_lines, print_json
 from so101_motion.common.errors import CalibrationError, ConfigError, PortUnavailable
 
 
-def reported(result: Result) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(result.stdout)
+def reported(result):
+    content = json.loads(result.stdout)
     assert content["schema"] == "so101/error/1"
     assert content["exit_code"] == result.exit_code
     assert content["kind"] == KINDS[result.exit_code][0]
@@ -47,8 +44,8 @@ def reported(result: Result) -> dict[str, Any]:
     ],
 )
 def test_with_json_a_program_gets_one_object_and_a_person_the_sentence(
-    so101, arguments: str, code: int, error: str
-) -> None:
+    so101, arguments, code, error
+):
     result = so101(f"{arguments} --json")
     assert result.exit_code == code, result.output
     content = reported(result)
@@ -59,26 +56,26 @@ def test_with_json_a_program_gets_one_object_and_a_person_the_sentence(
         assert content[part] in result.stderr or error == ""
 
 
-def test_without_json_stdout_stays_empty(so101) -> None:
+def test_without_json_stdout_stays_empty(so101):
     result = so101("plan --port /dev/no-such-port --pose ready")
     assert result.exit_code == 3
     assert result.stdout == ""
 
 
-def test_a_refusal_to_agree_is_reported_as_json_too(so101) -> None:
+def test_a_refusal_to_agree_is_reported_as_json_too(so101):
     result = so101("move --sim --joints 5,0,0,0,0 --json", input="n\n")
     assert reported(result)["kind"] == "stopped"
     assert "nothing moved" in result.stderr
 
 
-def test_a_verb_that_has_reported_its_error_is_not_reported_again(so101) -> None:
+def test_a_verb_that_has_reported_its_error_is_not_reported_again(so101):
     result = so101("ports --port /dev/no-such-port --json")
     assert result.exit_code == 3
     assert json.loads(result.stdout)["schema"] == "so101/ports/1"
 
     @click.command()
     @reports_errors(as_json=True)
-    def fails_late() -> None:
+    def fails_late():
         print_json("plan", {})
         raise ConfigError("out", "x", "cannot be written")
 
@@ -88,11 +85,11 @@ def test_a_verb_that_has_reported_its_error_is_not_reported_again(so101) -> None
     assert "cannot be written" in late.stderr
 
 
-def test_ctrl_c_and_a_defect_are_reported_as_json(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_and_a_defect_are_reported_as_json(monkeypatch):
     @click.command()
     @click.argument("how")
     @reports_errors(as_json=True)
-    def fails(how: str) -> None:
+    def fails(how):
         # a codec that a signal ends gives it a message of its own
         raise KeyboardInterrupt("decoding failed") if how == "ctrl-c" else RuntimeError("oh")
 
@@ -107,16 +104,14 @@ def test_ctrl_c_and_a_defect_are_reported_as_json(monkeypatch: pytest.MonkeyPatc
     assert isinstance(CliRunner().invoke(fails, ["defect"]).exception, RuntimeError)
 
 
-def test_the_documented_exit_codes_exist() -> None:
+def test_the_documented_exit_codes_exist():
     page = (Path(__file__).parents[3] / "docs" / "command-line.md").read_text()
     for code, (kind, _) in KINDS.items():
         assert f"| {code} | `{kind}` |" in page
 
 
-def test_a_log_line_is_one_line_and_shows_a_traceback_only_on_request(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def trouble() -> str:
+def test_a_log_line_is_one_line_and_shows_a_traceback_only_on_request(capsys, monkeypatch):
+    def trouble():
         with in_lines():
             try:
                 raise RuntimeError("oh")

@@ -1,16 +1,12 @@
 """Option values are refused before anything is done."""
 
-from __future__ import annotations
-
 import threading
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(tmp_path, monkeypatch):
     """An empty folder, in which nothing has been made afterwards."""
     (tmp_path / "work" / "folder.json").mkdir(parents=True)
     (tmp_path / "work" / "there.json").write_text("{}")
@@ -23,12 +19,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.fixture
-def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_arm(monkeypatch):
     """An arm must not even be opened."""
 
     start = threading.Thread.start
 
-    def checked(thread: threading.Thread) -> None:
+    def checked(thread):
         assert not thread.name.startswith("so101-"), "an arm was opened first"
         start(thread)
 
@@ -66,15 +62,13 @@ def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
         ("emulate --loss 2", "0 to 1"),
     ],
 )
-def test_impossible_values_are_refused_at_once(so101, line: str, says: str) -> None:
+def test_impossible_values_are_refused_at_once(so101, line, says):
     result = so101(line)
     assert result.exit_code == 2, result.output
     assert says in result.stderr
 
 
-def test_a_folder_in_which_nobody_may_write_is_named(
-    so101, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_in_which_nobody_may_write_is_named(so101, folder, monkeypatch):
     monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
     result = so101("plan --sim --pose ready --out x.csv")
     assert result.exit_code == 2

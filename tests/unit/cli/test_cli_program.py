@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 import json
 from concurrent.futures import Future
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,11 +13,11 @@ from so101_motion.tasks.program import Loop, Program, Waypoint, files
 A = np.radians([3.0, 0.0, 0.0, 0.0, 0.0])
 
 
-def save(*waypoints: Waypoint) -> None:
+def save(*waypoints):
     files.write(Program.of_waypoints(waypoints), files.file_of("nod"))
 
 
-def test_a_saved_program_is_run_by_its_name(told) -> None:
+def test_a_saved_program_is_run_by_its_name(told):
     save(Waypoint(name="aside", q=A), Waypoint(name="back", q=np.zeros(5)))
     done = told("run nod --sim --rounds 2 --yes --speed 120")
     assert done["schema"] == "so101/run/1"
@@ -28,7 +25,7 @@ def test_a_saved_program_is_run_by_its_name(told) -> None:
     np.testing.assert_allclose(done["arrived"]["q_deg"], np.zeros(5), atol=0.1)
 
 
-def test_what_is_passed_is_reported_before_anything_moves(so101) -> None:
+def test_what_is_passed_is_reported_before_anything_moves(so101):
     save(Waypoint(name="aside", q=A, passes=True), Waypoint(name="back", q=-A))
     result = so101("run nod --sim", input="n\n")
     passed, stopped = result.stderr.splitlines()[:2]
@@ -37,7 +34,7 @@ def test_what_is_passed_is_reported_before_anything_moves(so101) -> None:
     assert stopped.endswith(" s")
 
 
-def test_loops_are_reported_before_anything_moves_and_run(so101, told) -> None:
+def test_loops_are_reported_before_anything_moves_and_run(so101, told):
     made = Program.of_waypoints((Waypoint(name="aside", q=A), Waypoint(name="back", q=-A)))
     made = made.with_loop(Loop(first=0, last=1, times=2)).with_loop(Loop(first=1, last=1, times=3))
     files.write(made, files.file_of("nod"))
@@ -49,14 +46,14 @@ def test_loops_are_reported_before_anything_moves_and_run(so101, told) -> None:
     assert [line.strip() for line in lines[2:4]] == shown
 
 
-def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint(so101) -> None:
+def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint(so101):
     save(Waypoint(name="aside", q=A), Waypoint(name="low", q=np.radians([0, 80, 20, 0, 0])))
     result = so101("run nod --sim --yes")
     assert result.exit_code == 5
     assert "waypoint 2 (low)" in result.stderr
 
 
-def test_a_program_keeps_off_the_obstacles_of_a_scene(so101, tmp_path: Path) -> None:
+def test_a_program_keeps_off_the_obstacles_of_a_scene(so101, tmp_path):
     save(Waypoint(name="aside", q=A))
     box = {"name": "box", "box_mm": [100, 100, 100], "position_mm": [390, 20, 230]}
     scene = tmp_path / "scene.json"
@@ -66,7 +63,7 @@ def test_a_program_keeps_off_the_obstacles_of_a_scene(so101, tmp_path: Path) -> 
     assert "box" in result.stderr
 
 
-def test_an_unknown_program_is_refused_with_the_nearest(so101) -> None:
+def test_an_unknown_program_is_refused_with_the_nearest(so101):
     result = so101("run nodd --sim --yes")
     assert "try: save one on the Program tab" in result.stderr
     save(Waypoint(name="aside", q=A))
@@ -75,7 +72,7 @@ def test_an_unknown_program_is_refused_with_the_nearest(so101) -> None:
     assert '"nod"' in result.stderr
 
 
-def test_a_pose_of_ones_own_can_be_reached(so101, told) -> None:
+def test_a_pose_of_ones_own_can_be_reached(so101, told):
     SavedPoses().save("over the mug", A)
     plan = told("plan --sim --pose", "over the mug")
     np.testing.assert_allclose(plan["q_goal_deg"], np.degrees(A), atol=1e-3)
@@ -84,7 +81,7 @@ def test_a_pose_of_ones_own_can_be_reached(so101, told) -> None:
     assert '"over the mug"' in result.stderr
 
 
-def test_a_servo_that_falls_silent_ends_the_run_though_its_error_is_a_timeout_too() -> None:
+def test_a_servo_that_falls_silent_ends_the_run_though_its_error_is_a_timeout_too():
     run = SimpleNamespace(future=Future[None]())
     run.future.set_exception(NoReply("no reply from servo 3", servo_id=3, register="goal"))
     with pytest.raises(NoReply):

@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,22 +15,22 @@ Q = np.radians([10.0, -40.0, 35.0, 60.0, 0.0])
 
 
 @pytest.fixture
-def book(tmp_path: Path) -> SavedPoses:
+def book(tmp_path):
     return SavedPoses(tmp_path / "new folder" / "poses.json")
 
 
-def test_without_a_file_there_are_the_poses_of_the_arm(book: SavedPoses) -> None:
+def test_without_a_file_there_are_the_poses_of_the_arm(book):
     assert book.own() == ()
     assert book.find("rest") is next(pose for pose in POSES if pose.name == "rest")
 
 
-def test_a_saved_pose_is_found_by_another_reader(book: SavedPoses, tmp_path: Path) -> None:
+def test_a_saved_pose_is_found_by_another_reader(book, tmp_path):
     book.save("  over the mug ", Q)
     found = SavedPoses(tmp_path / "new folder" / "poses.json").find("over the mug")
     np.testing.assert_allclose(found.q, Q, atol=1e-6)
 
 
-def test_saving_under_the_same_name_replaces_in_place(book: SavedPoses) -> None:
+def test_saving_under_the_same_name_replaces_in_place(book):
     book.save("a", Q)
     book.save("b", Q)
     book.save("a", 2.0 * Q)
@@ -41,7 +38,7 @@ def test_saving_under_the_same_name_replaces_in_place(book: SavedPoses) -> None:
     np.testing.assert_allclose(book.find("a").q, 2.0 * Q, atol=1e-6)
 
 
-def test_a_pose_can_be_renamed_and_deleted(book: SavedPoses) -> None:
+def test_a_pose_can_be_renamed_and_deleted(book):
     book.save("a", Q)
     book.save("b", Q)
     book.rename("a", "c")
@@ -60,15 +57,13 @@ def test_a_pose_can_be_renamed_and_deleted(book: SavedPoses) -> None:
         ("Home", "is built in"),
     ],
 )
-def test_names_that_cannot_be_used_are_refused_and_nothing_is_written(
-    book: SavedPoses, name: str, reason: str
-) -> None:
+def test_names_that_cannot_be_used_are_refused_and_nothing_is_written(book, name, reason):
     with pytest.raises(ConfigError, match=reason):
         book.save(name, Q)
     assert book.own() == ()
 
 
-def test_what_is_not_there_cannot_be_renamed_deleted_or_found(book: SavedPoses) -> None:
+def test_what_is_not_there_cannot_be_renamed_deleted_or_found(book):
     book.save("mug", Q)
     book.save("cup", Q)
     with pytest.raises(ConfigError, match="is taken"):
@@ -81,7 +76,7 @@ def test_what_is_not_there_cannot_be_renamed_deleted_or_found(book: SavedPoses) 
         book.find("mugg")
 
 
-def test_there_is_an_end_to_how_many_there_may_be(book: SavedPoses, tmp_path: Path) -> None:
+def test_there_is_an_end_to_how_many_there_may_be(book, tmp_path):
     poses = [{"name": f"p{k}", "q_deg": [0, 0, 0, 0, 0]} for k in range(MOST)]
     (tmp_path / "new folder").mkdir()
     file = tmp_path / "new folder" / "poses.json"
@@ -107,9 +102,7 @@ def test_there_is_an_end_to_how_many_there_may_be(book: SavedPoses, tmp_path: Pa
     ],
     ids=lambda value: value[:60].strip(),
 )
-def test_a_broken_file_says_what_is_wrong_and_is_left_alone(
-    tmp_path: Path, text: str, reason: str
-) -> None:
+def test_a_broken_file_says_what_is_wrong_and_is_left_alone(tmp_path, text, reason):
     file = tmp_path / "poses.json"
     file.write_text(text)
     book = SavedPoses(file)
@@ -119,16 +112,14 @@ def test_a_broken_file_says_what_is_wrong_and_is_left_alone(
     assert file.read_text() == text
 
 
-def test_the_file_of_the_user_is_in_the_data_directory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_file_of_the_user_is_in_the_data_directory(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     SavedPoses().save("mine", Q)
     assert (tmp_path / "so101_motion" / "poses.json").is_file()
 
 
 @given(st.lists(st.floats(-180.0, 180.0), min_size=5, max_size=5))
-def test_joint_angles_survive_being_written(q_deg: list[float]) -> None:
+def test_joint_angles_survive_being_written(q_deg):
     q = np.radians(q_deg)
     written = user_storage.joints_to_deg(q)
     np.testing.assert_allclose(user_storage.joints_from_deg(written, key="q"), q, atol=1e-6)
@@ -136,11 +127,11 @@ def test_joint_angles_survive_being_written(q_deg: list[float]) -> None:
 
 
 @pytest.mark.parametrize("name", ["con", "CON .", "nul.json", "com1", "wave.", "wave "])
-def test_names_that_windows_takes_for_something_else_are_refused(name: str) -> None:
+def test_names_that_windows_takes_for_something_else_are_refused(name):
     with pytest.raises(ConfigError, match="Windows"):
         user_storage.refuse_reserved(name, what="name")
 
 
 @pytest.mark.parametrize("name", ["console", "wave 1.2", "nullify", "com", ".hidden"])
-def test_names_that_only_look_like_those_are_taken(name: str) -> None:
+def test_names_that_only_look_like_those_are_taken(name):
     user_storage.refuse_reserved(name, what="name")

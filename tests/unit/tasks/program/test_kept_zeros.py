@@ -1,9 +1,6 @@
 """What a user keeps has the zeros of the arm's calibration and is converted to those of another."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,7 +120,7 @@ def kind(request):
         (None, ANEW, np.degrees(Q)),
     ],
 )
-def test_arm_stands_where_it_did(kind, tmp_path: Path, made_with, now, expected_deg) -> None:
+def test_arm_stands_where_it_did(kind, tmp_path, made_with, now, expected_deg):
     file = kind.write(tmp_path, made_with)
     np.testing.assert_allclose(np.degrees(kind.read(file, now)), expected_deg, atol=2e-4)
     assert ('"encoder_zeros"' in file.read_text()) == (made_with is not None)
@@ -133,9 +130,7 @@ def test_arm_stands_where_it_did(kind, tmp_path: Path, made_with, now, expected_
     ("now", "differs"),
     [(OTHER_ARM, r"elbow_flex -17\.6 deg"), (TURNED, "elbow_flex turns the other way")],
 )
-def test_another_arm_is_refused_until_the_user_accepts_it(
-    kind, tmp_path: Path, now, differs: str
-) -> None:
+def test_another_arm_is_refused_until_the_user_accepts_it(kind, tmp_path, now, differs):
     file = kind.write(tmp_path, OLD)
     with pytest.raises(ConfigError, match=differs) as refused:
         kind.read(file, now)
@@ -147,13 +142,13 @@ def test_another_arm_is_refused_until_the_user_accepts_it(
     assert CliRunner().invoke(calibration, words).exit_code == 2
 
 
-def test_a_conversion_is_told(tmp_path: Path, caplog) -> None:
+def test_a_conversion_is_told(tmp_path, caplog):
     OneArm().read(OneArm().write(tmp_path, OLD), ANEW)
     assert "converted: shoulder_pan -4.9 deg, shoulder_lift +4.9 deg" in caplog.text
 
 
 @pytest.mark.parametrize("wrong", ["[]", '{"shoulder_pan": 3}', "7"])
-def test_zeros_that_are_none_are_refused(tmp_path: Path, wrong: str) -> None:
+def test_zeros_that_are_none_are_refused(tmp_path, wrong):
     file = tmp_path / "wave.json"
     file.write_text(f'{{"schema": "so101/program/2", "waypoints": [], "encoder_zeros": {wrong}}}')
     with pytest.raises(ConfigError, match="encoder_zeros: shoulder_pan"):

@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,17 +21,17 @@ PROGRAM = Program.of_waypoints(
 
 
 @pytest.fixture(autouse=True)
-def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def data(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     return tmp_path / "so101_motion" / "programs"
 
 
-def told(each: Waypoint) -> tuple[object, ...]:
+def told(each):
     return (each.name, each.aperture, each.pause, each.passes, each.speed)
 
 
 @pytest.mark.parametrize("rounds", [1, 3, None])
-def test_a_program_is_the_same_after_writing_and_reading(rounds: int | None) -> None:
+def test_a_program_is_the_same_after_writing_and_reading(rounds):
     file = files.file_of("stack cubes")
     files.write(PROGRAM.with_rounds(rounds), file)
     again = files.read(file)
@@ -44,7 +41,7 @@ def test_a_program_is_the_same_after_writing_and_reading(rounds: int | None) -> 
         np.testing.assert_allclose(one.q, other.q, atol=1e-6)
 
 
-def test_programs_are_found_by_name_and_by_file(data: Path, tmp_path: Path) -> None:
+def test_programs_are_found_by_name_and_by_file(data, tmp_path):
     assert files.names() == ()
     files.write(PROGRAM, files.file_of("stack cubes"))
     files.write(PROGRAM, tmp_path / "other.json")
@@ -59,9 +56,7 @@ def test_programs_are_found_by_name_and_by_file(data: Path, tmp_path: Path) -> N
         files.delete("stack cubes")
 
 
-def test_the_longest_program_of_four_arms_is_the_same_after_writing_and_reading(
-    tmp_path: Path,
-) -> None:
+def test_the_longest_program_of_four_arms_is_the_same_after_writing_and_reading(tmp_path):
     step = {arm: Waypoint(name="ü" * 40, q=np.full(5, 1.0 / 3.0), speed=0.5) for arm in "abcd"}
     files.write(Program(steps=(step,) * MOST), tmp_path / "long.json")
     assert (tmp_path / "long.json").stat().st_size > LARGEST
@@ -69,7 +64,7 @@ def test_the_longest_program_of_four_arms_is_the_same_after_writing_and_reading(
 
 
 @pytest.mark.parametrize("name", ["../secret", ".hidden", "a/b", "a\\b", "", "x" * 41, "-rf"])
-def test_a_name_that_leads_elsewhere_is_no_program(name: str) -> None:
+def test_a_name_that_leads_elsewhere_is_no_program(name):
     with pytest.raises(ConfigError, match="program name"):
         files.file_of(name)
 
@@ -107,9 +102,7 @@ def test_a_name_that_leads_elsewhere_is_no_program(name: str) -> None:
         ),
     ],
 )
-def test_an_invalid_file_says_what_and_where(
-    tmp_path: Path, change: dict[str, object], reason: str
-) -> None:
+def test_an_invalid_file_says_what_and_where(tmp_path, change, reason):
     file = tmp_path / "program.json"
     content = {"schema": "so101/program/1", "rounds": 1, "waypoints": [], **change}
     file.write_text(json.dumps(content))
@@ -117,14 +110,14 @@ def test_an_invalid_file_says_what_and_where(
         files.read(file)
 
 
-def test_a_file_without_a_word_about_passing_stops_at_every_waypoint(tmp_path: Path) -> None:
+def test_a_file_without_a_word_about_passing_stops_at_every_waypoint(tmp_path):
     file = tmp_path / "old.json"
     old = {"schema": "so101/program/1", "waypoints": [{"name": "a", "q_deg": [0] * 5}] * 2}
     file.write_text(json.dumps(old))
     assert [files.read(file).stops_at(index) for index in (0, 1)] == [True, True]
 
 
-def test_steps_of_several_arms_are_the_same_after_writing_and_reading(tmp_path: Path) -> None:
+def test_steps_of_several_arms_are_the_same_after_writing_and_reading(tmp_path):
     a, b = (Waypoint(name=name, q=np.full(5, 0.1), aperture=0.8, speed=0.4) for name in "ab")
     made = Program(
         steps=({"left": a}, {"left": b, "right": a}), loops=(Loop(first=0, last=1, times=4),)
@@ -148,16 +141,14 @@ def test_steps_of_several_arms_are_the_same_after_writing_and_reading(tmp_path: 
     ],
 )
 @pytest.mark.parametrize("schema", ["so101/program/3", "so101/cell-program/1"])
-def test_invalid_steps_are_refused_with_their_place(
-    tmp_path: Path, schema: str, steps: object, said: str
-) -> None:
+def test_invalid_steps_are_refused_with_their_place(tmp_path, schema, steps, said):
     file = tmp_path / "wave.json"
     file.write_text(json.dumps({"schema": schema, "steps": steps}))
     with pytest.raises(ConfigError, match=said):
         files.read(file)
 
 
-def test_a_program_that_names_a_single_arm_runs_on_the_only_one_there_is(tmp_path: Path) -> None:
+def test_a_program_that_names_a_single_arm_runs_on_the_only_one_there_is(tmp_path):
     waypoint = Waypoint(name="a", q=np.zeros(5))
     files.write(Program(steps=({"left": waypoint},)), tmp_path / "wave.json")
     assert files.read(tmp_path / "wave.json").arms == ("left",)

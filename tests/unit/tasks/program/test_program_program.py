@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -12,23 +10,23 @@ from so101_motion.tasks.program.loops import Loop
 from so101_motion.tasks.program.program import ARM, MOST, Program, Waypoint
 
 
-def step(name: str) -> dict[str, Waypoint]:
+def step(name):
     return {ARM: waypoint(name)}
 
 
-def waypoint(name: str) -> Waypoint:
+def waypoint(name):
     return Waypoint(name=name, q=np.zeros(5))
 
 
-def program(names: str) -> Program:
+def program(names):
     return Program.of_waypoints(tuple(waypoint(name) for name in names))
 
 
-def names(made: Program) -> str:
+def names(made):
     return "".join(each.name for each in made.waypoints)
 
 
-def test_waypoints_are_added_changed_and_removed() -> None:
+def test_waypoints_are_added_changed_and_removed():
     made = program("abc")
     assert names(made.with_step(step("d"))) == "abcd"
     assert names(made.without(1)) == "ac"
@@ -38,9 +36,7 @@ def test_waypoints_are_added_changed_and_removed() -> None:
 
 
 @given(st.data())
-def test_moving_a_waypoint_keeps_the_order_of_the_others_and_can_be_undone(
-    data: st.DataObject,
-) -> None:
+def test_moving_a_waypoint_keeps_the_order_of_the_others_and_can_be_undone(data):
     made = program("abcdefgh"[: data.draw(st.integers(1, 8))])
     place = st.integers(0, len(made) - 1)
     index, to = data.draw(place), data.draw(place)
@@ -52,9 +48,7 @@ def test_moving_a_waypoint_keeps_the_order_of_the_others_and_can_be_undone(
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=12))
-def test_every_waypoint_is_on_one_leg_and_a_leg_ends_where_the_arm_stops(
-    passes: list[bool],
-) -> None:
+def test_every_waypoint_is_on_one_leg_and_a_leg_ends_where_the_arm_stops(passes):
     made = Program.of_waypoints(Waypoint(name="a", q=np.zeros(5), passes=each) for each in passes)
     legs = [each.indices for each in made.visits()]
     assert [index for each in legs for index in each] == [*range(len(passes))]
@@ -62,7 +56,7 @@ def test_every_waypoint_is_on_one_leg_and_a_leg_ends_where_the_arm_stops(
         assert [made.stops_at(index) for index in each] == [False] * (len(each) - 1) + [True]
 
 
-def looped(names: str, *loops: tuple[int, int, int], passed: str = "") -> Program:
+def looped(names, *loops, passed=""):
     """A program of one-letter waypoints; loops say first, last and times."""
     return Program.of_waypoints(
         (replace(waypoint(name), passes=name in passed) for name in names),
@@ -70,7 +64,7 @@ def looped(names: str, *loops: tuple[int, int, int], passed: str = "") -> Progra
     )
 
 
-def order(made: Program, most: int | None = None) -> str:
+def order(made, most=None):
     """The waypoints as they are gone through; a comma where the arm stops."""
     legs = (made.waypoints[each.indices.start : each.indices.stop] for each in made.visits(most))
     return ",".join("".join(each.name for each in leg) for leg in legs)
@@ -89,7 +83,7 @@ def order(made: Program, most: int | None = None) -> str:
         (looped("abcd", (1, 2, 2), passed="abc"), "abc,bc,d"),  # it turns back, so it stops
     ],
 )
-def test_loops_run_where_they_stand(made: Program, goes: str) -> None:
+def test_loops_run_where_they_stand(made, goes):
     assert order(made) == goes
     again = made.with_rounds(2)
     assert order(again) == f"{goes},{goes}"
@@ -108,8 +102,8 @@ LOOPS = st.lists(
 
 @given(LOOPS, PLACES, PLACES, st.lists(st.sampled_from([None, 0.0, 1.0]), min_size=7, max_size=7))
 def test_loops_survive_every_edit_and_two_rounds_show_every_leg_with_every_jaw(
-    loops: list[tuple[int, int, int]], index: int, to: int, apertures: list[float | None]
-) -> None:
+    loops, index, to, apertures
+):
     try:
         made = looped("abcdefg", *loops)
     except ConfigError:
@@ -118,7 +112,7 @@ def test_loops_survive_every_edit_and_two_rounds_show_every_leg_with_every_jaw(
         assert len(edited.loops) <= len(made.loops)
         assert all(loop.last < len(edited) for loop in edited.loops)
 
-    def legs(most: int | None) -> set[tuple[object, ...]]:
+    def legs(most):
         found, jaw = set(), 0.5
         for visit in made.with_rounds(3).visits(most):
             found.add((visit.origin, visit.indices, jaw))
@@ -149,6 +143,6 @@ def test_loops_survive_every_edit_and_two_rounds_show_every_leg_with_every_jaw(
         (lambda: looped("abc", (0, 2, 2), (0, 1, 2), (0, 0, 2)), "in more than 2 loops"),
     ],
 )
-def test_invalid_input_is_refused(make: object, reason: str) -> None:
+def test_invalid_input_is_refused(make, reason):
     with pytest.raises(ConfigError, match=reason):
-        make()  # type: ignore[operator]
+        make()

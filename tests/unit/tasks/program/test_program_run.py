@@ -1,10 +1,7 @@
 """Programs on a simulated arm, planned for by the real worker, on a clock the test drives."""
 
-from __future__ import annotations
-
 import threading
 import time
-from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 
@@ -18,14 +15,12 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.scene import Capsule, Obstacle
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import (
     ARM,
     Loop,
     Program,
     ProgramRun,
-    Rehearsal,
     Solo,
     Waypoint,
     rehearse,
@@ -43,12 +38,12 @@ INTO_THE_TABLE = np.radians([0.0, 80.0, 20.0, 0.0, 0.0])
 class PausesKnown(ManualClock):
     """A clock that knows who pauses on it: the arm's own thread attends to it for that alone."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
-        self.pausing: set[threading.Thread] = set()
+        self.pausing = set()
 
     @contextmanager
-    def attend(self) -> Iterator[None]:
+    def attend(self):
         me = threading.current_thread()
         pauses = me.name.startswith("so101-arm")
         with super().attend():
@@ -61,35 +56,34 @@ class PausesKnown(ManualClock):
 
 
 @pytest.fixture
-def clock() -> PausesKnown:
+def clock():
     return PausesKnown()
 
 
 @pytest.fixture
-def rig(clock: PausesKnown) -> Iterator[Rig]:
+def rig(clock):
     with open_simulated(clock=clock, speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
         yield rig
 
 
-def program(*waypoints: Waypoint, rounds: int | None = 1) -> Program:
+def program(*waypoints, rounds=1):
     return Program.of_waypoints(waypoints, rounds=rounds)
 
 
-def at(q: np.ndarray, name: str = "there", **rest: float) -> Waypoint:
+def at(q, name="there", **rest):
     return Waypoint(name=name, q=q, **rest)
 
 
-def start(rig: Rig, made: Program) -> ProgramRun:
+def start(rig, made):
     return start_program(Solo.of(rig), rehearse(Solo.of(rig), made))
 
 
-def until(rig: Rig, condition: Callable[[], object]) -> None:
+def until(rig, condition):
     """Let time pass, but only while somebody waits for it, until ``condition`` is true.
 
     What the arm's thread does between two motions takes real time, and none of the clock's.
     """
     clock, moment, end = rig.clock, threading.Event(), time.monotonic() + 60.0
-    assert isinstance(clock, PausesKnown)
     while time.monotonic() < end:
         if condition():
             return
@@ -100,11 +94,11 @@ def until(rig: Rig, condition: Callable[[], object]) -> None:
     pytest.fail("did not come true")
 
 
-def finish(rig: Rig, run: ProgramRun, look: Callable[[], object] = lambda: None) -> list[object]:
+def finish(rig, run, look=lambda: None):
     """Let the run end; returns what ``look`` saw meanwhile, each as long as it lasted."""
     seen = []
 
-    def is_over() -> bool:
+    def is_over():
         if (now := look()) not in seen[-1:]:
             seen.append(now)
         return run.future.done()
@@ -114,7 +108,7 @@ def finish(rig: Rig, run: ProgramRun, look: Callable[[], object] = lambda: None)
     return seen
 
 
-def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: PausesKnown) -> None:
+def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig, clock):
     made = rehearse(Solo.of(rig), program(at(A, pause=2.0), at(B), rounds=2))
     clock.advance(1.0)
     np.testing.assert_array_equal(rig.arm.state.q, np.zeros(5))
@@ -122,27 +116,25 @@ def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: PausesKn
     np.testing.assert_allclose(first.q_goal, A)
     np.testing.assert_array_equal(second.q_start, first.q_goal)
     back = made.arrivals[2].leg.plan
-    assert back is not None
     np.testing.assert_allclose([back.q_start, back.q_goal], [B, A])
     assert made.duration == pytest.approx(first.duration + second.duration + 2.0)
 
 
-def test_a_waypoint_that_cannot_be_reached_is_named_before_anything_moves(rig: Rig) -> None:
+def test_a_waypoint_that_cannot_be_reached_is_named_before_anything_moves(rig):
     made = program(at(A), at(INTO_THE_TABLE, "low"))
     with pytest.raises(InCollision, match=r"^waypoint 2 \(low\): "):
         rehearse(Solo.of(rig), made)
     np.testing.assert_array_equal(rig.arm.state.q, np.zeros(5))
 
 
-def test_each_leg_is_planned_with_the_jaw_as_the_waypoint_before_leaves_it(rig: Rig) -> None:
+def test_each_leg_is_planned_with_the_jaw_as_the_waypoint_before_leaves_it(rig):
     rehearse(Solo.of(rig), program(at(A, aperture=1.0), at(B)))
-    assert rig.arm.newest is not None
     request, _ = rig.arm.newest
     assert request.q_jaw == pytest.approx(rig.gripper.opened)
     np.testing.assert_allclose(request.q_start, A)
 
 
-def test_of_waypoints_that_are_passed_the_slowest_step_counts_up_to_the_stop(rig: Rig) -> None:
+def test_of_waypoints_that_are_passed_the_slowest_step_counts_up_to_the_stop(rig):
     slow = (Waypoint(name="by", q=A, passes=True, speed=0.25), at(B))
     quick = (Waypoint(name="by", q=A, passes=True), at(B))
     durations = [rehearse(Solo.of(rig), program(*way)).duration for way in (slow, quick)]
@@ -151,7 +143,7 @@ def test_of_waypoints_that_are_passed_the_slowest_step_counts_up_to_the_stop(rig
         at(A, speed=0.0)
 
 
-def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(rig: Rig) -> None:
+def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(rig):
     run = start(rig, program(at(A, aperture=0.6), at(B, aperture=0.0, pause=1.0), rounds=2))
     seen = finish(rig, run, lambda: (run.where.round, run.where.index, run.where.doing))
     assert run.share == 1.0
@@ -162,7 +154,7 @@ def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(rig: Rig
     assert (1, 0, "jaw") in seen
 
 
-def test_a_pause_lasts_as_long_as_it_should(rig: Rig, clock: PausesKnown) -> None:
+def test_a_pause_lasts_as_long_as_it_should(rig, clock):
     run = start(rig, program(at(np.zeros(5), pause=3.0)))
     until(rig, lambda: run.where.doing == "pausing")
     begin = clock.now()
@@ -172,9 +164,7 @@ def test_a_pause_lasts_as_long_as_it_should(rig: Rig, clock: PausesKnown) -> Non
 
 @pytest.mark.parametrize("doing", ["moving", "jaw", "pausing"])
 @pytest.mark.parametrize("how", ["run", "arm"])
-def test_stop_ends_a_run_whatever_it_is_doing(
-    rig: Rig, clock: PausesKnown, doing: str, how: str
-) -> None:
+def test_stop_ends_a_run_whatever_it_is_doing(rig, clock, doing, how):
     run = start(rig, program(at(A, aperture=1.0, pause=5.0), at(B), rounds=None))
     until(rig, lambda: run.where.doing == doing)
     clock.advance(0.1)
@@ -188,7 +178,7 @@ def test_stop_ends_a_run_whatever_it_is_doing(
     np.testing.assert_allclose(rig.arm.state.q, stands, atol=to_rad(0.05))
 
 
-def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig) -> None:
+def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig):
     run = start(rig, program(at(A, pause=5.0), at(B)))
     until(rig, lambda: run.where.doing == "pausing")
     newer = rig.arm.move(JointGoal(q=np.zeros(5)), wait=False)
@@ -200,7 +190,7 @@ def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig) -> None:
     newer.result()
 
 
-def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(rig: Rig) -> None:
+def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(rig):
     rehearsal = rehearse(Solo.of(rig), program(at(A, "aside")))
     moved = rig.arm.move(JointGoal(q=B), wait=False)
     until(rig, moved.future.done)
@@ -211,7 +201,7 @@ def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(rig: Rig) 
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
 
 
-def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig: Rig) -> None:
+def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig):
     with pytest.raises(ConfigError, match="has no waypoint"):
         rehearse(Solo.of(rig), Program())
     with pytest.raises(ConfigError, match=r"left, right.* are several; `so101 cell run`"):
@@ -223,8 +213,8 @@ def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig: Rig) -> No
 # Loops
 
 
-def test_a_loop_is_rehearsed_with_the_way_back_and_the_jaw_of_its_second_time(rig: Rig) -> None:
-    def loop(times: int) -> Rehearsal:
+def test_a_loop_is_rehearsed_with_the_way_back_and_the_jaw_of_its_second_time(rig):
+    def loop(times):
         made = program(at(A, pause=1.0), at(B, aperture=1.0), at(np.zeros(5)))
         again = Loop(first=0, last=1, times=times)
         return rehearse(Solo.of(rig), made.with_loop(again))
@@ -235,13 +225,13 @@ def test_a_loop_is_rehearsed_with_the_way_back_and_the_jaw_of_its_second_time(ri
     assert made.duration - loop(3).duration == pytest.approx(loop(3).duration - loop(2).duration)
 
 
-def test_a_run_goes_through_loops_and_says_which_time_it_is(rig: Rig) -> None:
+def test_a_run_goes_through_loops_and_says_which_time_it_is(rig):
     made = program(at(A), at(B, pause=0.1), at(np.zeros(5)), rounds=2)
     inner, outer = Loop(first=1, last=1, times=2), Loop(first=0, last=1, times=2)
     run = start(rig, made.with_loop(outer).with_loop(inner))
     shares = [0.0]
 
-    def look() -> tuple[object, ...]:
+    def look():
         shares.append(run.share)
         return run.where.round, run.where.index, run.where.laps
 
@@ -254,9 +244,7 @@ def test_a_run_goes_through_loops_and_says_which_time_it_is(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("places", [(A, B), (np.zeros(5),)], ids=["endless", "goes nowhere"])
-def test_an_endless_run_goes_on_until_it_is_stopped(
-    rig: Rig, places: tuple[np.ndarray, ...]
-) -> None:
+def test_an_endless_run_goes_on_until_it_is_stopped(rig, places):
     run = start(rig, program(*map(at, places), rounds=None))
     until(rig, lambda: run.where.round > 2)
     assert 0.0 <= run.share < 1.0
@@ -265,8 +253,8 @@ def test_an_endless_run_goes_on_until_it_is_stopped(
     assert isinstance(run.future.exception(), Interrupted)
 
 
-def test_a_run_that_is_still_planned_is_ended_by_a_stop_and_moves_nothing(rig: Rig) -> None:
-    planning: Future[Rehearsal] = Future()
+def test_a_run_that_is_still_planned_is_ended_by_a_stop_and_moves_nothing(rig):
+    planning = Future()
     made = program(at(A))
     run = ProgramRun(Solo.of(rig), made, lambda: wait_here(planning))
     until(rig, lambda: not rig.arm.newest_motion.future.done())
@@ -283,7 +271,7 @@ AROUND = np.radians(
 )
 
 
-def passing(*places: np.ndarray, passes: bool = True) -> tuple[Waypoint, ...]:
+def passing(*places, passes=True):
     """Waypoints of which all but the last are passed."""
     last = len(places) - 1
     return tuple(
@@ -291,27 +279,24 @@ def passing(*places: np.ndarray, passes: bool = True) -> tuple[Waypoint, ...]:
     )
 
 
-def test_passed_waypoints_are_one_motion_with_the_stop_behind_them(rig: Rig) -> None:
+def test_passed_waypoints_are_one_motion_with_the_stop_behind_them(rig):
     made = rehearse(Solo.of(rig), program(*passing(*AROUND), at(A, pause=1.0), rounds=2))
     first, second, back = made.legs
     assert [list(first.indices), list(second.indices)] == [[0, 1, 2, 3], [4]]
-    assert first.plan is not None
     np.testing.assert_allclose(first.plan.q_goal, AROUND[-1])
     assert first.at[-1] == first.plan.duration
-    assert back.plan is not None
     np.testing.assert_allclose(back.plan.q_start, A)
     np.testing.assert_allclose(back.plan.q_goal, AROUND[-1])
 
 
-def test_a_last_waypoint_that_may_be_passed_is_stopped_at(rig: Rig) -> None:
+def test_a_last_waypoint_that_may_be_passed_is_stopped_at(rig):
     made = rehearse(Solo.of(rig), program(at(A), at(B, passes=True), rounds=None))
     first, second, back = made.legs
     assert [list(leg.indices) for leg in (first, second, back)] == [[0], [1], [0]]
-    assert second.plan is not None
     np.testing.assert_allclose(second.plan.q_goal, B)
 
 
-def test_passing_where_the_arm_stands_is_no_motion(rig: Rig) -> None:
+def test_passing_where_the_arm_stands_is_no_motion(rig):
     there = np.zeros(5)
     made = rehearse(Solo.of(rig), program(*passing(there, there)))
     (leg,) = made.legs
@@ -321,7 +306,7 @@ def test_passing_where_the_arm_stands_is_no_motion(rig: Rig) -> None:
     np.testing.assert_allclose(leg.at, [0.0, leg.plan.duration, leg.plan.duration], atol=0.02)
 
 
-def test_a_passed_waypoint_behind_something_is_reached_around_it(rig: Rig) -> None:
+def test_a_passed_waypoint_behind_something_is_reached_around_it(rig):
     aside = np.radians([50.0, 0.0, 0.0, 0.0, 0.0])
     ahead = SE3.from_translation(rig.arm.model.frame(np.zeros(5), "jaw_tip").p)
     shape = Capsule(radius=0.02, length=0.5)
@@ -335,16 +320,16 @@ def test_a_passed_waypoint_behind_something_is_reached_around_it(rig: Rig) -> No
     assert near <= PASSING
 
 
-def test_a_passed_waypoint_that_cannot_be_reached_is_named(rig: Rig) -> None:
+def test_a_passed_waypoint_that_cannot_be_reached_is_named(rig):
     with pytest.raises(InCollision, match=r"^waypoint 2 \(1\): "):
         rehearse(Solo.of(rig), program(*passing(A, INTO_THE_TABLE, B)))
 
 
-def test_a_run_goes_through_and_says_where_it_is(rig: Rig) -> None:
+def test_a_run_goes_through_and_says_where_it_is(rig):
     run = start(rig, program(*passing(*AROUND), rounds=2))
     slowest = np.inf
 
-    def look() -> tuple[int, int]:
+    def look():
         nonlocal slowest
         where = (run.where.round, run.where.index)
         if where == (0, 2):
@@ -358,9 +343,7 @@ def test_a_run_goes_through_and_says_where_it_is(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("places", [(B,), AROUND[1:]])
-def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew_as_a_whole(
-    rig: Rig, places: tuple[np.ndarray, ...]
-) -> None:
+def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew_as_a_whole(rig, places):
     rehearsal = rehearse(Solo.of(rig), program(at(A, pause=1.0), *passing(*places)))
     run = start_program(Solo.of(rig), rehearsal)
     until(rig, lambda: run.where.doing == "pausing")

@@ -1,22 +1,16 @@
 """Following a leader as an operation, on a clock the test drives."""
 
-from __future__ import annotations
-
 import threading
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from so101_viewer.teach.teach_panel import leading_of
 
 from so101_motion.arm.stop_order import mark_request
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import BusError, Interrupted
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
@@ -31,18 +25,18 @@ AWAY = np.radians([25.0, -15.0, 10.0, 10.0, 0.0])
 class Bench:
     """Two arms, a worker, and time that passes while something is waited for."""
 
-    def __init__(self, rig: Rig, leader: Rig, clock: ManualClock) -> None:
+    def __init__(self, rig, leader, clock):
         self.rig, self.leader, self.clock = rig, leader, clock
         self.operation = LeadingOperation(rig, lambda: leader)
         self.worker = ThreadPoolExecutor(max_workers=2)
 
-    def ask(self, command: str) -> Future[Any]:
+    def ask(self, command):
         """As a button that is pressed now."""
         asked = copy_context()
         asked.run(mark_request)
         return self.worker.submit(asked.run, self.operation.ask, command)
 
-    def until(self, condition: Callable[[], object]) -> None:
+    def until(self, condition):
         end = time.monotonic() + 60.0  # planner and worker take real time
         while time.monotonic() < end:
             if condition():
@@ -50,13 +44,13 @@ class Bench:
             self.clock.advance(0.01)
         pytest.fail("did not come true")
 
-    def done(self, future: Future[Any]) -> Any:
+    def done(self, future):
         self.until(future.done)
         return future.result()
 
 
 @pytest.fixture
-def bench(clock: ManualClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+def bench(clock, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     leader = open_simulated(clock=clock)
     with open_simulated(clock=clock, speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
@@ -67,7 +61,7 @@ def bench(clock: ManualClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         bench.worker.shutdown()
 
 
-def test_the_arm_follows_a_leader_until_it_is_ended(bench: Bench) -> None:
+def test_the_arm_follows_a_leader_until_it_is_ended(bench):
     operation, leader = bench.operation, bench.leader
     assert operation.view.text == OFF
     bench.done(bench.ask("start"))
@@ -85,8 +79,8 @@ def test_the_arm_follows_a_leader_until_it_is_ended(bench: Bench) -> None:
     np.testing.assert_allclose(bench.rig.arm.state.q, before, atol=1e-6)
 
 
-def test_a_leader_that_cannot_be_opened_is_reported(bench: Bench) -> None:
-    def nobody() -> Rig:
+def test_a_leader_that_cannot_be_opened_is_reported(bench):
+    def nobody():
         raise BusError("there is no such port")
 
     bench.operation = LeadingOperation(bench.rig, nobody)
@@ -95,10 +89,10 @@ def test_a_leader_that_cannot_be_opened_is_reported(bench: Bench) -> None:
     assert bench.operation.view.text == OFF
 
 
-def test_a_stop_while_the_leader_is_being_opened_moves_nothing(bench: Bench) -> None:
+def test_a_stop_while_the_leader_is_being_opened_moves_nothing(bench):
     begun, go_on = threading.Event(), threading.Event()
 
-    def open_leader() -> Rig:
+    def open_leader():
         begun.set()
         assert go_on.wait(60.0)
         return bench.leader
@@ -118,23 +112,23 @@ def test_a_stop_while_the_leader_is_being_opened_moves_nothing(bench: Bench) -> 
 class _Machine(MachineRig):
     """A machine that notes what it is asked."""
 
-    def __init__(self) -> None:
-        self.asked: list[str] = []
+    def __init__(self):
+        self.asked = []
 
-    def do_command(self, name: str, command: Any, **_: Any) -> dict[str, Any]:
+    def do_command(self, name, command, **_):
         self.asked.append(command["command"])
         return {"running": False, "consecutive_errors": 0}
 
     @property
-    def resources(self) -> Any:
+    def resources(self):
         return (type("Resource", (), {"name": "teleop", "api": "service:generic"})(),)
 
 
 @pytest.mark.parametrize("is_on_machine", [False, True])
-def test_a_stop_before_a_thread_is_free_begins_nothing(bench: Bench, is_on_machine: bool) -> None:
+def test_a_stop_before_a_thread_is_free_begins_nothing(bench, is_on_machine):
     machine, opened = _Machine(), list[Rig]()
 
-    def open_leader() -> Rig:
+    def open_leader():
         opened.append(bench.leader)
         return bench.leader
 
