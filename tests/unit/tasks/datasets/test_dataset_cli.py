@@ -1,14 +1,13 @@
 import json
 
 import numpy as np
-from click.testing import CliRunner
+import pytest
 from harness.lerobot_data import late, swing, write_data_set
 
-from so101_motion.cli.verbs import main
 
-
-def run(*arguments):
-    return CliRunner().invoke(main, ["dataset", *map(str, arguments)])
+@pytest.fixture
+def check(so101):
+    return lambda *words: so101("dataset check", *words)
 
 
 def with_a_jump(root):
@@ -17,52 +16,52 @@ def with_a_jump(root):
     return write_data_set(root, [swing(), (action, late(swing()))])
 
 
-def test_a_clean_data_set_is_said_to_be_clean(tmp_path):
+def test_a_clean_data_set_is_said_to_be_clean(check, tmp_path):
     root = write_data_set(tmp_path / "set", [swing()])
-    result = run("check", root, "--units", "model")
+    result = check(root, "--units", "model")
     assert result.exit_code == 0, result.output
     assert "1 episodes, 90 frames at 30 a second" in result.stdout
     assert "joints lag by 100 ms" in result.stdout
     assert "nothing wrong was found" in result.stdout
 
 
-def test_what_is_wrong_is_listed_for_people_and_programs_and_is_an_exit_code(tmp_path):
-    check = ("check", with_a_jump(tmp_path / "set"), "--units", "model")
-    result = run(*check, "--worst", "1")
+def test_what_is_wrong_is_listed_for_people_and_programs_and_is_an_exit_code(check, tmp_path):
+    asked = with_a_jump(tmp_path / "set"), "--units", "model"
+    result = check(*asked, "--worst", "1")
     assert result.exit_code == 6
     assert "1 x jump" in result.stdout
     assert "episode    1,    1.30 s  action: shoulder_pan jumps by 60" in result.stdout
-    content = json.loads(run(*check, "--json").stdout)
+    content = json.loads(check(*asked, "--json").stdout)
     assert content["schema"] == "so101/dataset-check/1"
     assert content["counts"]["jump"] == 1
     assert content["moments"][0]["what"] == "shoulder_pan"
     assert content["differences"]["lag_s"] == 0.1
 
 
-def test_a_data_set_that_cannot_be_read_is_a_sentence_and_an_exit_code(tmp_path):
-    result = run("check", tmp_path)
+def test_a_data_set_that_cannot_be_read_is_a_sentence_and_an_exit_code(check, tmp_path):
+    result = check(tmp_path)
     assert result.exit_code == 2
     assert "meta/info.json" in result.stderr
 
 
-def test_the_speed_from_which_on_something_is_said_can_be_chosen(tmp_path):
+def test_the_speed_from_which_on_something_is_said_can_be_chosen(check, tmp_path):
     root = write_data_set(tmp_path / "set", [swing()])
-    result = run("check", root, "--units", "model", "--speed", "20")
+    result = check(root, "--units", "model", "--speed", "20")
     assert result.exit_code == 6
     assert "deg/s" in result.stdout
 
 
-def test_a_recording_in_which_nothing_is_a_number_is_reported_as_such(tmp_path):
+def test_a_recording_in_which_nothing_is_a_number_is_reported_as_such(check, tmp_path):
     root = write_data_set(tmp_path / "set", [np.full((30, 6), np.nan)])
-    result = run("check", root)
+    result = check(root)
     assert result.exit_code == 6
     assert "30 frames lack a number" in result.stdout
 
 
-def test_the_report_is_one_file_that_loads_nothing(tmp_path):
+def test_the_report_is_one_file_that_loads_nothing(check, tmp_path):
     root = with_a_jump(tmp_path / "<b>set")
     file = tmp_path / "report.html"
-    result = run("check", root, "--units", "model", "--html", file)
+    result = check(root, "--units", "model", "--html", file)
     assert result.exit_code == 6
     text = file.read_text()
     assert "action: shoulder_pan jumps by 60" in text
@@ -72,9 +71,9 @@ def test_the_report_is_one_file_that_loads_nothing(tmp_path):
         assert loads not in text
 
 
-def test_a_report_draws_what_is_partly_unknown(tmp_path):
+def test_a_report_draws_what_is_partly_unknown(check, tmp_path):
     action = swing()
     action[::7] = np.nan
     root = write_data_set(tmp_path / "set", [action, np.full((1, 6), np.nan)])
-    run("check", root, "--html", tmp_path / "report.html")
+    check(root, "--html", tmp_path / "report.html")
     assert "nan" not in (tmp_path / "report.html").read_text().lower().replace("<body", "")

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from harness.lerobot_data import CAMERA, NAMES, late, pq, swing, write_data_set
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +11,6 @@ from hypothesis import strategies as st
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.zero import by_stops, expected_travel, zero_ticks
-from so101_motion.cli.verbs import main
 from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.tasks.datasets import check_data_set, convert_data_set, open_data_set, units_of
@@ -236,17 +234,11 @@ def test_each_arm_of_two_is_declared_and_a_contradiction_is_refused(tmp_path):
     assert sides == ["model", "old"]
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, ["dataset", "convert", *map(str, arguments)])
-
-
-def test_the_command_converts_between_two_arms(tmp_path):
+def test_the_command_converts_between_two_arms(so101, tmp_path):
     root = write_data_set(tmp_path / "old", [swing()])
     a, b = stored(tmp_path), stored(tmp_path, "b.json", shift=40, excess=20)
-    result = run(
-        root, tmp_path / "new", "--units", "range", "--calibration", a.path,
-        "--to-calibration", b.path, "--json",
-    )  # fmt: skip
+    files = (root, tmp_path / "new", "--calibration", a.path, "--to-calibration", b.path)
+    result = so101("dataset convert --units range --json", *files)
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["frames"] == 90
     assert "middle of the travel is used as zero of wrist_roll" in result.stderr
@@ -258,14 +250,14 @@ def test_the_command_converts_between_two_arms(tmp_path):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ([], "give --units"),
-        (["--units", "range"], "calibration"),
-        (["--units", "old", "--to", "degrees"], "to-calibration"),
+        ("", "give --units"),
+        ("--units range", "calibration"),
+        ("--units old --to degrees", "to-calibration"),
     ],
 )
-def test_what_cannot_be_exact_is_not_converted(tmp_path, options, says):
+def test_what_cannot_be_exact_is_not_converted(so101, tmp_path, options, says):
     root = write_data_set(tmp_path / "old", [swing()])
-    result = run(root, tmp_path / "new", *options)
+    result = so101(f"dataset convert {options}", root, tmp_path / "new")
     assert result.exit_code == 2
     assert says in result.stderr
     assert not (tmp_path / "new").exists()

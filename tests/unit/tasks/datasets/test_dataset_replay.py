@@ -4,14 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from harness.facing_arms import in_time
 from harness.lerobot_data import NAMES, late, swing, write_data_set
 
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero import Zero, encoder_zeros
-from so101_motion.cli.verbs import main
 from so101_motion.common.errors import ConfigError, Interrupted, PlanningError
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.rig.simulated_rig import open_simulated
@@ -135,17 +133,15 @@ def test_an_impossible_episode_is_refused_before_anything_moves(tmp_path, rig):
     assert not rig.arm.is_moving
 
 
-def run(*arguments, **options):
-    return CliRunner().invoke(main, ["dataset", "replay", *map(str, arguments)], **options)
-
-
 @pytest.fixture
-def short(tmp_path):
-    return write_data_set(tmp_path / "set", [swing(8)])
+def run(so101, tmp_path):
+    """Runs the command on a short episode."""
+    short = write_data_set(tmp_path / "set", [swing(8)])
+    return lambda line, **how: so101(f"dataset replay --episode 0 --sim {line}", short, **how)
 
 
-def test_the_command_goes_and_tells(short):
-    result = run(short, "--episode", 0, "--sim", "--units", "model", "--yes", "--json")
+def test_the_command_goes_and_tells(run):
+    result = run("--units model --yes --json")
     assert result.exit_code == 0, result.output
     content = json.loads(result.stdout)
     assert content["schema"] == "so101/dataset-replay/1"
@@ -153,11 +149,11 @@ def test_the_command_goes_and_tells(short):
     assert content["held_by"] == []
 
 
-def test_the_command_asks_first_and_does_not_guess_units(short):
-    result = run(short, "--episode", 0, "--sim", "--units", "model", input="n\n")
+def test_the_command_asks_first_and_does_not_guess_units(run):
+    result = run("--units model", input="n\n")
     assert result.exit_code == 7
     assert "to the first frame, then 0.2 s as recorded" in result.stderr
-    result = run(short, "--episode", 0, "--sim", "--yes")
+    result = run("--yes")
     assert result.exit_code == 2
     assert "give --units" in result.stderr
 

@@ -14,7 +14,6 @@ from so101_motion.arm.stop_order import mark_request
 from so101_motion.common.errors import BusError, Interrupted
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.teleop.leading import OFF, LeadingOperation
 from so101_motion.viam.client import MachineRig
@@ -126,14 +125,13 @@ class _Machine(MachineRig):
 
 @pytest.mark.parametrize("is_on_machine", [False, True])
 def test_a_stop_before_a_thread_is_free_begins_nothing(bench, is_on_machine):
-    machine, opened = _Machine(), list[Rig]()
+    machine, opened = _Machine(), []
 
     def open_leader():
         opened.append(bench.leader)
         return bench.leader
 
     operation = leading_of(machine if is_on_machine else bench.rig, open_leader)
-    assert operation is not None
     pressed = copy_context()
     pressed.run(mark_request)
     operation.ask("stop")

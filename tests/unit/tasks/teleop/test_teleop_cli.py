@@ -3,23 +3,17 @@ import json
 from types import SimpleNamespace
 
 import pytest
-from click.testing import CliRunner
 
 from so101_motion.cli.teleop import print_end
-from so101_motion.cli.verbs import main
 from so101_motion.common.modes import Mode
 
-
-def run(*arguments, **options):
-    return CliRunner().invoke(main, ["teleop", *map(str, arguments)], **options)
+SIMULATED = "teleop --leader sim --follower sim"
 
 
-def test_two_simulated_arms_show_how_it_goes(tmp_path):
+def test_two_simulated_arms_show_how_it_goes(so101, tmp_path):
     record = tmp_path / "session.csv"
-    result = run(
-        "--leader", "sim", "--follower", "sim", "--yes", "--seconds", "0.6", "--json",
-        "--record", record, "--fps", "50", "--guard", "--mirror", "--scale", "0.5",
-    )  # fmt: skip
+    how = "--yes --seconds 0.6 --json --fps 50 --guard --mirror --scale 0.5 --record"
+    result = so101(f"{SIMULATED} {how}", record)
     assert result.exit_code == 0, result.output
     told = json.loads(result.stdout)
     assert told["schema"] == "so101/teleop/1"
@@ -31,8 +25,8 @@ def test_two_simulated_arms_show_how_it_goes(tmp_path):
     assert result.stderr.endswith("ended: both arms hold\n")
 
 
-def test_without_a_hand_on_the_leader_it_stays_held():
-    result = run("--leader", "sim", "--follower", "sim", input="n\n")
+def test_without_a_hand_on_the_leader_it_stays_held(so101):
+    result = so101(SIMULATED, input="n\n")
     assert result.exit_code == 7
     assert "limp" in result.output
 
@@ -58,24 +52,7 @@ def test_an_unrequested_end_is_printed_and_is_no_success(capsys):
     assert capsys.readouterr().err == "ended: the follower was stopped\n"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (("--leader", "/dev/ttyACM0"), "--follower"),
-        (("--leader", "/dev/x", "--follower", "/dev/x", "--yes"), "two arms"),
-        (("--leader", "sim", "--follower", "sim", "--scale", "1,2"), "5 of them"),
-        (("--leader", "sim", "--follower", "sim", "--scale", "big"), "neither a number"),
-        (("--leader", "sim", "--follower", "sim", "--speed", "999"), "180"),
-        (("--leader", "sim", "--follower", "sim", "--yes", "--record", "a.xlsx"), ".csv or .mcap"),
-    ],
-)
-def test_invalid_input_is_refused_with_a_sentence(arguments, says):
-    result = run(*arguments)
-    assert result.exit_code == 2
-    assert says in result.output
-
-
-def test_a_port_that_is_not_there_is_reported(tmp_path):
-    result = run("--leader", tmp_path / "no-port", "--follower", "sim", "--yes")
+def test_a_port_that_is_not_there_is_reported(so101, tmp_path):
+    result = so101("teleop --follower sim --yes --leader", tmp_path / "no-port")
     assert result.exit_code == 3
     assert "no such port" in result.output
