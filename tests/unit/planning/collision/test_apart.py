@@ -1,11 +1,12 @@
 """Whether two arms that move at the same time keep apart, checked against coal at single
 instants."""
 
+import math
 from dataclasses import replace
 
+import coal
 import numpy as np
 import pytest
-from harness.coal_judge import meet_by_coal
 from harness.facing_arms import T_LEFT_RIGHT, Facing, distance
 
 from so101_motion.common.geometry import SE3
@@ -16,6 +17,53 @@ from so101_motion.planning.collision.following_apart import GAP, RANGE, Beside, 
 from so101_motion.planning.collision.scene import Attached, Box
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
+
+_PART = 0.25  # as in apart.c
+
+
+def meet_by_coal(a, b, T, qa, qb, room, early):
+    """The first time at which two arms come too near, by coal; ``early`` is in steps.
+
+    A judge that shares no code with apart.c.
+    """
+    data = a.model.createData(), b.model.createData()
+    travel_a, travel_b, last = a.travel(qa), b.travel(qb), len(qa) - 1
+    due = np.zeros((len(a.objects), len(b.objects)))
+    request, t = coal.DistanceRequest(), 0.0
+    while t <= last:
+        k = min(int(t), max(last - 1, 0))
+        at = [q[k] + (t - k) * (q[min(k + 1, last)] - q[k]) for q in (qa, qb)]
+        place_a = a.placed(at[0], SE3.identity(), data[0])
+        place_b = b.placed(at[1], T, data[1])
+        for i, j in zip(*np.nonzero(due <= t), strict=True):
+            one, other = a.objects[i], b.objects[j]
+            due[i, j] = math.inf
+            if one.joint == other.joint == 0:
+                continue
+            speeds = np.column_stack((travel_a[k:, i], travel_b[k:, j]))
+            need = room + (early * float(speeds[0].min()) if last else 0.0)
+            gap = coal.distance(
+                one.shape, place_a[i], other.shape, place_b[j], request, coal.DistanceResult()
+            )
+            if gap < need:
+                return t, gap, int(i), int(j)
+            due[i, j] = max(
+                until(speeds, t, k, gap - room, early), until(speeds, t, k, _PART * room, 0.0)
+            )
+        following = float(due.min())
+        t = last if t < last < following < math.inf else following
+    return None
+
+
+def until(speeds, t, k, room, early):
+    """Like ``until`` in apart.c; ``speeds`` begin at step ``k``, shape (m, 2), [m]."""
+    for step, (va, vb) in enumerate(speeds, k):
+        left, late = (step + 1 - t) * (va + vb), early * min(va, vb)
+        if left + late > room:
+            return float(t + (room - late) / (va + vb)) if room > late else t
+        room, t = room - left, step + 1.0
+    return math.inf
+
 
 FURTHER = SE3(T_LEFT_RIGHT.R, np.array([0.47, 0.0, 0.0]))
 CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
