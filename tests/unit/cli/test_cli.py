@@ -10,6 +10,7 @@ import sys
 import time
 
 import pytest
+from harness.command_line import refused
 
 from so101_motion.cli.shared import write_report
 from so101_motion.common.errors import ConfigError
@@ -84,9 +85,7 @@ def test_ctrl_c_ends_it_without_a_traceback_while_it_is_being_imported():
     ("option", "says"), [("--ids 9", "places 1 to 6"), ("--fault nonsense", "must be one of dead")]
 )
 def test_an_emulation_that_cannot_be_is_refused_in_a_sentence(so101, option, says):
-    result = so101(f"emulate {option}")
-    assert result.exit_code == 2
-    assert says in result.output
+    assert says in refused(so101(f"emulate {option}"))
 
 
 def test_the_emulator_prints_its_port_and_ends_on_sigterm(tmp_path):
@@ -125,9 +124,7 @@ def test_obstacles_of_a_scene_are_avoided_or_named(so101, tmp_path):
     scene = tmp_path / "scene.json"
     mug = {"name": "mug", "box_mm": [80] * 3, "position_mm": [250, 120, 150]}
     scene.write_text(json.dumps({"obstacles": [mug]}))
-    result = so101("plan --sim --xyz 250,120,150 --scene", scene)
-    assert result.exit_code == 5
-    assert "mug" in result.stderr
+    assert "mug" in refused(so101("plan --sim --xyz 250,120,150 --scene", scene), 5)
 
 
 @pytest.mark.slow
@@ -206,12 +203,8 @@ def test_a_report_that_cannot_be_written_is_said(tmp_path):
     ],
 )
 def test_a_mistake_is_a_sentence_and_an_exit_code(so101, options, code, says):
-    result = so101(f"plan {options}")
-    assert result.exit_code == code, result.output
-    assert says in result.output
+    assert says in refused(so101(f"plan {options}"), code)
 
 
 def test_a_port_without_a_name_is_refused(so101):
-    result = so101("plan --pose home --port", "")
-    assert result.exit_code == 2
-    assert "port's name is empty" in result.output
+    assert "port's name is empty" in refused(so101("plan --pose home --port", ""))

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from harness.command_line import refused
 
 from so101_motion.calib.record import lerobot, store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
@@ -139,9 +140,7 @@ def test_a_files_former_content_comes_back(run, file):
     ],
 )
 def test_a_mistake_with_files_is_a_sentence_and_an_exit_code(run, file, arguments, code, says):
-    result = run(arguments)
-    assert result.exit_code == code, result.output
-    assert says in result.stderr
+    assert says in refused(run(arguments), code)
 
 
 def test_what_would_be_saved_is_shown_and_nothing_is_written(run, file, tmp_path):

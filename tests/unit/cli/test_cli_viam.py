@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from harness.command_line import refused
 
 MACHINE = {
     "cloud": {"secret": "TOPSECRET"},
@@ -59,9 +60,7 @@ def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(run, file):
     broken = json.loads(file.read_text())
     broken["components"][0]["attributes"]["speed_degs_per_sec"] = 900
     file.write_text(json.dumps(broken))
-    result = run(str(file))
-    assert result.exit_code == 6
-    assert "3 to 180" in result.stderr
+    assert "3 to 180" in refused(run(str(file)), 6)
 
 
 @pytest.mark.parametrize(
@@ -74,6 +73,4 @@ def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(run, file):
     ],
 )
 def test_an_invalid_configuration_is_refused_with_a_sentence(run, given, says):
-    result = run("-", given=given)
-    assert result.exit_code == 2
-    assert says in result.stderr
+    assert says in refused(run("-", given=given))

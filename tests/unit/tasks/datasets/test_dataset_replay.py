@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from harness.command_line import refused
 from harness.facing_arms import in_time
 from harness.lerobot_data import NAMES, late, swing, write_data_set
 
@@ -150,12 +151,10 @@ def test_the_command_goes_and_tells(run):
 
 
 def test_the_command_asks_first_and_does_not_guess_units(run):
-    result = run("--units model", input="n\n")
-    assert result.exit_code == 7
-    assert "to the first frame, then 0.2 s as recorded" in result.stderr
-    result = run("--yes")
-    assert result.exit_code == 2
-    assert "give --units" in result.stderr
+    assert "to the first frame, then 0.2 s as recorded" in refused(
+        run("--units model", input="n\n"), 7
+    )
+    assert "give --units" in refused(run("--yes"))
 
 
 def test_the_time_stamps_are_followed(tmp_path, rig):
