@@ -27,7 +27,8 @@ def offered(*words):
     return [line for line in told.output.splitlines() if line]
 
 
-def test_poses_are_offered_those_of_ones_own_too():
+def test_verbs_are_offered_and_poses_those_of_ones_own_too():
+    assert {"plain,calibrate", "plain,calibration"} <= set(offered("calib"))
     assert offered("plan", "--pose", "") == ["plain,home", "plain,ready", "plain,rest"]
     SavedPoses().save("over the mug", np.zeros(5))
     assert offered("move", "--sim", "--pose", "o") == ["plain,over the mug"]
@@ -102,7 +103,3 @@ def test_a_shell_gets_a_script_that_completes(shell):
     result = CliRunner().invoke(main, ["completion", shell])
     assert result.exit_code == 0, result.output
     assert "_SO101_COMPLETE" in result.stdout
-
-
-def test_verbs_are_completed():
-    assert {"plain,calibrate", "plain,calibration"} <= set(offered("calib"))

@@ -11,16 +11,10 @@ from so101_motion.common.errors import WorkerError
 from so101_motion.common.units import to_deg
 
 
-def test_it_is_another_process_that_computes():
+def test_another_process_computes_and_its_exception_or_its_end_is_raised_here():
     assert OwnProcess().call(os.getpid) != os.getpid()
-
-
-def test_its_exception_is_raised_here():
     with pytest.raises(TypeError, match="str"):
         OwnProcess().call(to_deg, "much")
-
-
-def test_one_that_ends_without_an_answer_says_so():
     with pytest.raises(WorkerError, match="code 3"):
         OwnProcess().call(os._exit, 3)
 

@@ -33,17 +33,13 @@ def written(tmp_path, content):
     return path
 
 
-def test_arms_and_what_is_around_them_are_read(tmp_path):
+def test_arms_are_read_and_each_sees_the_scene_from_its_own_base(tmp_path):
     cell = read_cell(written(tmp_path, CELL))
     left, right = cell.arms
     assert (left.name, left.port, left.calibration_id) == ("left", "/dev/ttyACM0", "")
     assert right.calibration_id == "two"
     np.testing.assert_allclose(right.T_cell_base.p, [0.35, 0.0, 0.0])
     np.testing.assert_allclose(right.T_cell_base.R, rot_z(np.pi), atol=1e-12)
-
-
-def test_each_arm_sees_the_scene_from_its_own_base(tmp_path):
-    cell = read_cell(written(tmp_path, CELL))
     left, right = (cell.scene_of(arm) for arm in cell.arms)
     np.testing.assert_allclose(left.obstacles[0].T_base_obstacle.p, [0.175, 0.2, 0.02])
     np.testing.assert_allclose(right.obstacles[0].T_base_obstacle.p, [0.175, -0.2, 0.04])

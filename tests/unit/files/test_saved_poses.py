@@ -30,17 +30,12 @@ def test_a_saved_pose_is_found_by_another_reader(book, tmp_path):
     np.testing.assert_allclose(found.q, Q, atol=1e-6)
 
 
-def test_saving_under_the_same_name_replaces_in_place(book):
+def test_saving_under_the_same_name_replaces_in_place_and_a_pose_is_renamed_and_deleted(book):
     book.save("a", Q)
     book.save("b", Q)
     book.save("a", 2.0 * Q)
     assert [pose.name for pose in book.own()] == ["a", "b"]
     np.testing.assert_allclose(book.find("a").q, 2.0 * Q, atol=1e-6)
-
-
-def test_a_pose_can_be_renamed_and_deleted(book):
-    book.save("a", Q)
-    book.save("b", Q)
     book.rename("a", "c")
     assert [pose.name for pose in book.own()] == ["c", "b"]
     book.delete("c")

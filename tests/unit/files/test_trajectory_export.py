@@ -57,12 +57,9 @@ def test_mcap_holds_ros_joint_states_that_other_readers_understand(trajectory, t
     assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(trajectory.t[-1])
 
 
-def test_an_unknown_format_is_refused_with_those_that_there_are(trajectory, tmp_path):
+def test_an_unknown_format_and_a_file_that_cannot_be_written_are_refused(trajectory, tmp_path):
     with pytest.raises(ConfigError, match=r"\.csv, \.json, \.mcap"):
         export(trajectory, tmp_path / "move.xlsx")
-
-
-def test_a_file_that_cannot_be_written_is_named(trajectory, tmp_path):
     with pytest.raises(ConfigError, match="cannot be written"):
         export(trajectory, tmp_path / "no" / "such" / "folder.csv")
 

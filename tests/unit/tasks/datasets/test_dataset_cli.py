@@ -43,18 +43,17 @@ def test_a_data_set_that_cannot_be_read_is_a_sentence_and_an_exit_code(check, tm
     assert "meta/info.json" in refused(check(tmp_path))
 
 
-def test_the_speed_from_which_on_something_is_said_can_be_chosen(check, tmp_path):
-    root = write_data_set(tmp_path / "set", [swing()])
-    result = check(root, "--units", "model", "--speed", "20")
+@pytest.mark.parametrize(
+    ("episode", "options", "says"),
+    [
+        (swing(), ("--units", "model", "--speed", "20"), "deg/s"),
+        (np.full((30, 6), np.nan), (), "30 frames lack a number"),
+    ],
+)
+def test_a_chosen_speed_and_a_lack_of_numbers_are_found(check, tmp_path, episode, options, says):
+    result = check(write_data_set(tmp_path / "set", [episode]), *options)
     assert result.exit_code == 6
-    assert "deg/s" in result.stdout
-
-
-def test_a_recording_in_which_nothing_is_a_number_is_reported_as_such(check, tmp_path):
-    root = write_data_set(tmp_path / "set", [np.full((30, 6), np.nan)])
-    result = check(root)
-    assert result.exit_code == 6
-    assert "30 frames lack a number" in result.stdout
+    assert says in result.stdout
 
 
 def test_the_report_is_one_file_that_loads_nothing(check, tmp_path):

@@ -20,17 +20,16 @@ def pan_deg(path):
     return np.degrees(path.q[:, 0]).round(9).tolist()
 
 
-def test_points_on_a_line_are_not_needed():
-    assert pan_deg(path_of([0, 1, 2, 3, 10, 20]).thinned(np.radians(0.5))) == [0, 20]
-
-
-def test_wiping_to_and_fro_over_one_place_is_kept():
-    to_and_fro = [0, 5, 10, 5, 0, 5, 10, 5, 0]
-    assert pan_deg(path_of(to_and_fro).thinned(np.radians(1.0))) == [0, 10, 0, 10, 0]
-
-
-def test_going_back_a_little_on_the_way_is_no_turn():
-    assert pan_deg(path_of([0, 8, 7.6, 9, 20]).thinned(np.radians(0.5))) == [0, 20]
+@pytest.mark.parametrize(
+    ("points", "tolerance", "kept"),
+    [
+        ([0, 1, 2, 3, 10, 20], 0.5, [0, 20]),  # on a line
+        ([0, 5, 10, 5, 0, 5, 10, 5, 0], 1.0, [0, 10, 0, 10, 0]),  # wiping to and fro
+        ([0, 8, 7.6, 9, 20], 0.5, [0, 20]),  # a little back on the way is no turn
+    ],
+)
+def test_turns_are_kept_and_points_between_them_are_not(points, tolerance, kept):
+    assert pan_deg(path_of(points).thinned(np.radians(tolerance))) == kept
 
 
 def test_an_arm_that_stands_is_one_place_and_the_ends_stay():

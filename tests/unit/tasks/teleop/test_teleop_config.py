@@ -13,17 +13,14 @@ def config(**attributes):
 
 
 def test_the_published_attributes_mean_what_they_meant():
-    found = config(
-        leader_gripper="lg",
-        follower_gripper="rg",
-        rate_hz=20.0,
-        manage_leader_torque=False,
-        auto_start=True,
-        max_consecutive_errors=10.0,
-    )
+    grippers = {"leader_gripper": "lg", "follower_gripper": "rg"}
+    how = {"manage_leader_torque": False, "auto_start": True, "max_consecutive_errors": 10.0}
+    found = config(**grippers, **how, rate_hz=20.0)
     assert found.dependencies == ("left", "right", "lg", "rg")
     assert found.grippers == ("lg", "rg")
     assert (found.rate, found.lets_go, found.auto_start) == (20.0, False, True)
+    alone = config(follower_gripper="rg")  # is a dependency, but not mirrored
+    assert (alone.grippers, alone.dependencies) == (None, ("left", "right", "rg"))
 
 
 def test_the_defaults():
@@ -35,12 +32,6 @@ def test_the_defaults():
     assert np.degrees(found.pace.approach.velocity) == pytest.approx(30.0)
 
 
-def test_one_gripper_alone_is_a_dependency_but_not_mirrored():
-    found = config(follower_gripper="rg")
-    assert found.grippers is None
-    assert found.dependencies == ("left", "right", "rg")
-
-
 def test_mirror_scale_and_offsets():
     found = config(mirror=True, scale=0.5, offsets_deg={"elbow_flex": 10.0})
     assert found.mirror.of(np.ones(5)) == pytest.approx(
@@ -50,6 +41,8 @@ def test_mirror_scale_and_offsets():
     assert found.mirror.of(np.ones(5)) == pytest.approx(
         [1.0, 1.0, -1.0, 1.0, 2.0 - np.radians(20.0)]
     )
+    for i, joint in enumerate(ARM_JOINTS):
+        assert config(offsets_deg={joint: 5.0}).mirror.offsets[i] == pytest.approx(np.radians(5.0))
 
 
 def test_the_approach_is_never_faster_than_the_rest():
@@ -82,8 +75,3 @@ def test_the_approach_is_never_faster_than_the_rest():
 def test_invalid_input_is_refused_by_name(attributes, says):
     with pytest.raises(ConfigError, match=says):
         config(**attributes)
-
-
-def test_every_joint_can_have_an_offset():
-    for i, joint in enumerate(ARM_JOINTS):
-        assert config(offsets_deg={joint: 5.0}).mirror.offsets[i] == pytest.approx(np.radians(5.0))

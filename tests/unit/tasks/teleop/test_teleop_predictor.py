@@ -8,6 +8,11 @@ ALL = np.ones(6, dtype=bool)
 TICK = to_rad(360.0 / 4096.0)
 
 
+@pytest.fixture
+def predictor():
+    return Predictor()
+
+
 def fed(predictor, motion, seconds, *, begin=0.0, dt=0.01, heard=ALL):
     """Feed ``motion(t)``, six numbers, rounded to ticks; the time of the last measurement."""
     t = begin
@@ -17,8 +22,7 @@ def fed(predictor, motion, seconds, *, begin=0.0, dt=0.01, heard=ALL):
     return t
 
 
-def test_nothing_is_known_before_a_measurement_of_all_joints_of_the_arm():
-    predictor = Predictor()
+def test_nothing_is_known_before_a_measurement_of_all_joints_of_the_arm(predictor):
     assert predictor.at(1.0) is None
     heard = np.array([True, True, False, True, True, True])
     predictor.take(0.0, np.zeros(6), heard)
@@ -27,8 +31,7 @@ def test_nothing_is_known_before_a_measurement_of_all_joints_of_the_arm():
     assert predictor.at(0.0) is not None
 
 
-def test_a_steady_motion_is_foretold():
-    predictor = Predictor()
+def test_a_steady_motion_is_foretold(predictor):
     rates = np.array([0.5, -1.0, 2.0, 0.2, -0.3, 0.4])
     t = fed(predictor, lambda t: rates * t, 1.0)
     x, xd, _ = predictor.at(t + 0.05)
@@ -36,9 +39,7 @@ def test_a_steady_motion_is_foretold():
     assert xd == pytest.approx(rates, abs=0.07), "ticks of the encoder"
 
 
-def test_a_reach_of_a_person_is_foretold_within_a_degree():
-    predictor = Predictor()
-
+def test_a_reach_of_a_person_is_foretold_within_a_degree(predictor):
     def reach(t):
         u = min(max(t / 0.8, 0.0), 1.0)
         return np.full(6, to_rad(40.0) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
@@ -51,8 +52,7 @@ def test_a_reach_of_a_person_is_foretold_within_a_degree():
             assert np.degrees(np.abs(x - reach(t + 0.03))).max() < 1.5
 
 
-def test_an_encoder_that_cannot_decide_is_not_taken_for_motion():
-    predictor = Predictor()
+def test_an_encoder_that_cannot_decide_is_not_taken_for_motion(predictor):
     rng = np.random.default_rng(0)
     t = fed(predictor, lambda t: TICK * rng.integers(0, 2, 6), 2.0)
     x, xd, _ = predictor.at(t + 0.05)
@@ -60,15 +60,13 @@ def test_an_encoder_that_cannot_decide_is_not_taken_for_motion():
     assert np.abs(x - 0.5 * TICK).max() < TICK
 
 
-def test_nothing_is_foretold_from_an_old_measurement():
-    predictor = Predictor()
+def test_nothing_is_foretold_from_an_old_measurement(predictor):
     t = fed(predictor, lambda t: np.full(6, t), 1.0)
     x, _, _ = predictor.at(t + 10.0)
     assert x == pytest.approx(np.full(6, t + LONGEST), abs=0.02)
 
 
-def test_a_joint_that_does_not_answer_goes_on_as_it_went():
-    predictor = Predictor()
+def test_a_joint_that_does_not_answer_goes_on_as_it_went(predictor):
     t = fed(predictor, lambda t: np.full(6, t), 0.5)
     deaf = np.array([False, True, True, True, True, True])
     stuck = np.array([t, *[t + 0.01] * 5])
@@ -79,15 +77,13 @@ def test_a_joint_that_does_not_answer_goes_on_as_it_went():
     assert predictor.track.t_heard == pytest.approx(t + 0.02)
 
 
-def test_a_silent_jaw_does_not_make_the_arm_silent():
-    predictor = Predictor()
+def test_a_silent_jaw_does_not_make_the_arm_silent(predictor):
     t = fed(predictor, lambda t: np.zeros(6), 0.5)
     predictor.take(t + 0.5, np.zeros(6), np.array([True] * 5 + [False]))
     assert predictor.track.t_heard == pytest.approx(t + 0.5)
 
 
-def test_a_leader_that_is_suddenly_elsewhere_is_reported_and_taken_as_it_is():
-    predictor = Predictor()
+def test_a_leader_that_is_suddenly_elsewhere_is_reported_and_taken_as_it_is(predictor):
     t = fed(predictor, lambda t: np.zeros(6), 0.5)
     far = np.array([0.0, 1.1 * JUMP, 0.0, 0.0, 0.0, 0.0])
     predictor.take(t + 0.01, far, ALL)
@@ -98,15 +94,13 @@ def test_a_leader_that_is_suddenly_elsewhere_is_reported_and_taken_as_it_is():
     assert predictor.track.jumps == 1
 
 
-def test_a_long_silence_counts_as_being_elsewhere():
-    predictor = Predictor()
+def test_a_long_silence_counts_as_being_elsewhere(predictor):
     t = fed(predictor, lambda t: np.zeros(6), 0.5)
     predictor.take(t + LONGEST + 0.01, np.zeros(6), ALL)
     assert predictor.track.jumps == 1
 
 
-def test_a_leader_known_to_be_lost_has_not_been_heard():
-    predictor = Predictor()
+def test_a_leader_known_to_be_lost_has_not_been_heard(predictor):
     predictor.lose()
     t = fed(predictor, lambda t: np.full(6, t), 0.5)
     predictor.lose()
@@ -123,8 +117,7 @@ def test_a_leader_that_is_asked_five_times_a_second_is_not_elsewhere_each_time()
     assert predictor.track.x[0] == pytest.approx(1.5 * np.sin(1.5 * t), abs=0.1)
 
 
-def test_the_same_measurement_again_is_ignored():
-    predictor = Predictor()
+def test_the_same_measurement_again_is_ignored(predictor):
     t = fed(predictor, lambda t: np.full(6, t), 0.5)
     before = predictor.track
     predictor.take(t, np.full(6, 9.0), ALL)
@@ -133,8 +126,7 @@ def test_the_same_measurement_again_is_ignored():
     assert predictor.at(t) is None
 
 
-def test_a_joint_that_turns_round_is_foretold():
-    predictor = Predictor()
+def test_a_joint_that_turns_round_is_foretold(predictor):
     w = 2.0 * np.pi * 0.5
     t = fed(predictor, lambda t: np.full(6, 0.5 * np.cos(w * t)), 2.01)
     x, xd, xdd = predictor.at(t + 0.03)
@@ -143,8 +135,7 @@ def test_a_joint_that_turns_round_is_foretold():
     assert x == pytest.approx(np.full(6, 0.5 * np.cos(w * (t + 0.03))), abs=2.0 * TICK)
 
 
-def test_what_rests_stays_where_it_is_until_it_leaves_it():
-    predictor = Predictor()
+def test_what_rests_stays_where_it_is_until_it_leaves_it(predictor):
     t = fed(predictor, lambda t: np.full(6, 0.2), 0.5)
     x, xd, xdd = predictor.at(t + 0.03)
     assert not xd.any()
