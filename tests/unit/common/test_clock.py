@@ -73,15 +73,12 @@ def test_a_wake_up_ends_the_wait_without_time_passing(clock):
     assert clock.now() == 20.0
 
 
-def test_waiting_for_the_past_returns_at_once(clock):
+def test_waiting_for_the_past_returns_at_once_and_join_lets_only_the_needed_time_pass(clock):
     clock.advance(1.0)
     log = []
     Worker(clock, [0.5, 1.0], log).thread.join()
     assert [t for _, t in log] == [1.0, 1.0]
-
-
-def test_join_lets_pass_only_the_time_the_thread_needs(clock):
-    worker = Worker(clock, [0.5, 3.25], [])
+    worker = Worker(clock, [1.5, 3.25], [])
     clock.join(worker.thread)
     assert clock.now() == 3.25
     assert not worker.thread.is_alive()
@@ -143,6 +140,14 @@ def test_a_metronome_ticks_at_exact_multiples():
     assert beat.late == 0
 
 
+def after_three_ticks():
+    beat = Metronome(0.01)
+    beat.restart(0.0)
+    for _ in range(3):
+        beat.advance()
+    return beat
+
+
 @pytest.mark.parametrize(
     ("lateness", "due", "k", "late"),
     [
@@ -156,20 +161,14 @@ def test_a_metronome_ticks_at_exact_multiples():
     ],
 )
 def test_a_tick_more_than_half_a_period_late_is_left_out(lateness, due, k, late):
-    beat = Metronome(0.01)
-    beat.restart(0.0)
-    for _ in range(3):
-        beat.advance()
+    beat = after_three_ticks()
     assert beat.is_due(beat.deadline + lateness) is due
     assert (beat.k, beat.late, beat.missed) == (k, late, late)
 
 
 @pytest.mark.parametrize("lateness", [0.0251, 0.0449, 10.0])
 def test_after_a_longer_pause_everything_happens_later_instead(lateness):
-    beat = Metronome(0.01)
-    beat.restart(0.0)
-    for _ in range(3):
-        beat.advance()
+    beat = after_three_ticks()
     beat.is_due(0.03 + lateness)
     assert beat.k == 3  # the next setpoint is the next one, so nothing jumps
     assert beat.deadline == pytest.approx(0.03 + beat.late * 0.01)

@@ -143,16 +143,10 @@ def test_it_is_led_through_in_a_terminal(kettle, send, is_remote, monkeypatch):
             time.sleep(0.01)
 
     def types():
-        sees(b"Fill the kettle")
-        os.write(person, b"b")
-        sees(b"Boil: it is not full")
-        os.write(person, b"\n")
-        sees(b"0.5 l")
-        os.write(person, b"f")
-        sees(b"Boil it")
-        os.write(person, b"f")
-        sees(b"it would overflow")
-        os.write(person, b"b")
+        shown = (b"Fill the kettle", b"Boil: it is not full", b"0.5 l", b"Boil it", b"overflow")
+        for words, key in zip(shown, (b"b", b"\n", b"f", b"f", b"b"), strict=True):
+            sees(words)
+            os.write(person, key)
 
     with (
         os.fdopen(os.dup(program), "r", encoding="utf-8") as stream,

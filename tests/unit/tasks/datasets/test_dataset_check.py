@@ -44,7 +44,7 @@ def test_droop_is_reported_by_joint(tmp_path):
     assert report.differences.mean_deg["elbow_flex"] == pytest.approx(0.0, abs=0.05)
 
 
-def test_a_jump_is_found_where_it_is(tmp_path):
+def test_a_jump_is_found_where_it_is_and_one_by_a_whole_turn_says_so(tmp_path):
     action = swing()
     action[40:, 0] += 60.0
     report = checked(tmp_path / "set", [swing(), (action, late(swing()))])
@@ -52,12 +52,9 @@ def test_a_jump_is_found_where_it_is(tmp_path):
     assert (jump.episode, jump.frame, jump.what, jump.of) == (1, 39, "shoulder_pan", "action")
     assert jump.value == pytest.approx(60.0, abs=2.0)
     assert report.moments[0] is jump
-
-
-def test_a_jump_by_a_whole_turn_says_so(tmp_path):
-    action = swing()
-    action[40:, 4] += 360.0
-    (jump,) = of_kind(checked(tmp_path / "set", [action], with_state=False), "jump")
+    turned = swing()
+    turned[40:, 4] += 360.0
+    (jump,) = of_kind(checked(tmp_path / "turned", [turned], with_state=False), "jump")
     assert "about a whole turn" in jump.sentence
 
 
@@ -263,10 +260,11 @@ def test_data_files_that_lerobot_cannot_load_together_are_noticed(tmp_path):
     assert any("LeRobot itself cannot load it" in note for note in notes)
 
 
-def test_units_that_do_not_fit_are_doubted(tmp_path):
+def test_units_that_do_not_fit_are_doubted_and_those_that_do_not_exist_are_refused(tmp_path):
     x = in_units("old", rest_and_reach())
-    report = checked(tmp_path / "set", [x], units="degrees")
-    assert "--units old" in report.notes[0]
+    assert "--units old" in checked(tmp_path / "set", [x], units="degrees").notes[0]
+    with pytest.raises(ConfigError, match="degrees, range, old, model"):
+        checked(tmp_path / "none", [swing()], units="rad")
 
 
 def test_a_calibration_says_where_the_travel_ends_and_where_zero_is(tmp_path):
@@ -281,11 +279,6 @@ def test_a_calibration_says_where_the_travel_ends_and_where_zero_is(tmp_path):
         [np.radians(1000 * 360 / 4096), -np.radians(1000 * 360 / 4096)]
     )
     assert units.aperture(units.to_model(np.full((1, 6), 40.0))[:, 5]) == pytest.approx(0.4)
-
-
-def test_units_that_do_not_exist_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match="degrees, range, old, model"):
-        checked(tmp_path / "set", [swing()], units="rad")
 
 
 def test_without_pyarrow_it_says_what_to_install(tmp_path, monkeypatch):
@@ -318,11 +311,8 @@ def test_one_column_in_radians_is_noticed(tmp_path, column):
     root = write_data_set(tmp_path / "set", [(action, state)])
     with pytest.raises(ConfigError, match=f"{column}: no arm joint .* radians"):
         check_data_set(open_data_set(root))
-    (note,) = [
-        note
-        for note in check_data_set(open_data_set(root), units="degrees").notes
-        if "radians" in note
-    ]
+    notes = check_data_set(open_data_set(root), units="degrees").notes
+    (note,) = [note for note in notes if "radians" in note]
     assert note.startswith(column)
 
 

@@ -18,6 +18,7 @@ from so101_motion.tasks.datasets import check_data_set, convert_data_set, open_d
 from so101_motion.tasks.datasets.units import KINDS
 
 TENTH = np.radians(0.1)
+MODEL = units_of("model")
 
 
 def swept(joint, place, shift, excess, turned):
@@ -149,8 +150,7 @@ def test_statistics_of_all_episodes_are_those_of_all_frames(tmp_path):
     root = write_data_set(tmp_path / "old", [swing(), swing(50, phase=2.0)])
     names = ["min", "max", "mean", "std", "count", "q50", "unknown"]
     (root / "meta/stats.json").write_text(json.dumps({"action": {key: [0.0] for key in names}}))
-    units = units_of("model")
-    convert_data_set(open_data_set(root), tmp_path / "new", source=units, target=units)
+    convert_data_set(open_data_set(root), tmp_path / "new", source=MODEL, target=MODEL)
     found = json.loads((tmp_path / "new/meta/stats.json").read_text())["action"]
     x = np.concatenate([swing(), swing(50, phase=2.0)])
     assert found["std"] == pytest.approx(x.std(axis=0), abs=1e-3)
@@ -163,22 +163,21 @@ def test_only_the_arm_that_is_meant_is_converted(tmp_path):
     names = [f"{side}_{name}" for side in ("left", "right") for name in NAMES]
     both = np.concatenate([swing(), swing(phase=1.0)], axis=1)
     root = write_data_set(tmp_path / "old", [both], names=names)
-    old, model = units_of("old"), units_of("model")
+    old = units_of("old")
     right = open_data_set(root, side="right")
-    convert_data_set(right, tmp_path / "new", source=model, target=old)
+    convert_data_set(right, tmp_path / "new", source=MODEL, target=old)
     left = open_data_set(tmp_path / "new", side="left").episode(0).action
     assert np.allclose(left, swing(), atol=1e-4)
     found = open_data_set(tmp_path / "new", side="right").episode(0).action
-    assert np.allclose(old.to_model(found), model.to_model(swing(phase=1.0)), atol=1e-5)
+    assert np.allclose(old.to_model(found), MODEL.to_model(swing(phase=1.0)), atol=1e-5)
 
 
 def test_what_is_beyond_the_new_travel_is_kept_and_counted(tmp_path):
     action = swing()
     action[:7, 3] = 110.0
     root = write_data_set(tmp_path / "old", [(action, late(action, 0))])
-    model = units_of("model")
     narrow = units_of("range", stored(tmp_path))
-    done = convert_data_set(open_data_set(root), tmp_path / "new", source=model, target=narrow)
+    done = convert_data_set(open_data_set(root), tmp_path / "new", source=MODEL, target=narrow)
     assert {joint: n for joint, n in done.beyond.items() if n} == {"wrist_flex": 7}
     found = open_data_set(tmp_path / "new").episode(0).action
     assert np.degrees(narrow.to_model(found)[0, 3]) == pytest.approx(110.0, abs=0.01)
@@ -186,8 +185,7 @@ def test_what_is_beyond_the_new_travel_is_kept_and_counted(tmp_path):
 
 def test_linked_files_are_the_same_files(tmp_path):
     root = write_data_set(tmp_path / "old", [swing()], with_camera=True)
-    units = units_of("model")
-    convert_data_set(open_data_set(root), tmp_path / "new", source=units, target=units, link=True)
+    convert_data_set(open_data_set(root), tmp_path / "new", source=MODEL, target=MODEL, link=True)
     video = Path("videos") / CAMERA / "chunk-000" / "file-000.mp4"
     assert (root / video).samefile(tmp_path / "new" / video)
     assert not (root / "meta/info.json").samefile(tmp_path / "new/meta/info.json")
@@ -198,9 +196,8 @@ def test_a_place_that_would_lose_something_is_refused(tmp_path, place):
     root = write_data_set(tmp_path / "old", [swing()])
     (tmp_path / "there").mkdir()
     before = sorted(tmp_path.rglob("*"))
-    units = units_of("model")
     with pytest.raises(ConfigError):
-        convert_data_set(open_data_set(root), tmp_path / place, source=units, target=units)
+        convert_data_set(open_data_set(root), tmp_path / place, source=MODEL, target=MODEL)
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -209,25 +206,24 @@ def test_nothing_is_left_of_a_conversion_that_fails(tmp_path):
     path = root / "data/chunk-000/episode_000001.parquet"
     path.write_bytes(path.read_bytes()[:-3] + b"???")
     before = sorted(tmp_path.rglob("*"))
-    units = units_of("model")
     with pytest.raises(ConfigError, match="has no footer"):
-        convert_data_set(open_data_set(root), tmp_path / "new", source=units, target=units)
+        convert_data_set(open_data_set(root), tmp_path / "new", source=MODEL, target=MODEL)
     assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_each_arm_of_two_is_declared_and_a_contradiction_is_refused(tmp_path):
     names = [f"{side}_{name}" for side in ("left", "right") for name in NAMES]
     root = write_data_set(tmp_path / "two", [np.hstack([swing(), swing()])], names=names)
-    old, model = units_of("old"), units_of("model")
+    old = units_of("old")
     left = open_data_set(root, side="left")
-    convert_data_set(left, tmp_path / "one", source=old, target=model)
+    convert_data_set(left, tmp_path / "one", source=old, target=MODEL)
     once = open_data_set(tmp_path / "one", side="left")
     assert (once.declared, open_data_set(once.metadata.root, side="right").declared) == (
         "model",
         "",
     )
     with pytest.raises(ConfigError, match="declares model"):
-        convert_data_set(once, tmp_path / "twice", source=old, target=model)
+        convert_data_set(once, tmp_path / "twice", source=old, target=MODEL)
     assert any("contradicts" in note for note in check_data_set(once, units="old").notes)
     right = open_data_set(tmp_path / "one", side="right")
     convert_data_set(right, tmp_path / "both", source=old, target=old)

@@ -174,10 +174,15 @@ def test_a_file_that_announces_more_than_any_data_set_is_refused_before_it_is_re
     assert f"declares {many} rows" in broken(root)
 
 
-def test_a_data_set_without_data_is_refused(root):
-    (root / "data/chunk-000/file-000.parquet").unlink()
+def test_a_file_that_is_not_there_not_finished_or_not_downloaded_is_named(root):
+    path = root / "data/chunk-000/file-000.parquet"
+    path.write_bytes(path.read_bytes()[:-8])
+    assert "finalize" in broken(root)
+    path.write_text("version https://git-lfs.github.com/spec/v1\nsize 40960\n")
+    assert "git lfs pull" in broken(root)
+    path.unlink()
     assert "no data files" in broken(root)
-    (root / "data/chunk-000/file-000.parquet").write_bytes(b"PAR1 nothing else PAR1")
+    path.write_bytes(b"PAR1 nothing else PAR1")
     assert "not a readable Parquet file" in broken(root)
 
 
@@ -210,15 +215,6 @@ def test_a_broken_footer_does_not_end_the_process(tmp_path):
         path.write_bytes(whole[:place] + b"\0" + whole[place + 1 :])
         with contextlib.suppress(ConfigError):
             list(open_data_set(root).episodes())
-
-
-def test_a_file_that_was_not_downloaded_or_not_finished_is_named(tmp_path):
-    root = write_data_set(tmp_path / "set", [swing()])
-    path = root / "data/chunk-000/file-000.parquet"
-    path.write_bytes(path.read_bytes()[:-8])
-    assert "finalize" in broken(root)
-    path.write_text("version https://git-lfs.github.com/spec/v1\nsize 40960\n")
-    assert "git lfs pull" in broken(root)
 
 
 @pytest.mark.parametrize("robot", ["koch_follower", "bi_openarm_follower", "moss"])

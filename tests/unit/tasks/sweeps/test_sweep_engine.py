@@ -117,16 +117,14 @@ def test_progress_counts_up_and_tells_rate_and_time_left(tmp_path):
     assert [each.left for each in told] == [4.0, 3.0, 2.0, 1.0, 0.0]
 
 
-def test_the_folder_of_another_sweep_is_refused(whole):
+def test_the_folder_of_another_sweep_or_with_other_things_is_refused(whole, tmp_path):
     with pytest.raises(ConfigError, match="another sweep: its seed is 0, and 7 is asked for"):
         run_sweep(replace(TOY, seed=7), whole.folder)
-
-
-def test_a_folder_with_other_things_is_refused(tmp_path):
-    (tmp_path / "letter.txt").touch()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "letter.txt").touch()
     with pytest.raises(ConfigError, match="holds other things"):
-        run_sweep(TOY, tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
+        run_sweep(TOY, tmp_path / "other")
+    assert [path.name for path in (tmp_path / "other").iterdir()] == ["letter.txt"]
 
 
 def test_an_executor_that_loses_everything_is_given_up(tmp_path):
