@@ -39,10 +39,7 @@ from harness.fake_parent import (
 )
 from so101_motion.common.errors import MotionError
 
-SIM = (
-    (ARM, SIMULATED, "arm", {}),
-    (GRIPPER, SIMULATED_GRIPPER, "gripper", {}),
-)
+SIM = ((ARM, SIMULATED, "arm", {}), (GRIPPER, SIMULATED_GRIPPER, "gripper", {}))
 """What the machine has by default: api, model, name, attributes."""
 
 

@@ -37,10 +37,7 @@ def test_a_configuration_is_printed_anew(run, file):
     assert result.exit_code == 0, result.output
     pasted = json.loads(result.stdout)
     assert pasted["components"][0]["name"] == "my-arm"
-    assert pasted["components"][0]["attributes"] == {
-        "port": "/dev/ttyUSB0",
-        "joint_zero": "homing",
-    }
+    assert pasted["components"][0]["attributes"] == {"port": "/dev/ttyUSB0", "joint_zero": "homing"}
     for words in ('note: my-arm: "spped"', "to go back"):
         assert words in result.stderr
     for secret in ("TOPSECRET", "HIDDEN"):

@@ -29,17 +29,6 @@ def without_libgomp(tmp_path):
     return {**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}", "PATH": path}
 
 
-def run(environment, *arguments):
-    return subprocess.run(
-        [sys.executable, *arguments],
-        cwd="/",
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=100,
-    )
-
-
 def test_everything_needed_can_be_imported_here():
     assert import_check.main(["dev", "viewer"]) == 0
 
@@ -63,14 +52,12 @@ def test_what_is_needed_is_what_the_installation_brings():
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ("-m", "so101_motion.common.import_check"),
-        ("-m", "so101_motion.cli", "demo", "--text"),
-    ],
+    [("-m", "so101_motion.common.import_check"), ("-m", "so101_motion.cli", "demo", "--text")],
     ids=["the installation", "the command line"],
 )
 def test_a_missing_library_is_named_with_the_command_that_installs_it(without_libgomp, arguments):
-    ended = run(without_libgomp, *arguments)
+    how = {"cwd": "/", "env": without_libgomp, "capture_output": True, "text": True}
+    ended = subprocess.run([sys.executable, *arguments], **how, timeout=100, check=False)
     assert ended.returncode == 1
     assert "error: the system library libgomp.so.1 is missing" in ended.stderr
     assert "try: apt-get install libgomp1 (as root)" in ended.stderr

@@ -4,9 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from so101_motion.cli.calibration import calibration
 from so101_motion.common.encoder_zeros import EncoderZero
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import ARM_JOINTS
@@ -130,16 +128,16 @@ def test_arm_stands_where_it_did(kind, tmp_path, made_with, now, expected_deg):
     ("now", "differs"),
     [(OTHER_ARM, r"elbow_flex -17\.6 deg"), (TURNED, "elbow_flex turns the other way")],
 )
-def test_another_arm_is_refused_until_the_user_accepts_it(kind, tmp_path, now, differs):
+def test_another_arm_is_refused_until_the_user_accepts_it(so101, kind, tmp_path, now, differs):
     file = kind.write(tmp_path, OLD)
     with pytest.raises(ConfigError, match=differs) as refused:
         kind.read(file, now)
-    words = ["accept", str(file), *(["--name", kind.name] if kind.name else [])]
+    words = [file, *(["--name", kind.name] if kind.name else [])]
     assert f'accept "{file}"' in str(refused.value)
     assert kind.name in str(refused.value)
-    assert CliRunner().invoke(calibration, words).exit_code == 0
+    assert so101("calibration accept", *words).exit_code == 0
     np.testing.assert_allclose(kind.read(file, now), Q, atol=1e-6)
-    assert CliRunner().invoke(calibration, words).exit_code == 2
+    assert so101("calibration accept", *words).exit_code == 2
 
 
 def test_a_conversion_is_told(tmp_path, caplog):
