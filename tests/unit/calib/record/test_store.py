@@ -323,7 +323,7 @@ def test_versions_are_for_the_user_who_runs_the_program(monkeypatch, tmp_path):
 entries = st.dictionaries(
     st.sampled_from(JOINTS),
     st.tuples(
-        st.integers(0, 1), st.integers(-2047, 2047), st.integers(0, 95), st.integers(200, 1600),
+        st.integers(0, 1), st.integers(-2047, 2047), st.integers(0, 95), st.integers(200, 4000),
         st.integers(1, 3),
     ),
     min_size=1,
