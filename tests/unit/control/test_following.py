@@ -1,13 +1,24 @@
 """Following targets, through the executor on a clock the test drives."""
 
+import logging
 import math
 
 import numpy as np
 import pytest
 from harness.retarget import retarget
 
-from so101_motion.common.errors import ConfigError, FollowingError, Interrupted, MotionError
+from so101_motion.common.attributes import LoadConfig
+from so101_motion.common.errors import (
+    ConfigError,
+    FollowingError,
+    Interrupted,
+    MotionError,
+    NotHolding,
+    Overloaded,
+)
+from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
+from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import (
     CATCH_UP,
     EASE,
@@ -20,10 +31,15 @@ from so101_motion.control.following import (
 from so101_motion.control.following_check import FollowingCheck, LatestRows
 from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.motion_source import PlannedMotion
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.differential.servo import Servo
+from so101_motion.planning.goals import PoseGoal
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.pursuit import FORESIGHT, Pursuit
 from so101_motion.planning.timing.trajectory import Setpoint
+from so101_motion.rig.simulated_rig import open_simulated
 
 CAPS = MotionLimits.uniform(velocity=2.0, acceleration=6.0, jerk=150.0)
 SLOW = MotionLimits.uniform(velocity=0.3, acceleration=1.0, jerk=30.0)
@@ -100,8 +116,9 @@ def test_a_target_that_moves_steadily_is_caught_up_with_and_kept(sim):
 
 
 def test_a_target_that_sways_is_followed_without_much_delay(sim):
-    chase(sim, lambda t: np.full(5, 0.5 * np.sin(2.5 * t)))
+    following = chase(sim, lambda t: np.full(5, 0.5 * np.sin(2.5 * t)))
     sim.clock.advance(4.0)
+    assert following.expected_acceleration.qdd is None, "the driver cannot know what is not said"
     wanted = 0.5 * np.sin(2.5 * (sim.arm.times[200:] + 0.01))
     assert np.abs(sim.arm.goals[200:, 0] - wanted).max() < 0.002
     assert_bounded(sim)
@@ -129,17 +146,9 @@ def test_joints_without_a_target_come_to_rest_and_wait(sim):
     assert_bounded(sim)
 
 
-def test_it_begins_where_the_joints_are_wanted(sim):
-    following = chase(sim, still(0.3))
-    assert np.array_equal(following.start.q, np.zeros(5))
-    sim.clock.advance(0.1)
-    sim.after(1.0, sim.executor.stop())
-    with pytest.raises(Interrupted, match="stop"):
-        following.future.result(timeout=0)
-
-
 def test_closing_brings_the_joints_to_rest(sim):
     following = chase(sim, lambda t: np.full(5, t))
+    assert np.array_equal(following.start.q, np.zeros(5))
     sim.clock.advance(0.4)
     sim.after(1.5, following.close())
     assert sim.state.mode is Mode.HOLDING
@@ -243,12 +252,6 @@ def test_the_driver_is_told_how_a_target_accelerates_that_says_so(sim):
     assert sim.arm.goals[-1] == pytest.approx(np.full(5, wanted), abs=2e-3)
     assert following.expected_acceleration.qdd == pytest.approx(np.full(5, -6.25 * wanted), abs=0.1)
     assert_bounded(sim)
-
-
-def test_one_that_does_not_say_so_is_nothing_the_driver_could_know(sim):
-    following = chase(sim, lambda t: np.full(5, 0.3 * np.sin(2.5 * t)))
-    sim.clock.advance(1.0)
-    assert following.expected_acceleration.qdd is None
 
 
 def test_the_driver_is_told_of_no_speed_that_the_command_will_not_have(sim):
@@ -718,3 +721,202 @@ def test_a_joint_that_ran_on_without_setpoints_is_off_if_it_goes_on(
     assert found == pytest.approx(off)
     assert words[0] == happened
     assert (words[1] == BUSY) == (happened != "is")
+
+
+# Leading the tool by hand
+
+
+MODEL = RobotModel.load()
+READY = np.radians([0.0, -30.0, 30.0, 35.0, 0.0])
+LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=3.0, jerk=100.0)
+
+
+@pytest.fixture
+def led(make_sim, taped_arm, clock):
+    led = make_sim(taped_arm(clock, q=READY))
+    led.executor.start()
+    return led
+
+
+def servo_of(led) -> Servo:
+    return Servo(MODEL, CollisionModel(MODEL), LIMITS, led.dt, led.state.q_ref)
+
+
+def lead(led, servo: Servo | None = None) -> Jog:
+    return led.executor.play(Jog(servo or servo_of(led), led.dt, lambda: 0.0))
+
+
+def repeat(led, jog: Jog, seconds: float, linear, **more) -> None:
+    for _ in range(round(seconds / 0.1)):
+        jog.twist(linear, **more)
+        led.clock.advance(0.1)
+
+
+def tool(q) -> SE3:
+    return MODEL.frame(q)
+
+
+def assert_within_limits(goals: np.ndarray, dt: float, acceleration: float) -> None:
+    assert np.abs(np.diff(goals, axis=0)).max() / dt <= LIMITS.velocity[0] * 1.001
+    assert np.abs(np.diff(goals, 2, axis=0)).max() / dt**2 <= acceleration * 1.02
+
+
+def test_a_repeated_velocity_moves_the_tool_until_it_is_not_repeated(led) -> None:
+    start, jog = tool(READY).p, lead(led)
+    led.clock.advance(0.05)
+    assert led.state.arm_moving
+    repeat(led, jog, 1.0, [0.05, 0.0, 0.0])
+    assert tool(led.state.q).p[0] > start[0] + 0.03
+    led.clock.advance(1.0)
+    where = led.state.q
+    led.clock.advance(0.5)
+    np.testing.assert_allclose(led.state.q, where, atol=1e-6)
+    assert led.state.mode is Mode.MOVING
+    assert tool(where).p[0] < start[0] + 0.05 * (1.0 + 0.25) + 0.01
+
+
+def test_repeating_the_same_velocity_keeps_the_tool_on_one_line(led) -> None:
+    start, jog = tool(READY).p, lead(led)
+    repeat(led, jog, 2.0, [0.0, 0.06, 0.0])
+    offset = tool(led.state.q_ref).p - start
+    assert offset[1] > 0.09
+    assert np.linalg.norm(offset[[0, 2]]) < 1e-3
+
+
+def test_closing_brings_the_arm_to_rest_and_ends_the_jog(led) -> None:
+    jog = lead(led)
+    repeat(led, jog, 0.5, [0.0, 0.1, 0.0])
+    led.after(2.0, jog.close())
+    assert led.state.mode is Mode.HOLDING
+    assert not led.state.arm_moving
+    assert_within_limits(led.arm.goals, led.dt, LIMITS.acceleration[0])
+    with pytest.raises(MotionError, match="open a new one"):
+        jog.twist([0.1, 0.0, 0.0])
+
+
+def test_a_pose_or_point_is_reached_and_held_without_being_repeated(led) -> None:
+    goal = tool(READY + np.array([0.3, 0.15, -0.1, 0.1, 0.2]))
+    jog, p = lead(led), tool(READY).p + np.array([-0.04, 0.06, 0.02])
+    jog.to_pose(goal)
+    led.clock.advance(3.0)
+    assert np.linalg.norm(tool(led.state.q).p - goal.p) < 2e-4
+    np.testing.assert_allclose(tool(led.state.q).R, goal.R, atol=2e-3)
+    jog.to_point(p.tolist())
+    led.clock.advance(3.0)
+    assert np.linalg.norm(tool(led.state.q).p - p) < 2e-4
+    led.after(1.0, jog.close())
+
+
+def test_stop_ends_a_jog_along_its_path_and_harder_than_it_would(led) -> None:
+    servo = servo_of(led)
+    jog = lead(led, servo=servo)
+    repeat(led, jog, 0.6, [0.0, 0.15, 0.05])
+    ahead = servo.path_to_rest()[1:]
+    stopped = led.executor.stop()
+    led.after(2.0, stopped)
+    assert isinstance(jog.future.exception(), Interrupted)
+    rest = led.state.q_ref
+    assert np.abs(ahead - rest).max(axis=1).min() < 1e-3
+    assert np.abs(rest - ahead[0]).max() < np.abs(ahead[-1] - ahead[0]).max()
+    assert_within_limits(led.arm.goals, led.dt, led.stop_limits.acceleration[0])
+    with pytest.raises(Interrupted):
+        jog.twist([0.1, 0.0, 0.0])
+
+
+def test_what_holds_the_tool_is_reported(led) -> None:
+    jog = lead(led)
+    assert jog.held_by == ()
+    repeat(led, jog, 4.0, [0.0, 0.0, -0.1])
+    assert any("the floor" in word for word in jog.held_by)
+    assert CollisionModel(MODEL).clearance(led.state.q_ref).distance > 0.003
+    repeat(led, jog, 0.5, [0.0, 0.0, 0.05])
+    assert jog.held_by == ()
+
+
+def test_a_goal_may_turn_a_jog_aside(led) -> None:
+    jog = lead(led)
+    repeat(led, jog, 0.4, [0.05, 0.0, 0.0])
+    led.after(3.0, retarget(led.executor, READY, led.limits))
+    np.testing.assert_allclose(led.state.q, READY, atol=1e-4)
+    assert isinstance(jog.future.exception(), Interrupted)
+
+
+def test_a_limp_arm_is_not_jogged(led) -> None:
+    led.after(0.1, led.executor.release())
+    jog = lead(led)
+    led.clock.advance(0.1)
+    with pytest.raises(NotHolding):
+        jog.twist([0.1, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("what", "bad"),
+    [("twist", bad) for bad in ([0.1, 0.2], [np.nan, 0.0, 0.0], "fast", None)]
+    + [("point", bad) for bad in ([100.0, 200.0, 300.0], [np.nan, 0.0, 0.0], [0.1, 0.2], "there")],
+)
+def test_what_is_no_velocity_or_no_point_is_refused(led, what, bad) -> None:
+    jog = lead(led)
+    with pytest.raises(ConfigError, match=what):
+        (jog.twist if what == "twist" else jog.to_point)(bad)
+
+
+def test_the_arm_is_jogged_past_nothing_in_its_scene(clock) -> None:
+    with open_simulated(clock=clock, q_start=READY) as rig:
+        arm = rig.arm
+        jog = arm.jog()
+        for _ in range(60):
+            jog.twist([0.0, 0.0, -0.08])
+            clock.advance(0.05)
+        assert arm.is_moving
+        assert CollisionModel(arm.model, arm.scene).clearance(arm.state.q_ref).distance > 0.003
+        assert "the floor" in " ".join(jog.held_by)
+        with pytest.raises(ConfigError, match="not fixed to the gripper"):
+            arm.jog(frame="elbow")
+
+
+def test_the_arm_is_jogged_no_further_than_it_can_hold_what_it_carries(clock) -> None:
+    with open_simulated(clock=clock, q_start=READY) as rig:
+        arm = rig.arm
+        arm.set_load(LoadConfig(mass=0.2))
+        jog = arm.jog()
+        for _ in range(40):
+            jog.twist([0.1, 0.0, 0.0])
+            clock.advance(0.1)
+        assert jog.held_by == ("shoulder_lift bearing all that it may",)
+        further = arm.T_base().p + np.array([0.03, 0.0, 0.0])
+        with pytest.raises(Overloaded, match="at the goal"):
+            arm.plan(PoseGoal.at_point(further))
+
+
+class Unbraked(Jog):
+    """A jog whose way to rest cannot be computed."""
+
+    def brake(self, now, limits):
+        raise ArithmeticError("no way to rest")
+
+
+def test_a_stop_that_fails_leaves_nobody_waiting_and_nothing_moving(led, caplog) -> None:
+    jog = led.executor.play(Unbraked(servo_of(led), led.dt, lambda: 0.0))
+    repeat(led, jog, 0.5, [0.05, 0.0, 0.0])
+    caplog.set_level(logging.CRITICAL, logger="so101_motion.control.joint_controller")
+    here = led.state.q_ref
+    asked = [led.executor.stop(), led.executor.call(lambda driver: 1), led.executor.stop()]
+    led.clock.advance(0.05)
+    assert all(future.done() for future in asked)
+    assert isinstance(asked[0].exception(), ArithmeticError)
+    assert isinstance(jog.future.exception(), ArithmeticError)
+    assert led.state.mode is Mode.FAULT
+    led.clock.advance(0.5)
+    np.testing.assert_array_equal(led.state.q_ref, here)
+
+
+def test_a_jog_that_makes_way_says_for_what(clock) -> None:
+    with open_simulated(clock=clock, q_start=READY) as rig:
+        jog = rig.arm.jog()
+        for _ in range(5):
+            jog.twist([0.05, 0.0, 0.0])
+            clock.advance(0.05)
+        motion = rig.arm.retarget(READY)
+        while not motion.future.done():
+            clock.advance(0.05)
+        assert jog.future.exception().by == "a newer motion"
