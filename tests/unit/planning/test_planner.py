@@ -305,7 +305,7 @@ def test_many_are_planned_in_order_and_one_that_cannot_be_does_not_end_them(plan
     [
         (
             lambda bad: PathGoal(waypoints=WAYPOINTS, tolerance=bad),
-            "tolerance",
+            '"tolerance"',
             [-0.1, np.nan, np.inf],
         ),
         (lambda bad: LeaveContactGoal(farthest=bad), "farthest", [0.0, -1.0, 2.1, np.nan]),
