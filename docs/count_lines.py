@@ -24,7 +24,6 @@ FEATURES = {
     "data sets": r"dataset|/datasets/",
     "LeRobot plugin": r"^lerobot_robot",
     "sweeps and places of a base": r"/sweeps/|sweep|atlas|place",
-    "identification": r"identif",
     "emulator": r"emulat",
     "remote machine": r"viam/client/",
     "Viam": r"/viam/",
