@@ -59,6 +59,7 @@ class TerminalKeys:
         self._last: dict[str, float] = {}
 
     def read(self, now: float) -> Array:
+        """The seven numbers at ``now`` [s], shape (``AXES``,), -1 to 1."""
         for key in _read(self._fd, 256).decode(errors="replace").lower():
             self._last[key] = now
         held = {key for key, then in self._last.items() if now - then < HELD}

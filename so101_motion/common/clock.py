@@ -84,6 +84,7 @@ class ManualClock:
         self._end = -math.inf  # until when a thread may go on by itself
 
     def now(self) -> float:
+        """The time that the clock shows [s]."""
         return self._now
 
     def advance(self, dt: float) -> None:

@@ -315,6 +315,7 @@ class Executor:
         return None
 
     def _end_turn(self, now: float) -> float:
+        """Tell what has come of it; return when to run again [s]."""
         self._beat.advance()
         self._control.outcomes.settle()
         if (state := self._control.state) is not None:

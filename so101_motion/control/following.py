@@ -287,10 +287,10 @@ class FollowingSettings(TypedDict, total=False):
 class _Aim(NamedTuple):
     """A target, clipped to the range, and how far outside it was asked for; shapes (n,)."""
 
-    q: Array
-    qd: Array
-    qdd: Array | None
-    outside: Array
+    q: Array  # [rad]
+    qd: Array  # [rad/s]
+    qdd: Array | None  # [rad/s^2]; None if it is not known
+    outside: Array  # [rad]
 
 
 class Following(OpenEndedMotion):

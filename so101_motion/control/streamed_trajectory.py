@@ -196,6 +196,7 @@ class Stream(EndsWithBlock):
 
     @property
     def t_last(self) -> float:
+        """Time of the newest point [s]."""
         return float(self._knots[0][-1])
 
     @property

@@ -81,7 +81,7 @@ class GoalLimiter:
     def begin(
         self, q_cmd: Sequence[float], q: Sequence[float], now: float, free: Collection[int] = ()
     ) -> None:
-        """Check the first command; ``CommandRefused`` unless it is at ``q``, the measured angles.
+        """Check the first command; ``CommandRefused`` unless it is at ``q``, as measured [rad].
 
         Joints that are ``free`` are kept slow by their servos, see ``out_of_range.py``.
         """

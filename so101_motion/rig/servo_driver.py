@@ -365,9 +365,11 @@ class ServoDriver:
         return encoder_zeros(self.calibration, {j: setup.zero for j, setup in self.setups.items()})
 
     def to_ticks(self, joint: str, q: float) -> int:
+        """The servo position that ``joint`` has at angle ``q`` [rad]."""
         return self.setups[joint].map.to_ticks(q)
 
     def to_angle(self, joint: str, ticks: int) -> float:
+        """The angle of ``joint`` at a servo position [rad]."""
         return self.setups[joint].map.to_rad(Ticks(ticks))
 
     # How

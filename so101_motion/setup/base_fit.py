@@ -49,6 +49,7 @@ class BaseFit:
 
     @property
     def rms(self) -> float:
+        """Root mean square of the residuals [m]."""
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 

@@ -405,6 +405,7 @@ _AGAIN = Offer(
 
 
 def ranges(joints: Mapping[str, JointView]) -> dict[str, Any]:
+    """The recorded travels [tick]."""
     return {
         joint: {"min": view.recorded_min, "max": view.recorded_max, "range": view.travel}
         for joint, view in joints.items()

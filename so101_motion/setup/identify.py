@@ -256,6 +256,7 @@ class IdentificationOutline:
 
     @property
     def duration(self) -> float:
+        """How long it takes about [s]."""
         return self.raising + sum(sweep.duration for sweep in self.sweeps)
 
     @property
@@ -417,6 +418,7 @@ class Identification(RecordedMotions):
         raise trouble
 
     def _limits(self, speed: float) -> MotionLimits:
+        """Caps with at most ``speed`` [rad/s], within the arm's own."""
         acceleration = min(ACCELERATION, self._rig.arm.acceleration)
         return MotionLimits.uniform(
             velocity=min(speed, self._rig.arm.speed),

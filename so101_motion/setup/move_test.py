@@ -238,11 +238,13 @@ class Measurements:
             self._settle = max(self._settle, moving[-1].t - moving_refs[-1].t)
 
     def note_stop(self, wanted: float, here: float, *, is_from_below: bool) -> None:
+        """Add a stop: the wanted and the measured angle [rad]."""
         self._error = max(self._error or 0.0, abs(here - wanted))
         visits = self._visits.setdefault(round(wanted, 4), {False: [], True: []})
         visits[is_from_below].append(here)
 
     def note_jaw(self, off: float) -> None:
+        """Add how far the jaw was off [rad]."""
         self._error = max(self._error or 0.0, abs(off))
 
     def accuracy(self) -> JointAccuracy:
@@ -279,14 +281,17 @@ class Measurements:
 
 
 def degrees(angle: float | None) -> str:
+    """An angle [rad] as text in degrees."""
     return "–" if angle is None else f"{to_deg(angle):.1f}°"
 
 
 def milliseconds(duration: float | None) -> str:
+    """A time [s] as text in milliseconds."""
     return "–" if duration is None else f"{1e3 * duration:.0f} ms"
 
 
 def millimetres(length: float | None) -> str:
+    """A length [m] as text in millimetres."""
     return "–" if length is None else f"{to_mm(length):.1f} mm"
 
 
@@ -365,6 +370,7 @@ class Outline:
 
     @property
     def duration(self) -> float:
+        """How long the test takes about [s]."""
         return sum(swing.duration for swing in self.swings)
 
     @property

@@ -48,6 +48,7 @@ class PlanView:
 
     @property
     def duration(self) -> float:
+        """How long the plan takes [s]."""
         return self.plan.duration
 
 
@@ -73,6 +74,7 @@ class CommonPlan:
 
     @property
     def duration(self) -> float:
+        """How long it takes [s]."""
         return max(each.duration for each in self.plans.values())
 
 
@@ -136,6 +138,7 @@ class Playback:
         self._rate = None
 
     def seek(self, t: float) -> None:
+        """Pause at ``t`` [s]."""
         self.t = min(max(t, 0.0), self._duration)
         self._rate = None
 

@@ -171,6 +171,7 @@ class TargetSolver:
         return self.at_joints(q, FRAMES[0], q_jaw=q_jaw)
 
     def is_in_contact(self, q: Array, q_jaw: float) -> bool:
+        """Whether the arm touches itself or something at joint angles (5,) and jaw angle [rad]."""
         return self._collisions.first_contact(q, q_jaw) is not None
 
     def _problem(self, q: Array, q_jaw: float) -> str | None:

@@ -56,6 +56,7 @@ class MovedArm:
 
     @property
     def duration(self) -> float:
+        """How long it moves [s]."""
         return float((self.view.plan.trajectory if self.run is None else self.run).t[-1])
 
     def at(self, t: Array) -> tuple[Array, Array]:

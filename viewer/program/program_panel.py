@@ -311,6 +311,7 @@ class RehearsalFields:
         self._drawn: RehearsalTime | None = None
 
     def show(self, timeline: RehearsalTime | None, t: float) -> None:
+        """Show a planned program, and the time ``t`` [s] on it; without one all is grey."""
         self._slider.disabled = timeline is None
         grey(self._play, timeline is None)
         if timeline is not self._drawn:

@@ -47,6 +47,7 @@ class _Span:
         return self.leg.indices[bisect_right(self.leg.at[:-1], t - self.begins)]
 
     def at(self, t: float) -> dict[str, Stand]:
+        """Where the arms stand at a time [s]."""
         found = {}
         for name, (q, q_jaw) in self.leg.stands.items():
             plan = self.leg.plans.get(name)

@@ -73,6 +73,7 @@ class ReachView:
         self._shown: tuple[str, int] | None = None
 
     def show(self, frame: str, height: float) -> None:
+        """Shade what ``frame`` reaches at ``height`` [m]."""
         atlas = self._atlas
         if atlas is not None and atlas.facts["frame"] != frame:
             atlas = None

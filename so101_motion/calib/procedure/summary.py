@@ -46,10 +46,12 @@ class PoseEstimate:
 
     @property
     def q(self) -> Array:
+        """Arm joint angles, shape (5,), [rad]."""
         return np.array([self.angles[joint] for joint in ARM_JOINTS])
 
     @property
     def q_jaw(self) -> float:
+        """Jaw angle [rad]."""
         return self.angles[GRIPPER_JOINT]
 
 

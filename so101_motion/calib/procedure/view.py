@@ -35,6 +35,7 @@ class JointProgress:
 
     @property
     def expected(self) -> int:
+        """Its travel from stop to stop [tick]."""
         return round(zero.expected_travel(self.joint))
 
     def assess(self, arc: TravelArc | None) -> Assessment:
@@ -84,12 +85,14 @@ class JointView:
 
     @property
     def travel(self) -> int:
+        """How far it has moved while it was recorded [tick]."""
         if self.recorded_min is None or self.recorded_max is None:
             return 0
         return self.recorded_max - self.recorded_min
 
     @property
     def travel_deg(self) -> float:
+        """How far it has moved while it was recorded [deg]."""
         return self.travel / TICKS_PER_DEG
 
     @property

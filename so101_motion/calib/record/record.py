@@ -223,7 +223,7 @@ def misplaced(ids: Iterable[int], travels: Mapping[str, int]) -> str:
     """What is wrong with the order of an arm's ids; empty if nothing shows.
 
     The jaw's travel is half of the others', that of wrist_roll is the widest. Roll itself shows
-    nothing: it is often recorded as a full turn.
+    nothing: it is often recorded as a full turn. ``travels`` are by joint [tick].
     """
     first, *others = sorted(ids) or [1]
     if len(others) == len(JOINTS) - 1 == others[-1] - first and first != 1:

@@ -62,10 +62,12 @@ class JointMap:
 
     @property
     def lower(self) -> float:
+        """Smallest angle the joint may be sent to [rad]."""
         return min(self._angle(self.lower_ticks), self._angle(self.upper_ticks))
 
     @property
     def upper(self) -> float:
+        """Largest angle the joint may be sent to [rad]."""
         return max(self._angle(self.lower_ticks), self._angle(self.upper_ticks))
 
     def to_rad(self, ticks: Ticks) -> float:

@@ -68,10 +68,12 @@ class World:
 
     @property
     def t(self) -> float:
+        """The time up to which everything has been computed [s]."""
         return self._origin + self._ms / 1000.0
 
     @property
     def q(self) -> Array:
+        """True joint angles, shape (6,), [rad]."""
         return np.array([servo.drive.q for servo in self.servos])
 
     @property

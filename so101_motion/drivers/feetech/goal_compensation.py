@@ -184,6 +184,7 @@ class GoalCompensation:
         self.trim.models[i].most_drive = servo.torque_limit / 1000.0
 
     def supplied(self, i: int, volts: float) -> None:
+        """Take in the supply voltage that joint ``i``'s servo reports [V]."""
         self.trim.models[i].volts += _SMOOTHING * (volts - self.trim.models[i].volts)
 
     def heard(self, i: int, faults: int) -> None:
@@ -281,6 +282,7 @@ class GoalCompensation:
         }
 
     def _changes(self, qd: Sequence[float] | None, now: float) -> Sequence[float]:
+        """Accelerations between the last commanded velocities and ``qd`` [rad/s^2]."""
         dt = now - self._t_point
         if qd is None or self._qd is None or not 0.0 < dt < _RECENT:
             return (0.0,) * 5
@@ -327,5 +329,6 @@ class GoalCompensation:
         }
 
     def _sag(self, i: int) -> float | None:
+        """Distance from joint ``i``'s command to its servo's goal [rad]; None if limp."""
         held = self.held[i]
         return None if held is None else self._maps[i].to_rad(held) - self.q[i]

@@ -155,6 +155,7 @@ class Trim:
 
     @property
     def full_drive_errors(self) -> list[float]:
+        """The position error at which each servo drives fully [rad]."""
         return [model.full_drive_error for model in self.models]
 
     def explain(
@@ -231,11 +232,13 @@ class Trim:
 
     @property
     def largest(self) -> list[float]:
+        """Bounds of ``offset`` [rad]."""
         most = LARGEST_SAG + LARGEST_DRIVE
         return [model.error_for(most) for model in self.models[:_JAW]] + [0.0]
 
     @property
     def offset(self) -> list[float]:
+        """The offsets to add to the six commanded positions [rad]."""
         return [known + rest for known, rest in zip(self._known, self._rest, strict=True)]
 
     def command(
@@ -378,6 +381,7 @@ class Trim:
         self.weights, self._per_kg = self._weights(q)
 
     def _weights(self, q: Sequence[float]) -> tuple[list[float], list[float]]:
+        """Holding torques at ``q`` [rad], and the torque that each kilogram carried adds."""
         own, per_kg = self._gravity(np.array(q)).tolist(), self.per_kg(q)
         return [w + self.carried * u for w, u in zip(own, per_kg, strict=True)], per_kg
 

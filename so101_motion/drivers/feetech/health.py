@@ -28,8 +28,8 @@ class JointHealth:
     servo_id: int
     t: float
     is_silent: bool  # whether it does not answer at present; the figures are then its last ones
-    volts: float
-    amps: float
+    volts: float  # of the supply at the servo [V]
+    amps: float  # of the motor [A]
     temperature_c: int
     load: float  # drive, -1 to 1; not a torque
     # the conditions it reports now: ``voltage``, ``encoder``, ``overheated``, ``overcurrent``,

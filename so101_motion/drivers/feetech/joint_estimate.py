@@ -48,6 +48,7 @@ class VelocityEstimate:
         self._signals: tuple[deque[float], ...] = tuple(deque() for _ in range(n))
 
     def add(self, t: float, values: Sequence[float]) -> None:
+        """Add ``n`` values measured at ``t`` [s]."""
         if self._t and t - self._t[-1] < _SPACING:
             return
         self._t.append(t)

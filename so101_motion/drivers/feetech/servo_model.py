@@ -99,7 +99,7 @@ class ServoModel:
         self.largest_sag = self.error_for(LARGEST_SAG)
 
     def distance(self, torque: float, speed: float = 0.0) -> float:
-        """How far beyond its joint the goal must be [rad] for this torque and speed [rad/s]."""
+        """How far beyond its joint the goal must be [rad] for a torque [N m] at a speed [rad/s]."""
         kind = self.kind
         share = (torque / kind.torque_per_volt + kind.back_emf * speed) / self._volts
         duty: float = abs(share) ** self._over_shape - START_DUTY

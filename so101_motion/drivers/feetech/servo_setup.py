@@ -151,6 +151,7 @@ def agreed(read: Callable[[], T], alike: Callable[[T, T], bool] = eq, times: int
 
 
 def engage(bus: Bus, servo_id: int, goal: int) -> None:
+    """Drive a joint to ``goal`` [tick]."""
     bus.write(servo_id, reg.GOAL_POSITION, goal)
     bus.write(servo_id, reg.TORQUE_ENABLE, 1)
 

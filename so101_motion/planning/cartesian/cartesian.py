@@ -62,7 +62,7 @@ class CartesianPlanner:
     ) -> ToolMotion:
         """Find joint curves along which the tool follows the goal's path, free of contact.
 
-        The path starts at ``q_start``, a free configuration inside the limits.
+        The path starts at ``q_start``, a free configuration (5,) [rad] inside the limits.
 
         Raises:
             Unreachable: The path cannot be followed to its end; says for how many millimetres it

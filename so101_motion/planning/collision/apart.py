@@ -67,8 +67,8 @@ def first_meeting(
     """Where two arms first come too near to each other, or None: a proof that they never do.
 
     Both rest at the ends of their courses. Between two checks of a pair seven eighths of ``room``
-    are kept. One may be ``early`` [s] ahead of the other: the faster both are, the further apart
-    they must stay.
+    [m] are kept. One may be ``early`` [s] ahead of the other: the faster both are, the further
+    apart they must stay.
     """
     figures = since, STEP, room, early
     met = (

@@ -136,7 +136,7 @@ class BatchCheck:
     def near(
         self, q: Array, q_jaw: float, within: float, gap: float = 0.0
     ) -> tuple[Array, Array] | None:
-        """``CollisionModel.near_bounds``; None if coal has to decide."""
+        """As ``CollisionModel.near_bounds`` [m]; None if coal has to decide."""
         self._one[:5] = q
         self._one[5] = q_jaw
         n = self.library.so101_near_bounds(

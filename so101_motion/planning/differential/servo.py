@@ -50,7 +50,7 @@ from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 
 class MovingAverage:
-    """Filters the positions of a reference that starts at rest at ``q``; ``steps`` are averaged.
+    """Filters positions [rad] of a reference that starts at rest at ``q``; ``steps`` are averaged.
 
     ``limits`` are the reference's accelerations, and the jerk that the output shall keep.
     """

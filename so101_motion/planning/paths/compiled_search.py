@@ -60,7 +60,7 @@ class Deadline:
 
 
 class CompiledSearch:
-    """One search from a start (n,) to any of several goals, all free; ``random`` gives its seed."""
+    """A search from a start (n,) [rad] to any of several free goals; ``random`` gives its seed."""
 
     def __init__(
         self,

@@ -117,8 +117,8 @@ class PathFinder:
     ) -> FreePath:
         """A free path to one of the goals, straight if there is such.
 
-        Start and goals are free and inside the limits, the nearest goal first; goals are taken one
-        by one, so the later ones may be computed only if needed. A path found within
+        Start and goals (5,) [rad] are free and inside the limits, the nearest goal first; goals are
+        taken one by one, so the later ones may be computed only if needed. A path found within
         ``time_budget`` [s] is not shortened any further then. ``routing`` compares routes that are
         not straight.
 

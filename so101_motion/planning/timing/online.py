@@ -34,7 +34,7 @@ LESS_JERK = 1.0 - 1e-9  # for a second search; chosen far above rounding
 def point_to_point(
     q_start: ArrayLike, q_goal: ArrayLike, limits: MotionLimits, dt: float
 ) -> Trajectory:
-    """The fastest motion along the straight line in joint space, from rest to rest.
+    """The fastest motion along the straight line in joint space [rad], from rest to rest.
 
     One number, the place along the line, is timed under the strictest joint's limits; without
     ``limits.tool_speed``, which ``retime`` keeps. A single sample if start and goal are the same.
@@ -70,8 +70,9 @@ def from_state(
 ) -> Trajectory:
     """The fastest motion from any state to rest at a goal; all joints arrive together.
 
-    A state beyond the limits is first brought back inside as fast as they allow. The motion may
-    swing past the goal, or go on in its present direction before it turns.
+    The state is ``q`` [rad], ``qd`` [rad/s] and ``qdd`` [rad/s^2], each of shape (n,). A state
+    beyond the limits is first brought back inside as fast as they allow. The motion may swing past
+    the goal, or go on in its present direction before it turns.
     """
     *state, goal = numbers(limits, dt, q=q, qd=qd, qdd=qdd, q_goal=q_goal)
     request = _request(state, limits)

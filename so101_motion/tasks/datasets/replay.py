@@ -59,6 +59,7 @@ class EpisodeReplay:
 
     @property
     def duration(self) -> float:
+        """How long it takes after the approach [s]."""
         return float(self.t[-1])
 
 

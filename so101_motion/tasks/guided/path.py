@@ -56,6 +56,7 @@ class GuidedPath:
 
     @property
     def duration(self) -> float:
+        """How long the recording took [s]."""
         return float(self.t[-1])
 
     def taken(self, chosen: NDArray[np.intp] | slice) -> GuidedPath:

@@ -83,6 +83,7 @@ class MachineGripper(MotionRunner):
         return self._newest_report().is_holding
 
     def angle_of(self, aperture: float) -> float:
+        """The jaw angle [rad] that an aperture stands for, over the jaw's full travel."""
         return JAW_CLOSED + aperture * (JAW_OPEN - JAW_CLOSED)
 
     def move(self, aperture: float, *, wait: bool = True) -> Motion:
