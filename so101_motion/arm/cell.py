@@ -62,6 +62,7 @@ class Cell:
 
     @property
     def clock(self) -> Clock:
+        """The clock of one of its arms; all show the same time."""
         return next(iter(self.members.values())).clock
 
     def add(
@@ -210,6 +211,7 @@ class Cell:
         return self.start_series(handover_steps(giver, taker, plan, self.check_again))
 
     def stands(self) -> dict[str, Stand]:
+        """The setpoint of each arm, by its name."""
         return {name: member.stand for name, member in self.members.items()}
 
     def start_series(self, steps: Iterator[TeamStep]) -> dict[str, Motion]:

@@ -145,6 +145,7 @@ class PlanningWorker:
 
     @property
     def pids(self) -> tuple[int, ...]:
+        """The ids of the processes that live."""
         with self._lock:
             slots = tuple(self._slots)
         return tuple(pid for each in slots if (pid := each.pid) is not None)

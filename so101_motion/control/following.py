@@ -428,10 +428,12 @@ class Following(OpenEndedMotion):
 
     @property
     def is_held(self) -> bool:
+        """Whether something in the way holds the joints back; their limits do not count."""
         return bool(self._held)
 
     @property
     def is_approaching(self) -> bool:
+        """Whether it goes at the pace of the approach."""
         return self._approach.is_under_way
 
     @property

@@ -74,6 +74,7 @@ class ServoSettings:
     def with_arm(
         self, servo_ids: tuple[int, ...], zero_offsets: Mapping[str, float] | None = None
     ) -> ServoSettings:
+        """These settings with an arm of these servos and zeros [rad]."""
         return replace(self, servo_ids=servo_ids, zero_offsets=zero_offsets)
 
     def with_gripper(self, gripper_id: int) -> ServoSettings:
