@@ -1,7 +1,7 @@
 """Figures of the two STS3215 types: motor, gears, friction and delays.
 
 The emulated servos behave by them, and the driver compensates for them. Each emulated servo may
-differ from its type (``emulator/spread.py``), as each real one does.
+differ from its type (``emulator/emulator.py``), as each real one does.
 """
 
 from __future__ import annotations
