@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from so101_motion.planning.collision.scene import Attached as Attached
     from so101_motion.planning.collision.scene import Box as Box
     from so101_motion.planning.collision.scene import Capsule as Capsule
+    from so101_motion.planning.collision.scene import Cylinder as Cylinder
     from so101_motion.planning.collision.scene import Mesh as Mesh
     from so101_motion.planning.collision.scene import Obstacle as Obstacle
     from so101_motion.planning.collision.scene import PointCloud as PointCloud
@@ -64,7 +65,9 @@ _HOMES = {  # what each module has of ours; it is imported when a name of it is 
     "control.following": "Following",
     "opening": "open point",
     "planning.collision.collision": "CollisionModel",
-    "planning.collision.scene": "Attached Box Capsule Mesh Obstacle PointCloud Scene Sphere",
+    "planning.collision.scene": (
+        "Attached Box Capsule Cylinder Mesh Obstacle PointCloud Scene Sphere"
+    ),
     "planning.goals": (
         "ApproachGoal ArcTo GoalMetric JointGoal LeaveContactGoal LineGoal LineTo PathGoal"
         " PoseCloud PoseGoal ToolPathGoal"

@@ -12,7 +12,9 @@ Millimetres and degrees, with the unit in every name, in the arm's base frame::
         {"name": "part", "mesh_file": "part.stl", "position_mm": [200, 0, 0]},
         {"name": "seen", "points_mm": [[310, 20, 5]], "resolution_mm": 10},
         {"name": "lamp zone", "box_mm": [300, 300, 200], "position_mm": [0, 0, 500],
-         "keep_out": true}
+         "keep_out": true},
+        {"name": "can", "cylinder_radius_mm": 15, "cylinder_length_mm": 40,
+         "position_mm": [220, 0, 17.6], "mass_kg": 0.03}
       ],
       "attached": [
         {"name": "cube", "box_mm": [20, 20, 20], "position_mm": [0, 0, 100], "mass_kg": 0.02,
@@ -21,7 +23,8 @@ Millimetres and degrees, with the unit in every name, in the arm's base frame::
     }
 
 A mesh file is in millimetres unless its format declares a unit (GLB: metres, y up; 3MF); the
-optional ``"scale"`` of an entry multiplies the lengths of its shape. Attached objects stand in the
+optional ``"scale"`` of an entry multiplies the lengths of its shape. An obstacle with
+``"mass_kg"`` is an item, which the gripper may take. Attached objects stand in the
 tool frame. An error for an unknown name suggests the nearest known
 one, and every error names its entry.
 """
@@ -47,6 +50,7 @@ from so101_motion.planning.collision.scene import (
     Attached,
     Box,
     Capsule,
+    Cylinder,
     Mesh,
     Obstacle,
     PointCloud,
@@ -59,12 +63,12 @@ from so101_motion.planning.collision.shape_files import LARGEST_FILE, file_mesh,
 
 _LARGEST_MM = LARGEST * 1000.0
 _SHAPES = (
-    *("box_mm", "sphere_radius_mm", "capsule_radius_mm"),
+    *("box_mm", "sphere_radius_mm", "capsule_radius_mm", "cylinder_radius_mm"),
     *("mesh_file", "vertices_mm", "points_mm"),
 )
 _THING = (
     *("name", "position_mm", "rpy_deg", *_SHAPES),
-    *("capsule_length_mm", "triangles", "resolution_mm", "scale"),
+    *("capsule_length_mm", "cylinder_length_mm", "triangles", "resolution_mm", "scale"),
 )
 
 Entry = Mapping[str, Any]
@@ -120,12 +124,13 @@ def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obst
     """Make obstacles from a parsed JSON list; ``folder`` and errors as for ``scene_from``."""
 
     def made(entry: Entry) -> Obstacle:
-        given = Attributes(entry, (*_THING, "keep_out"), kind="key of an obstacle")
+        given = Attributes(entry, (*_THING, "keep_out", "mass_kg"), kind="key of an obstacle")
         return Obstacle(
             name=given.text("name", ""),
             shape=_shape(given, entry, folder),
             T_base_obstacle=pose_from(given),
             keep_out=given.flag("keep_out", False),
+            mass=_mass(given) if given.given("mass_kg") else None,
         )
 
     return _all("obstacles", value, made)
@@ -144,7 +149,7 @@ def attached_from(value: object, *, folder: Path | None = Path()) -> tuple[Attac
             name=given.text("name", ""),
             shape=_shape(given, entry, folder),
             T_tool_object=pose_from(given),
-            mass=given.number("mass_kg", 0.0, lower=0.0, upper=HEAVIEST, unit="kg"),
+            mass=_mass(given),
             may_touch=frozenset(touches),
         )
 
@@ -202,6 +207,7 @@ def scene_to(scene: Scene) -> dict[str, object]:
             {
                 **_thing(o.name, read_shape(o.shape), o.T_base_obstacle),
                 **({"keep_out": True} if o.keep_out else {}),
+                **({"mass_kg": o.mass} if o.mass is not None else {}),
             }
             for o in scene.obstacles
         ],
@@ -259,6 +265,9 @@ def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
             reason = f"is from tip to tip, at least twice its radius, {to_mm(2.0 * radius):g} mm"
             raise ConfigError("capsule_length_mm", to_mm(length), reason)
         return Capsule(radius=scale * radius, length=scale * length)
+    if form == "cylinder_radius_mm":
+        radius, length = _length(given, form), _length(given, "cylinder_length_mm")
+        return Cylinder(radius=scale * radius, length=scale * length)
     if form == "mesh_file":
         if folder is None:
             reason = "names a file, which cannot be read here; give vertices_mm"
@@ -272,6 +281,10 @@ def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
         vertices=scale * to_m(_table(form, entry[form])),
         triangles=_table("triangles", entry.get("triangles")),
     )
+
+
+def _mass(given: Attributes) -> float:
+    return given.number("mass_kg", 0.0, lower=0.0, upper=HEAVIEST, unit="kg")
 
 
 def _length(given: Attributes, key: str, *, may_be_0: bool = False) -> float:
@@ -333,6 +346,11 @@ def _form(shape: Shape) -> dict[str, object]:
         return {
             "capsule_radius_mm": _rounded(to_mm(shape.radius)),
             "capsule_length_mm": _rounded(to_mm(shape.length)),
+        }
+    if isinstance(shape, Cylinder):
+        return {
+            "cylinder_radius_mm": _rounded(to_mm(shape.radius)),
+            "cylinder_length_mm": _rounded(to_mm(shape.length)),
         }
     if isinstance(shape, PointCloud):
         return {

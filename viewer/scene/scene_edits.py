@@ -172,16 +172,14 @@ def held(scene: Scene, name: str, T_base_tool: SE3, holder: str = "") -> Scene:
         raise ConfigError("name", name, "is in the gripper already")
     if thing.keep_out:
         raise ConfigError("name", name, "is a keep-out zone, which cannot be held")
-    T = T_base_tool.inverse @ thing.T_base_obstacle
-    shape = thing.shape
-    taken = Attached(name=name, shape=shape, T_tool_object=T)
-    if holder:
-        taken = HeldBy(name=name, shape=shape, T_tool_object=T, holder=holder)
-    return replace(
-        scene,
-        obstacles=tuple(each for each in scene.obstacles if each is not thing),
-        attached=(*scene.attached, taken),
+    taken = scene.taking(name, T_base_tool)
+    if not holder:
+        return taken
+    *others, new = taken.attached
+    held_by = HeldBy(
+        name=name, shape=new.shape, T_tool_object=new.T_tool_object, mass=new.mass, holder=holder
     )
+    return replace(taken, attached=(*others, held_by))
 
 
 def let_go(scene: Scene, name: str, T_base_tool: SE3) -> Scene:
@@ -189,15 +187,7 @@ def let_go(scene: Scene, name: str, T_base_tool: SE3) -> Scene:
     thing = thing_named(scene, name)
     if not isinstance(thing, Attached):
         raise ConfigError("name", name, "is not in the gripper")
-    T_base_obstacle = T_base_tool @ thing.T_tool_object
-    return replace(
-        scene,
-        attached=tuple(each for each in scene.attached if each is not thing),
-        obstacles=(
-            *scene.obstacles,
-            Obstacle(name=name, shape=thing.shape, T_base_obstacle=T_base_obstacle),
-        ),
-    )
+    return scene.putting(name, T_base_tool @ thing.T_tool_object)
 
 
 def _called(scene: Scene, call: Callable[[str], str | None]) -> Scene:

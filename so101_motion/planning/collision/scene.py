@@ -13,12 +13,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import so101_description
 from numpy.typing import NDArray
 
+from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, frozen_array
 
@@ -173,6 +174,38 @@ class PointCloud(_Form):
             )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cylinder(Mesh):
+    """A cylinder along z with flat ends, around its own origin: a mesh whose sides contain it.
+
+    Attributes:
+        radius: [m].
+        length: [m].
+    """
+
+    radius: float
+    length: float
+    vertices: Array = field(init=False)
+    triangles: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        for key in ("radius", "length"):
+            object.__setattr__(self, key, _length(key, getattr(self, key)))
+        turns = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+        ring = self.radius / np.cos(np.pi / _SIDES) * np.array([np.cos(turns), np.sin(turns)])
+        z = np.full(_SIDES, 0.5 * self.length)
+        i, j = np.arange(_SIDES), np.roll(np.arange(_SIDES), -1)
+        fan = np.array([[0, k, k + 1] for k in range(1, _SIDES - 1)])
+        sides = [np.column_stack([i, j, j + _SIDES]), np.column_stack([i, j + _SIDES, i + _SIDES])]
+        ends = [fan[:, ::-1], fan + _SIDES]
+        vertices = np.concatenate([np.vstack([ring, -z]).T, np.vstack([ring, z]).T])
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "triangles", np.concatenate([*sides, *ends]))
+        Mesh.__post_init__(self)
+
+
+_SIDES = 32  # of a cylinder. Chosen: its corners stand out by 0.5 % of the radius
+
 Shape = Box | Sphere | Capsule | Mesh | PointCloud
 
 
@@ -204,17 +237,25 @@ class Obstacle:
         T_base_obstacle: Its pose.
         keep_out: Whether it is a zone of empty space. Planning treats both alike; messages and
             pictures tell them apart.
+        mass: Its mass [kg], more than 0, if it is an item, which the gripper may take; None for
+            all else. Until it is held it is an obstacle like any other.
     """
 
     name: str
     shape: Shape | ShapeFile
     T_base_obstacle: SE3
     keep_out: bool = False
+    mass: float | None = None
 
     def __post_init__(self) -> None:
         _named(self.name)
         _placed(self.name, self.T_base_obstacle)
         refuse_odd_size(self.name, self.shape)
+        if self.mass is not None:
+            _weighed(self.name, self.mass)
+            if self.keep_out or not self.mass:
+                reason = "a zone is empty space" if self.keep_out else "an item weighs more"
+                raise ConfigError("mass", self.mass, f'of "{self.name}" cannot be: {reason}')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -243,8 +284,7 @@ class Attached:
         _named(self.name)
         _placed(self.name, self.T_tool_object)
         refuse_odd_size(self.name, self.shape)
-        if not 0.0 <= self.mass < LARGEST:
-            raise ConfigError("mass", self.mass, f'of "{self.name}" must be 0 to {LARGEST:g} kg')
+        _weighed(self.name, self.mass)
 
 
 def as_seen_by(name: str, attached: tuple[Attached, ...]) -> tuple[Attached, ...]:
@@ -357,10 +397,65 @@ class Scene:
         """A copy with further obstacles."""
         return replace(self, obstacles=(*self.obstacles, *obstacles))
 
+    @property
+    def items(self) -> tuple[Obstacle, ...]:
+        """What the gripper may take."""
+        return tuple(each for each in self.obstacles if each.mass is not None)
+
+    def taking(
+        self, name: str, T_base_tool: SE3, *, may_touch: frozenset[str] = frozenset()
+    ) -> Scene:
+        """A copy in which the gripper holds an obstacle, which stays where it is.
+
+        Args:
+            name: The obstacle's name; ``ConfigError`` if there is none.
+            T_base_tool: Where the tool is when it takes it.
+            may_touch: As for ``Attached``.
+        """
+        item = _one_named(name, self.obstacles)
+        held = Attached(
+            name=name,
+            shape=item.shape,
+            T_tool_object=T_base_tool.inverse @ item.T_base_obstacle,
+            mass=item.mass or 0.0,
+            may_touch=may_touch,
+        )
+        others = tuple(each for each in self.obstacles if each is not item)
+        return replace(self, obstacles=others, attached=(*self.attached, held))
+
+    def putting(self, name: str, T_base_item: SE3) -> Scene:
+        """A copy in which what the gripper holds is an item at a pose.
+
+        Args:
+            name: The held object's name; ``ConfigError`` if there is none.
+            T_base_item: Where it is put.
+        """
+        held = _one_named(name, self.attached)
+        item = Obstacle(
+            name=name, shape=held.shape, T_base_obstacle=T_base_item, mass=held.mass or None
+        )
+        others = tuple(each for each in self.attached if each is not held)
+        return replace(self, obstacles=(*self.obstacles, item), attached=others)
+
+
+_T = TypeVar("_T", Obstacle, Attached)
+
+
+def _one_named(name: str, things: Iterable[_T]) -> _T:
+    named = {each.name: each for each in things}
+    if name not in named:
+        raise ConfigError("name", name, suggest(name, named))
+    return named[name]
+
 
 def _named(name: str) -> None:
     if not isinstance(name, str) or not name:
         raise ConfigError("name", name, "each thing needs a name, for messages to call it by")
+
+
+def _weighed(name: str, mass: float) -> None:
+    if not 0.0 <= mass < LARGEST:
+        raise ConfigError("mass", mass, f'of "{name}" must be 0 to {LARGEST:g} kg')
 
 
 def _placed(name: str, pose: SE3) -> None:
@@ -437,7 +532,7 @@ def _digest(scene: Scene) -> bytes:
 
     _add(known, scene.floor_z, scene.margin, sorted(sorted(pair) for pair in scene.may_touch))
     for each in scene.obstacles:
-        _add(known, "obstacle", each.name, each.keep_out)
+        _add(known, "obstacle", each.name, each.keep_out, each.mass)
         _add(known, each.T_base_obstacle.R, each.T_base_obstacle.p, each.shape.fingerprint())
     for held in scene.attached:
         add_held(held)

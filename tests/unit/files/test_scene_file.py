@@ -21,6 +21,7 @@ from so101_motion.planning.collision.scene import (
     Attached,
     Box,
     Capsule,
+    Cylinder,
     Mesh,
     Obstacle,
     PointCloud,
@@ -43,6 +44,12 @@ def test_every_kind_of_thing_can_be_written_and_read_back(tmp_path):
             Obstacle(name="ball", shape=Sphere(radius=0.03), T_base_obstacle=pose),
             Obstacle(name="post", shape=Capsule(radius=0.01, length=0.2), T_base_obstacle=pose),
             Obstacle(name="part", shape=TETRAHEDRON, T_base_obstacle=pose),
+            Obstacle(
+                name="can",
+                shape=Cylinder(radius=0.015, length=0.04),
+                T_base_obstacle=pose,
+                mass=0.03,
+            ),
             Obstacle(
                 name="seen",
                 shape=PointCloud(points=[[0.3, 0, 0]], resolution=0.02),
@@ -68,7 +75,8 @@ def test_every_kind_of_thing_can_be_written_and_read_back(tmp_path):
     again = read_scene(path)
     assert scene_to(again) == scene_to(scene)
     assert again.floor_z is None
-    assert again.obstacles[4].keep_out
+    assert again.obstacles[5].keep_out
+    assert [(each.name, each.mass) for each in again.items] == [("can", 0.03)]
     assert again.attached[0].may_touch == {"floor"}
     for one, other in zip(again.obstacles, scene.obstacles, strict=True):
         assert type(one.shape) is type(other.shape)

@@ -684,3 +684,30 @@ def test_3mf_without_networkx_says_what_to_export(monkeypatch):
 def test_what_is_elsewhere_or_no_face_is_refused_with_what_to_export(kind, data, says):
     with pytest.raises(ConfigError, match=says):
         file_mesh(kind, data)
+
+
+def test_an_item_is_an_obstacle_until_it_is_held_and_where_it_is_put_afterwards():
+    cube = Obstacle(
+        name="cube",
+        shape=Box(size=(0.02, 0.02, 0.02)),
+        T_base_obstacle=SE3.from_rpy((0.0, 0.0, 0.4), (0.2, 0.1, 0.0076)),
+        mass=0.03,
+    )
+    mug = Obstacle(name="mug", shape=Sphere(radius=0.03), T_base_obstacle=SE3.identity())
+    scene = Scene(obstacles=(cube, mug))
+    assert scene.items == (cube,)
+    tool = SE3.from_rpy((3.0, 0.1, 0.0), (0.2, 0.1, 0.02))
+    taken = scene.taking("cube", tool, may_touch=frozenset(["mug"]))
+    assert taken.obstacles == (mug,)
+    (held,) = taken.attached
+    assert (held.mass, held.may_touch) == (0.03, {"mug"})
+    put = taken.putting("cube", tool @ held.T_tool_object)
+    np.testing.assert_allclose(
+        put.items[0].T_base_obstacle.matrix, cube.T_base_obstacle.matrix, atol=1e-12
+    )
+    assert put.items[0].mass == 0.03
+    assert put.digest != scene.digest  # the order differs
+    with pytest.raises(ConfigError, match='did you mean "cube"'):
+        scene.taking("cubes", tool)
+    with pytest.raises(ConfigError, match="empty space"):
+        replace(cube, keep_out=True)
