@@ -175,7 +175,8 @@ class HardwareBench(PortBench):
     def turn(self):
         """How long others get the processor between two advances [s]; while nothing moves,
         a plan may be being made, which takes real time."""
-        return 0.001 if any(rig.arm.is_moving for rig in self._rigs) else 0.02
+        is_moving = any(rig.arm.is_moving or rig.gripper.is_moving for rig in self._rigs)
+        return 0.001 if is_moving else 0.02
 
     def finish(self, motion, at_most=15.0):
         """Let time pass until ``motion`` is over; raises what it ended with."""
@@ -246,11 +247,6 @@ def near(rig, *shares):
     """A posture near the present one: shares of ``STEP_DEG``, each joint towards its middle."""
     q = np.degrees(rig.arm.state.q)
     return q - np.where(q > 0.0, 1.0, -1.0) * STEP_DEG * np.array(shares)
-
-
-def either_bench(port, folder, **options):
-    """A real arm if there is one, else an emulated one."""
-    return closing(ArmBench(port) if port else HardwareBench(folder, **options))
 
 
 def hardware_bench(folder, **options):

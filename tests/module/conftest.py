@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from harness.in_process_module import arm_client, new_arm
+from harness.viam_machine import running_machine
 
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.viam.models.simulated import SimulatedArm
@@ -26,6 +27,13 @@ def planning_process():
     """Keep the planning process between tests; starting it for each would cost a second."""
     with open_simulated():
         yield
+
+
+@pytest.fixture(scope="session")
+def machine():
+    """A machine with a simulated arm and gripper, for all tests that leave its components alone."""
+    with running_machine() as machine:
+        yield machine
 
 
 @pytest.fixture(scope="session", autouse=True)

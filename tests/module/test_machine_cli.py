@@ -19,12 +19,6 @@ from so101_motion.planning.goals import JointGoal
 from so101_motion.viam.client import MachineRig
 
 
-@pytest.fixture(scope="module")
-def machine():
-    with running_machine() as machine:
-        yield machine
-
-
 @pytest.fixture(autouse=True)
 def nothing_from_the_environment(monkeypatch):
     for name in ("SO101_PORT", "SO101_MACHINE", "SO101_API_KEY", "SO101_API_KEY_ID"):

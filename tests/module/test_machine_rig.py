@@ -1,7 +1,6 @@
 """The arm of a running machine as a rig of this program: the module's real process, over TCP."""
 
 import logging
-import time
 
 import numpy as np
 import pytest
@@ -28,12 +27,6 @@ READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
 LEFT = np.radians([30.0, -45.0, 45.0, 60.0, 0.0])
 FAR = np.radians([100.0, -45.0, 45.0, 60.0, 0.0])
 RIGHT = np.radians([-30.0, -45.0, 45.0, 60.0, 0.0])
-
-
-@pytest.fixture(scope="module")
-def machine():
-    with running_machine() as machine:
-        yield machine
 
 
 @pytest.fixture
@@ -80,52 +73,6 @@ def has_gone(rig, begin):
     return np.max(np.abs(rig.arm.state.q - begin)) > np.radians(3.0)
 
 
-def ended_early(rig, end):
-    """What a motion under way ends with when ``end()`` is called; again if the computer stood
-    still before that."""
-    for _ in range(10):
-        move_to(rig, RIGHT)
-        motion = under_way(rig)
-        end()
-        error = motion.future.exception(60.0)
-        if not stood_still(error):
-            break
-    return error
-
-
-def test_the_path_of_a_plan_made_here_is_followed_not_only_its_end(rig):
-    rig.arm.set_speed(np.radians(15.0))  # slow enough to be seen on its way
-    corner = READY + np.radians([25.0, 0.0, -20.0, 0.0, 0.0])
-
-    def execute():
-        move_to(rig, READY)
-        plan = rig.arm.plan(PathGoal(waypoints=np.array([corner, LEFT])))
-        begin, seen, motion = time.monotonic(), [], rig.arm.move(plan, wait=False)
-        while not motion.future.done():
-            seen.append(rig.arm.state.q)
-            pause()
-        motion.result()
-        return plan, seen, time.monotonic() - begin
-
-    plan, seen, took = carried_out(execute)
-    np.testing.assert_allclose(rig.arm.state.q, LEFT, atol=np.radians(0.05))
-    assert took >= plan.duration
-    assert rig.arm.state.mode is Mode.HOLDING
-    off = [np.min(np.max(np.abs(plan.trajectory.q - q), axis=1)) for q in seen]
-    assert len(seen) > 20
-    assert max(off) < np.radians(1.0)
-
-
-def test_a_stop_ends_the_motion_at_once(rig):
-    error = ended_early(rig, rig.arm.stop)
-    assert isinstance(error, Interrupted), error
-    assert "stop" in str(error)
-    rests = rig.arm.state.q
-    assert rests[0] < FAR[0] - np.radians(5.0)
-    pause()
-    np.testing.assert_allclose(rig.arm.state.q, rests, atol=1e-3)
-
-
 def test_a_request_that_moves_the_arm_is_a_motion_as_any_other(rig):
     move_to(rig, RIGHT)
     rig.arm.set_speed(np.radians(15.0))
@@ -143,14 +90,6 @@ def test_a_request_that_moves_the_arm_is_a_motion_as_any_other(rig):
         rig.start_request({"command": "no_such"}).result(60.0)
 
 
-def test_retargeting_turns_without_a_stop(rig):
-    move_to(rig, RIGHT)
-    rig.arm.retarget(LEFT)
-    until_true(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
-    rig.arm.retarget(READY).result(60.0)
-    np.testing.assert_allclose(rig.arm.state.q, READY, atol=np.radians(0.05))
-
-
 def test_another_clients_motion_is_seen(machine, rig):
     move_to(rig, RIGHT)
     with MachineRig.connect(machine.address) as other:
@@ -159,17 +98,6 @@ def test_another_clients_motion_is_seen(machine, rig):
         rig.arm.stop()
         with pytest.raises(MotionError):
             motion.result(60.0)
-
-
-def test_the_jaw_opens_and_closes(rig):
-    rig.gripper.move(0.8, wait=False).result(60.0)
-    assert rig.gripper.aperture == pytest.approx(0.8, abs=0.01)
-    assert rig.arm.state.q_jaw == pytest.approx(rig.gripper.q_jaw)
-    rig.gripper.grab(wait=False).result(60.0)
-    assert rig.gripper.aperture == pytest.approx(0.0, abs=0.01)
-    assert not rig.gripper.is_holding
-    with pytest.raises(ConfigError, match="aperture"):
-        rig.gripper.move(1.5, wait=False)
 
 
 def test_a_jaw_that_is_stopped_stays(rig):

@@ -9,7 +9,7 @@ import pytest
 from harness.facing_arms import in_time
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import InCollision, Interrupted, MotionError, OutsideLimits
+from so101_motion.common.errors import InCollision, Interrupted, MotionError
 from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
@@ -46,78 +46,6 @@ def run_until(clock, condition):
         clock.advance(0.01)
 
 
-def test_planning_moves_nothing_and_exactly_the_plan_is_executed(arm, clock):
-    before = arm.state.q
-    plan = arm.plan(JointGoal(q=READY))
-    clock.advance(1.0)
-    assert plan.trajectory.duration > 0.5
-    np.testing.assert_array_equal(arm.state.q, before)
-    motion = arm.move(plan, wait=False)
-    finish(clock, motion)
-    assert motion.plan is plan
-    np.testing.assert_allclose(arm.state.q, READY, atol=1e-3)
-
-
-def test_a_plan_from_elsewhere_is_refused(arm, clock):
-    plan = arm.plan(JointGoal(q=READY))
-    finish(clock, arm.move(JointGoal(q=ASIDE), wait=False))
-    with pytest.raises(MotionError, match="away from where this plan starts; plan again"):
-        finish(clock, arm.move(plan, wait=False))
-
-
-def test_a_newer_motion_supersedes(arm, clock):
-    first = arm.move(JointGoal(q=READY), wait=False)
-    run_until(clock, lambda: arm.is_moving)
-    clock.advance(0.2)
-    second = arm.move(JointGoal(q=ASIDE), wait=False)
-    finish(clock, second)
-    with pytest.raises(Interrupted, match="a newer motion"):
-        first.result()
-    np.testing.assert_allclose(arm.state.q, ASIDE, atol=1e-3)
-
-
-def test_interrupting_a_superseded_motion_leaves_its_successor_alone(arm, clock):
-    first = arm.move(JointGoal(q=READY), wait=False)
-    second = arm.move(JointGoal(q=ASIDE), wait=False)
-    run_until(clock, first.future.done)
-    first.interrupt("cancelled")
-    finish(clock, second)
-    np.testing.assert_allclose(arm.state.q, ASIDE, atol=1e-3)
-
-
-def test_stop_ends_the_motion_at_rest_on_the_path(arm, clock):
-    motion = arm.move(JointGoal(q=READY), wait=False)
-    run_until(clock, lambda: arm.is_moving)
-    clock.advance(0.3)
-    in_time(clock, arm.stop)
-    with pytest.raises(Interrupted, match="stop"):
-        motion.result()
-    assert arm.state.mode is Mode.HOLDING
-    assert np.max(np.abs(arm.state.qd)) < 0.02
-    assert 0.05 < np.max(np.abs(arm.state.q)) < np.max(np.abs(READY)) - 0.05
-
-
-def test_stop_ends_a_motion_that_is_still_being_planned(arm, clock):
-    motion = arm.move(JointGoal(q=READY), wait=False)
-    in_time(clock, arm.stop)
-    run_until(clock, motion.future.done)
-    with pytest.raises(Interrupted):
-        motion.result()
-
-
-def test_retargeting_turns_without_stopping(arm, clock):
-    first = arm.retarget(np.array([1.0, 0.0, 0.0, 0.0, 0.0]))
-    run_until(clock, lambda: arm.is_moving)
-    clock.advance(0.5)
-    second = arm.retarget(np.array([1.2, 0.0, 0.0, 0.0, 0.0]))
-    clock.advance(0.05)
-    with pytest.raises(Interrupted, match="a newer motion"):
-        first.result()
-    assert arm.state.qd_ref[0] > 0.3
-    finish(clock, second)
-    assert arm.state.q[0] == pytest.approx(1.2, abs=1e-3)
-
-
 def test_a_retarget_into_the_table_stops_short_of_it_and_says_what_it_was(arm, clock):
     finish(clock, arm.move(JointGoal(q=READY), wait=False))
     down = np.radians([0.0, 60.0, 0.0, 40.0, 0.0])
@@ -152,19 +80,6 @@ def test_an_unguarded_following_goes_where_it_is_sent(arm, clock):
         clock.advance(0.01)
     assert arm.T_base("jaw_tip").p[2] < 0.0
     run_until(clock, following.close().done)
-
-
-def test_a_retarget_outside_the_limits_is_refused_and_nothing_changes(arm, clock):
-    with pytest.raises(OutsideLimits, match="elbow_flex = 95"):
-        arm.retarget(np.radians([0.0, 0.0, 95.0, 0.0, 0.0]))
-    finish(clock, arm.move(JointGoal(q=READY), wait=False))
-
-
-def test_a_motion_leaves_manual_mode_from_where_the_arm_was_put(arm, clock):
-    in_time(clock, lambda: arm.set_manual(True))
-    assert arm.is_movable_by_hand
-    finish(clock, arm.move(JointGoal(q=READY), wait=False))
-    assert not arm.is_movable_by_hand
 
 
 def test_a_slower_arm_plans_a_longer_motion(arm):

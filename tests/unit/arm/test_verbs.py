@@ -62,13 +62,6 @@ def test_move_waits_for_goals_plans_and_joint_angles(rig):
     np.testing.assert_allclose(rig.arm.q, [0.0, -0.5, 0.5, 0.0, 0.0], atol=1e-3)
 
 
-def test_a_move_that_does_not_wait_can_be_stopped(rig):
-    motion = rig.arm.move(np.full(5, 1.0), wait=False)
-    rig.arm.stop()
-    with pytest.raises(so101.errors.Interrupted):
-        motion.result()
-
-
 def test_limits_of_a_finished_plan_and_three_angles_are_refused(rig):
     plan = rig.arm.plan([0.1] * 5)
     caps = so101.MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=9.0)
