@@ -132,8 +132,9 @@ def test_an_arm_that_is_stopped_holds_and_nothing_is_kept(bench, rig, tmp_path):
 
 @pytest.mark.parametrize("silences", [1, 100])
 def test_a_joint_that_did_not_answer_for_a_while_moves_again_or_gets_no_figures(
-    bench, rig, silences
+    bench, rig, silences, monkeypatch
 ):
+    monkeypatch.setitem(SWEEPS, "shoulder_pan", (-12.0, 12.0))  # long enough to be silent in
     identification = Identification(rig, ("shoulder_pan",))
     outline = identification.outline()
     with ThreadPoolExecutor(1) as beside:
@@ -190,7 +191,7 @@ def test_motions_are_recorded_in_the_format_that_the_benchmark_reads(bench, tmp_
     rig = bench.open()
     bench.advance(1.0)
     motions = StandardMotions(rig)
-    outline = Identification(rig).outline()
+    outline = Identification(rig, ("shoulder_pan",)).outline()
     outline = replace(outline, sweeps=outline.sweeps[:1])
     recorded = moved(bench, motions, outline)
     with ThreadPoolExecutor(1) as beside:

@@ -107,10 +107,10 @@ def test_afterwards_both_hold_where_they_are(bench):
 def test_the_follower_is_10_ms_behind_a_person_and_within_a_degree(bench):
     bench.start()
     bench.advance(0.5)
-    bench.leader.lead(human_motion(13.0, seed=3))
+    bench.leader.lead(human_motion(10.5, seed=3))
     bench.advance(1.5)
     rows = []
-    for _ in range(1100):
+    for _ in range(850):
         bench.clock.advance(PERIOD)
         rows.append((bench.leader.q_deg, bench.follower.q_deg))
     leader, follower = (np.array(side) for side in zip(*rows, strict=True))
@@ -129,8 +129,11 @@ def test_the_follower_is_10_ms_behind_a_person_and_within_a_degree(bench):
 def test_a_shoulder_that_follows_as_hard_as_it_can_swings_past_by_no_more_than_it_may(bench):
     bench.start()
     bench.advance(0.5)
-    bench.leader.lead(human_motion(61.5, seed=2, fastest=180.0)[:2700])
-    bench.advance(24.5)
+    way = human_motion(61.5, seed=2, fastest=180.0)[2200:2700]  # its hardest turns are at 25 s
+    bench.leader.lead_to(way[0], 1.5)
+    bench.advance(2.0)
+    bench.leader.lead(way)
+    bench.advance(2.5)
     strays = []
     for _ in range(200):
         bench.clock.advance(PERIOD)
@@ -144,8 +147,8 @@ def test_velocity_acceleration_and_jerk_are_bounded(bench):
     bench.start()
     bench.advance(0.5)
     begin = bench.clock.now()
-    bench.leader.lead(human_motion(5.0, seed=5, tremor_deg=0.3))
-    bench.advance(5.0)
+    bench.leader.lead(human_motion(3.0, seed=5, tremor_deg=0.3))
+    bench.advance(3.0)
     _, _, qd = setpoints(bench, begin)
     qdd = np.diff(qd, axis=0) / PERIOD
     assert np.abs(qd).max() <= 180.5
@@ -165,8 +168,8 @@ def test_a_long_session_with_lost_replies_neither_stops_nor_jumps_nor_grows(
         memory = []
         for part in range(3):
             bench.goals.clear()
-            bench.leader.lead(human_motion(4.0, seed=20 + part))
-            bench.advance(4.0)
+            bench.leader.lead(human_motion(2.0, seed=20 + part))
+            bench.advance(2.0)
             _, q, _ = setpoints(bench)
             assert np.abs(np.diff(q, axis=0)).max() <= 180.0 * PERIOD + 0.5
             assert mirroring(bench)
@@ -175,7 +178,7 @@ def test_a_long_session_with_lost_replies_neither_stops_nor_jumps_nor_grows(
             arm.emulator.bus.faults.loss = 0.0
         assert bench.teleop.status.last_error == ""
         assert memory[-1] - memory[0] < 8e6
-        assert sum(joint.lost for joint in bench.follower.rig.servos.health) > 12
+        assert sum(joint.lost for joint in bench.follower.rig.servos.health) > 6
 
 
 def resident():

@@ -19,8 +19,8 @@ from viam.gen.service.worldstatestore.v1.world_state_store_grpc import WorldStat
 from viam.proto.common import PoseInFrame
 from viam.proto.service.worldstatestore import StreamTransformChangesRequest
 
-CALLS = 1000
-ENDED = 200
+CALLS = 400
+ENDED = 80
 """Of kinds whose newest call ends the one before: no more than what is on its way is ever open."""
 
 AT_ONCE = 1.0
@@ -104,7 +104,7 @@ KINDS = {
 }
 
 
-async def test_a_stop_passes_a_thousand_open_calls(machine):
+async def test_a_stop_passes_hundreds_of_open_calls(machine):
     for kind, (count, call) in KINDS.items():
         calls = [asyncio.ensure_future(call(machine)) for _ in range(count)]
         move = asyncio.ensure_future(machine.arm.move_to_joint_positions(joints(100.0)))
