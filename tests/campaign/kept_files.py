@@ -9,6 +9,7 @@ A process of its own, because it forks::
 """
 
 import argparse
+import contextlib
 import json
 import os
 import random
@@ -71,6 +72,26 @@ def _calibration(n):
 def _save_calibration(folder, n):
     zeros = {"elbow_flex": Zero(by="stops", angle=n / 10)}
     store.save(folder / "arm.json", _calibration(n), zeros=zeros)
+
+
+def _restore_calibration(folder, n):
+    """The content 1 is brought back from the versions; all others are saved."""
+    if n == 1:
+        store.restore(folder / "arm.json")
+        return
+    for each in (1, 0) if n == 0 else (n,):
+        _save_calibration(folder, each)
+
+
+def _lose_and_load_calibration(folder, n):
+    """For 1 the file is deleted, as viam-server does, and loading brings 0 back."""
+    if n != 1:
+        _save_calibration(folder, n)
+        return
+    with contextlib.suppress(PermissionError):
+        for path in sorted(folder.glob("arm.*")):  # the file itself first
+            path.unlink()
+    store.load(folder / "arm.json")
 
 
 def _load_calibration(folder):
@@ -172,6 +193,8 @@ def _exported_lerobot(folder):
 
 KINDS = (
     Kept("calibration", _save_calibration, _load_calibration),
+    Kept("restored calibration", _restore_calibration, _load_calibration),
+    Kept("deleted calibration", _lose_and_load_calibration, _load_calibration, is_silent=True),
     Kept("journal", _write_journal, _read_journal),
     Kept("setup progress", _reach, _reached, is_silent=True),
     Kept(

@@ -120,7 +120,7 @@ def test_profile_keeps_its_limits_and_ends_on_its_last_goal(acceleration, speed,
     assert np.abs(np.diff(velocities)).max() <= acceleration * DT + 2 * profile.floor + 1e-6
 
 
-@settings(max_examples=25)  # each computes seconds of six moving joints
+@settings(max_examples=12)  # each computes seconds of six moving joints
 @given(
     goals=st.lists(st.integers(1000, 3000), min_size=1, max_size=3),
     cuts=st.lists(st.integers(1, 400), min_size=1, max_size=12),

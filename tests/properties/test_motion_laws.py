@@ -41,7 +41,7 @@ def assert_smooth(goals_sent):
             assert figure <= cap * 1.02, f"{limit}: {figure:.2f} of {cap}"
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(goal=goals, when=st.floats(0.0, 2.5))
 def test_a_stop_at_any_instant_is_smooth_and_ends_at_rest_on_the_path(goal, when):
     clock = ManualClock()
@@ -66,7 +66,7 @@ requests = st.lists(
 )
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(requests=requests)
 def test_whatever_is_asked_nothing_jumps_and_every_future_ends(requests):
     clock = ManualClock()

@@ -76,7 +76,7 @@ def leg(arm: Arm, way: np.ndarray) -> Leg:
     return plan_leg(arm, Program.of_waypoints(places), range(len(places)), stands, caps)
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(ways(), st.sampled_from(CAPS), st.sampled_from(SCENES))
 def test_passed_waypoints_are_passed_near_enough_in_order_and_within_the_caps(
     way: np.ndarray, caps: MotionLimits, scene: Scene
@@ -101,7 +101,7 @@ def test_passed_waypoints_are_passed_near_enough_in_order_and_within_the_caps(
         assert np.abs(q[then] - place).max(axis=1).min() <= PASSING + 1e-3
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(ways(), st.sampled_from(CAPS))
 def test_passing_is_seldom_slower_than_stopping_and_then_by_little(
     way: np.ndarray, caps: MotionLimits
@@ -116,7 +116,7 @@ def test_passing_is_seldom_slower_than_stopping_and_then_by_little(
     assert passing.duration <= 1.05 * stopping
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1))
 def test_passing_on_a_path_that_bends_gently_saves_a_fifth_of_the_time(seed: int) -> None:
     rng = np.random.default_rng(seed)

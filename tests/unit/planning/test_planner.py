@@ -511,7 +511,6 @@ LEFT, AHEAD, RIGHT = np.radians([[-45, 0, 10, 50, 0], [0, 0, 10, 50, 0], [45, 0,
 
 POST = obstacle("post", (0.06, 0.06, 0.3), (0.3, 0.0, 0.15))
 LAMP = obstacle("lamp", (0.06, 0.06, 0.3), (0.3, 0.0, 0.15), keep_out=True)
-AROUND_POST = Scene(obstacles=(POST,))
 
 
 def closest(model, scene, motion, q_jaw=0.0):

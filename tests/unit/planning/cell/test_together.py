@@ -313,7 +313,7 @@ def test_scenes_with_other_arms_are_told_apart():
     assert scene.called("right's gripper") == "right's gripper"
 
 
-# Handovers: fifty random poses, checked by other means
+# Handovers of random poses, checked by other means
 
 
 AWAY = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
@@ -359,12 +359,11 @@ def clearance(left, right, held_left, held_right):
     return min(each.distance for each in clearance_over_time(*pair, T_LEFT_RIGHT, times))
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_ten_random_poses_of_a_stick_are_passed_on(planner, seed):
-    """Fifty of them in all."""
+@pytest.mark.parametrize("seed", range(4))
+def test_a_stick_in_a_random_pose_is_passed_on_without_contact(planner, seed):
     random, model = np.random.default_rng(seed), Facing(0).model
     jaw = JawGeometry(model)
-    for _ in range(10):
+    for _ in range(4):
         thing = stick_in_hand(random, jaw)
         plan = plan_handover(planner, request_for(thing))
         left, right = plan.approach["left"], plan.approach["right"]
@@ -568,7 +567,7 @@ def stop_from(q, qd):
 
 def test_what_is_known_from_the_cycle_before_changes_no_verdict():
     facing, verdicts = Facing(12), []
-    for _ in range(12):
+    for _ in range(5):
         beside, known = Beside(), [facing.near(), facing.near()]
         qd = facing.random.uniform(-1.0, 1.0, (2, 5))
         for _ in range(60):
