@@ -104,7 +104,7 @@ def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, jud
 def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held, judge):
     rng = np.random.default_rng(seed)
     collision = judge(MODEL, random_scene(rng, held=held))
-    for _ in range(6):
+    for _ in range(3):
         start, end = two_free_configurations(rng, q_jaw, collision)
         blocked = collision.first_blocked(np.array([start, end]), q_jaw)
         if blocked is None:

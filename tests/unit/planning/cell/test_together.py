@@ -359,7 +359,7 @@ def clearance(left, right, held_left, held_right):
     return min(each.distance for each in clearance_over_time(*pair, T_LEFT_RIGHT, times))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_stick_in_a_random_pose_is_passed_on_without_contact(planner, seed):
     random, model = np.random.default_rng(seed), Facing(0).model
     jaw = JawGeometry(model)

@@ -257,7 +257,7 @@ def test_many_cubes_and_many_triangles(model):
             ),
         )
     )
-    q = rng.uniform(model.lower, model.upper, (1000, 5))
+    q = rng.uniform(model.lower, model.upper, (300, 5))
     compiled, plain = CollisionModel(model, scene), CoalJudge(model, scene)
     found = compiled.touching(q)
     assert 0.2 < found.mean() < 0.95

@@ -206,7 +206,7 @@ def forms_of_a_block():
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_block_is_the_same_block_in_every_form(compiled):
     random, forms = np.random.default_rng(1), forms_of_a_block()
-    for _ in range(20):
+    for _ in range(8):
         q = random.uniform(MODEL.lower, MODEL.upper)
         p = MODEL.frame(q).p + random.uniform(-0.12, 0.12, 3)
         R = np.linalg.qr(random.standard_normal((3, 3)))[0]
@@ -298,15 +298,15 @@ def test_an_arm_in_the_wall_of_a_channel_is_jogged_out_but_not_in():
     tip = MODEL.frame(np.zeros(5)).p
     ahead = tip + np.array([0.25, 0.0, -0.05])
     gap = CollisionModel(MODEL, scene(channel, ahead)).clearance(np.zeros(5)).distance
-    for depth in (0.003, 0.010, 0.030):
+    for depth in (0.003, 0.030):
         around = scene(channel, ahead - np.array([gap + depth, 0.0, 0.0]))
         collision = CollisionModel(MODEL, around)
         before = collision.clearance(np.zeros(5)).distance
         assert -depth - 0.002 < before < 0.0
         for away, out in ((-1.0, True), (1.0, False)):
             servo = Servo(MODEL, collision, LIMITS, 0.01, np.zeros(5))
-            for _ in range(100):
-                servo.step(Twist(linear=(0.05 * away, 0.0, 0.0), angular=np.zeros(3)))
+            for _ in range(60):
+                servo.step(Twist(linear=(0.08 * away, 0.0, 0.0), angular=np.zeros(3)))
             assert (MODEL.frame(servo.q).p[0] < tip[0] - 0.02) == out
             assert collision.clearance(servo.q).distance > before - 1e-4
 

@@ -363,8 +363,8 @@ def of_toppra(rows: np.ndarray, steps: np.ndarray, caps: np.ndarray):
     return lambda i, following: max(solve(i, None, up, free, free, 0.0, following)[1], 0.0)
 
 
-def test_it_agrees_with_toppra_on_all_benchmark_paths() -> None:
-    for waypoints in random_waypoints():
+def test_it_agrees_with_toppra_on_a_fifth_of_the_benchmark_paths() -> None:
+    for waypoints in random_waypoints()[::5]:
         best = Best(spline_path(waypoints), BENCH)
         # Lengths in units of some intervals, accelerations in units of the limit.
         unit = 16.0 * float(best.steps.mean())
