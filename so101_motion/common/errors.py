@@ -40,6 +40,12 @@ def quoted(value: object) -> str:
     return clipped(_QUOTES.repr(value), LONGEST_QUOTE)
 
 
+def _sentence(text: str) -> str:
+    """A message of one line; what it quotes of a file cannot steer the terminal that shows it."""
+    text = clipped(text, LONGEST_MESSAGE)
+    return "".join(each if each.isprintable() else repr(each)[1:-1] for each in text)
+
+
 class _Quotes(reprlib.Repr):
     """A ``repr`` that stops after as much of a value as a message shows."""
 
@@ -81,7 +87,7 @@ class So101Error(Exception):
     """Base class of errors that a user can do something about."""
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(clipped(message, LONGEST_MESSAGE))
+        super().__init__(_sentence(message))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (_rebuild, (type(self), str(self), dict(self.__dict__)))
@@ -89,7 +95,7 @@ class So101Error(Exception):
     def about(self, what: str) -> Self:
         """A copy of the error with ``what`` in front of its message."""
         copied = copy.copy(self)
-        copied.args = (clipped(f"{what}: {self}", LONGEST_MESSAGE),)
+        copied.args = (_sentence(f"{what}: {self}"),)
         return copied
 
 

@@ -80,8 +80,10 @@ def _try(reader, ours, data, outcome, reached):
             reader.read(data)
         else:
             _traced(reader.read, data, reached)
-    except ours:
+    except ours as error:
         outcome.refused += 1
+        if not str(error).isprintable():
+            _note(outcome, "a refusal that cannot be printed", data)
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         _note(outcome, f"{type(error).__name__} at {place.filename}:{place.lineno}: {error}", data)

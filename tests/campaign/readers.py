@@ -248,6 +248,18 @@ def _read_answers(data):
     Listener().hear(data)
 
 
+def _read_calibration(path):
+    found = store.read(path)
+    record.check(found.calibration)  # what is read can be true
+    assert set(found.zeros) <= set(found.calibration)
+
+
+def _read_zeros(path):
+    zeros, notes = zero.read_zeros(path, record.parse(_calibration()))
+    assert not (zeros and notes)
+    assert all(note.isprintable() for note in notes)
+
+
 class _Machine:
     """An arm of a machine that says whatever it likes."""
 
@@ -321,14 +333,13 @@ def all_readers(folder=None):
 
         return run
 
-    calibration = record.parse(_calibration())
     at = folder / "journal" / "arm.json"
     journal_name = journal.path_for(at).relative_to(folder)
     answers = b"".join(frame(i, 0, bytes((1, 2, 3, 255))) for i in (1, 2, 3))
     return (
         Reader("packets", _read_answers, (answers, answers[5:], b"\xff" * 9)),
-        Reader("calibration", of_file(store.read), (_json(_calibration()), _json(_LISTS))),
-        Reader("zeros", of_file(lambda path: zero.read_zeros(path, calibration)), (_json(_ZEROS),)),
+        Reader("calibration", of_file(_read_calibration), (_json(_calibration()), _json(_LISTS))),
+        Reader("zeros", of_file(_read_zeros), (_json(_ZEROS),)),
         Reader("journal", of_file(lambda _: journal.read(at), journal_name), (_json(_JOURNAL),)),
         Reader(
             "progress",

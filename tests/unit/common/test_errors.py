@@ -113,3 +113,9 @@ def test_a_long_message_keeps_its_beginning_and_its_advice():
 @pytest.mark.parametrize("value", ["mug", 1.5, [1, 2, 3], {"b": 1, "a": 2}, (), None, True, "é\n"])
 def test_a_short_value_is_quoted_as_it_is(value):
     assert errors.quoted(value) == repr(value)
+
+
+def test_what_an_error_quotes_of_a_file_cannot_steer_a_terminal():
+    error = errors.CalibrationError("", "the file says \x1b[2Jdone\x7f\nand é", "look at it")
+    assert str(error) == r"the file says \x1b[2Jdone\x7f\nand é; look at it"
+    assert str(error.about("a\x07")) == rf"a\x07: {error}"
