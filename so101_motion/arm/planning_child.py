@@ -129,6 +129,10 @@ def _planned(planner: Planner, request: PlanRequest | TeamTask[object]) -> objec
         from so101_motion.planning.cell.together import plan_together
 
         return plan_together(planner, request.team)
+    from so101_motion.planning.picking.pick_plan import PickRequest, plan_pick
+
+    if isinstance(request, PickRequest):
+        return plan_pick(planner, request)
     from so101_motion.planning.cell.handover import plan_handover
 
     assert isinstance(request, HandoverRequest)

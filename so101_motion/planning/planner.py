@@ -75,12 +75,16 @@ class _Solvers(NamedTuple):
 
 
 class Planner:
-    """Plans for one arm. Belongs to one thread."""
+    """Plans for one arm. Belongs to one thread.
+
+    Attributes:
+        around: The collision model of a scene, one of the last.
+    """
 
     def __init__(self, model: RobotModel, checkpoint: Checkpoint = never_abandoned) -> None:
         self._model = model
         self._within = lru_cache(maxsize=4)(self._solvers)
-        self._around = lru_cache(maxsize=8)(partial(CollisionModel, model, checkpoint=checkpoint))
+        self.around = lru_cache(maxsize=16)(partial(CollisionModel, model, checkpoint=checkpoint))
         self._carrying = lru_cache(maxsize=4)(model.with_payload)
 
     def plan(self, request: PlanRequest) -> Plan:
@@ -213,7 +217,7 @@ class Planner:
             for name, T in sorted(request.frames.items())
         )
         model, ik, lines = self._within(self._narrower(request), frames)
-        collision = self._around(request.scene)
+        collision = self.around(request.scene)
         return PlanningContext(
             request=request,
             model=model,

@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 class TeamTask(Generic[T]):
-    """A planning request for several arms, with the type of its plan."""
+    """A planning request of several motions, with the type of its plan."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -412,7 +412,7 @@ class Scene:
             T_base_tool: Where the tool is when it takes it.
             may_touch: As for ``Attached``.
         """
-        item = _one_named(name, self.obstacles)
+        item = one_named(name, self.obstacles)
         held = Attached(
             name=name,
             shape=item.shape,
@@ -430,7 +430,7 @@ class Scene:
             name: The held object's name; ``ConfigError`` if there is none.
             T_base_item: Where it is put.
         """
-        held = _one_named(name, self.attached)
+        held = one_named(name, self.attached)
         item = Obstacle(
             name=name, shape=held.shape, T_base_obstacle=T_base_item, mass=held.mass or None
         )
@@ -441,7 +441,8 @@ class Scene:
 _T = TypeVar("_T", Obstacle, Attached)
 
 
-def _one_named(name: str, things: Iterable[_T]) -> _T:
+def one_named(name: str, things: Iterable[_T]) -> _T:
+    """The thing of that name; ``ConfigError`` if there is none."""
     named = {each.name: each for each in things}
     if name not in named:
         raise ConfigError("name", name, suggest(name, named))

@@ -1,0 +1,494 @@
+"""Plan to pick an item and to place it: every stage, before the first one moves.
+
+    approach   any free path, with the jaw open as far as the item needs, to before the item
+    reach      straight in; gripper and jaw may touch the item from here on
+    lift       straight up; the item is held, and may touch what it stood on or beside
+    carry      any free path with the item's shape and weight
+    lower      straight down; it may touch what it is put on or beside
+    leave      straight out, with the jaw open; it is an obstacle again
+
+Between reach and lift the jaw closes, between lower and leave it opens. The item is planned with as
+it lies on the fixed finger, for the jaw pushes it there. The grasps of ``grasps.py`` are tried in
+their order, each until a stage has no plan; the short stages first, for they are what fails.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError, NoPath, Overloaded, PlanningError
+from so101_motion.common.geometry import SE3, Array, rot_z, rotation_angle
+from so101_motion.common.units import to_mm, to_rad
+from so101_motion.planning.cell.team_requests import TeamTask
+from so101_motion.planning.collision.bodies import NEAR
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import (
+    HOLDERS,
+    LINKS,
+    Attached,
+    Obstacle,
+    Scene,
+    one_named,
+)
+from so101_motion.planning.goals import Goal, GoalMetric, JointGoal, LineGoal
+from so101_motion.planning.kinematics.ik import IkSolver
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.picking.grasps import (
+    BACKS,
+    BESIDE,
+    THICKEST,
+    THINNEST,
+    WIDER,
+    Grasp,
+    GraspSearch,
+    Tally,
+    Wishes,
+    item_hull,
+)
+from so101_motion.planning.planner import Planner
+from so101_motion.planning.request import Plan, PlanRequest
+
+LIFT = 0.04  # how far the item is lifted before it is carried, and lowered again [m]; chosen
+MOST = 12  # grasps that are planned for, unless the request says more; chosen
+DEEPEST = 0.001  # how deep an item may be in what it is put on [m]; chosen, the error of scenes
+SNAP = 0.005  # a place so little above the table is on it [m]; chosen: the base plate is 2.4 mm
+LEVEL = to_rad(2.0)  # largest tilt of an item that is put down [rad]; chosen
+TURNS = 24  # yaws that are tried where any will do; chosen
+
+STAGES = ("approach", "reach", "lift", "carry", "lower", "leave")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Place:
+    """Where an item is put.
+
+    Attributes:
+        p: Middle of its underside, shape (3,), in the base frame [m]; up to ``SNAP`` above the
+            table it is put on the table.
+        yaw: How far the item is turned about the vertical from how it was picked [rad]; None for
+            any.
+    """
+
+    p: Array
+    yaw: float | None = None
+
+    def __post_init__(self) -> None:
+        p = np.asarray(self.p, dtype=np.float64)
+        if p.shape != (3,) or not np.isfinite(p).all() or np.abs(p).max() > 5.0:
+            raise ConfigError("at", self.p, "must be a point, x, y, z [m] within 5 m of the base")
+        object.__setattr__(self, "p", p)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PickPlan:
+    """A planned picking, placing, or both.
+
+    Attributes:
+        item: The item's name.
+        grasp: How it is gripped; None if the gripper holds it already.
+        plans: The plan of each stage by its name, in order.
+        q_jaw_open: Where the jaw stands until it closes [rad]; None without a picking.
+        q_jaw_closed: Where the item will stop it [rad].
+        q_jaw_free: Where it stands after it has let go [rad]; None without a placing.
+        scenes: The arm's scene from the begin of each stage on, by its name, and at the ``"end"``.
+        R_base_item: How the item stood when it was picked, shape (3, 3).
+        tried: How many grasps were planned for.
+    """
+
+    item: str
+    grasp: Grasp | None
+    plans: Mapping[str, Plan]
+    q_jaw_open: float | None
+    q_jaw_closed: float
+    q_jaw_free: float | None
+    scenes: Mapping[str, Scene]
+    R_base_item: Array
+    tried: int = 1
+
+    @property
+    def duration(self) -> float:
+        """How long the arm moves [s], without the time for the jaw."""
+        return sum(each.duration for each in self.plans.values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PickRequest(TeamTask[PickPlan]):
+    """Request to pick an item of the scene, to place what is held, or both.
+
+    Attributes:
+        request: From where, with which caps and scene; its goal is ignored.
+        item: The name of an obstacle, to pick it, or of what the gripper holds.
+        place: Where to put it; None to hold it above where it was.
+        wishes: What the user says about grasps.
+        R_base_item: How a held item stood before, shape (3, 3); None: as it is.
+        most: How many grasps are planned for.
+        finer: How many times more directions are tried.
+    """
+
+    request: PlanRequest
+    item: str
+    place: Place | None = None
+    wishes: Wishes = field(default_factory=Wishes)
+    R_base_item: Array | None = None
+    most: int = MOST
+    finer: int = 1
+
+
+@lru_cache(maxsize=4)
+def _search(limits: tuple[tuple[float, float], ...]) -> tuple[RobotModel, GraspSearch]:
+    lower, upper = np.array(limits).T
+    model = RobotModel.load().narrowed(lower, upper)
+    return model, GraspSearch(model, IkSolver(model).structure)
+
+
+def plan_pick(planner: Planner, request: PickRequest) -> PickPlan:
+    """Plan all stages.
+
+    Raises:
+        ConfigError: There is no such item, or it is a keep-out zone.
+        PlanningError: It cannot be gripped, reached, carried or put there; the error says why.
+    """
+    return _Planning(planner, request).run()
+
+
+class _Planning:
+    def __init__(self, planner: Planner, request: PickRequest) -> None:
+        self._planner, self._asked, self._request = planner, request, request.request
+        model = planner.context(self._request).model
+        self._model, self._search = _search(model.limits)
+        self._scene, self._name = self._request.scene, request.item
+        self._deadline = time.monotonic() + self._request.time_budget
+        self._collision: Callable[[Scene], CollisionModel] = planner.around
+
+    def run(self) -> PickPlan:
+        held = [each for each in self._scene.attached if each.name == self._name]
+        if held:
+            return self._placed(held[0])
+        if self._scene.attached:
+            names = " and ".join(f"'{each.name}'" for each in self._scene.attached)
+            raise ConfigError("item", self._name, f"cannot be picked: {names} is in the gripper")
+        item = one_named(self._name, self._scene.obstacles)
+        if item.keep_out:
+            raise ConfigError("item", self._name, "is a keep-out zone, which cannot be picked")
+        return self._picked(item)
+
+    # Picking
+
+    def _picked(self, item: Obstacle) -> PickPlan:
+        fingers = frozenset(frozenset((each, self._name)) for each in HOLDERS)
+        touching = replace(self._scene, may_touch=self._scene.may_touch | fingers)
+        grasps, tally = self._search.find(
+            item, self._collision(touching), self._request.q_start, self._asked.wishes,
+            finer=self._asked.finer,
+        )  # fmt: skip
+        if not grasps:
+            raise self._no_grasp(item, tally)
+        problems = list[PlanningError]()
+        for tried, grasp in enumerate(grasps[: self._asked.most], 1):
+            if not self._search.clear_of_item(grasp, item, grasp.q_jaw_open):
+                continue
+            try:
+                return self._by(grasp, item, touching, tried)
+            except PlanningError as error:
+                problems.append(error)
+            if time.monotonic() > self._deadline:
+                break
+        raise self._no_plan(len(grasps), problems)
+
+    def _by(self, grasp: Grasp, item: Obstacle, touching: Scene, tried: int) -> PickPlan:
+        T_base_tool = self._model.frame(grasp.q)
+        opened = grasp.q_jaw_open
+        before, reach = self._straight_in(grasp, touching)
+        T_base_tool, q = self._model.frame(reach.q_goal), reach.q_goal
+        closed = self._search.angle_closed(grasp, item)
+        pushed = self._model.frame(q, "jaw_tip").R[:, 0] * BESIDE
+        lying = replace(
+            item, T_base_obstacle=SE3(item.T_base_obstacle.R, item.T_base_obstacle.p + pushed)
+        )
+        with_it = replace(
+            self._scene,
+            obstacles=tuple(lying if e is item else e for e in self._scene.obstacles),
+        ).taking(self._name, T_base_tool)
+        on = self._touched(with_it, q, closed, "stands in")
+        lifting = _touching(with_it, on)
+        up = LineGoal(
+            T_base_tool=SE3(T_base_tool.R, T_base_tool.p + np.array([0.0, 0.0, LIFT])),
+            metric=GoalMetric.POSITION_AND_APPROACH,
+        )
+        lift = self._stage("lift", up, q, lifting, closed)
+        plans, scenes = {"reach": reach, "lift": lift}, {"reach": touching, "lift": lifting}
+        free = None
+        if self._asked.place is None:
+            scenes["end"] = with_it
+            if not self._collision(with_it).is_free(lift.q_goal, closed):
+                raise self._close_call(with_it, lift.q_goal, closed)
+        else:
+            free, more, after = self._put(
+                with_it, item.T_base_obstacle.R, lift.q_goal, closed, self._asked.place
+            )
+            plans, scenes = plans | more, scenes | after
+        approach = self._stage(
+            "approach", JointGoal(q=before), self._request.q_start, self._scene, opened
+        )
+        return PickPlan(
+            item=self._name,
+            grasp=grasp,
+            plans={"approach": approach, **plans},
+            q_jaw_open=opened,
+            q_jaw_closed=closed,
+            q_jaw_free=free,
+            scenes={"approach": self._scene, **scenes},
+            R_base_item=item.T_base_obstacle.R,
+            tried=tried,
+        )
+
+    def _straight_in(self, grasp: Grasp, touching: Scene) -> tuple[Array, Plan]:
+        """Where the straight way in begins, and the way."""
+        T = self._model.frame(grasp.q, "jaw_tip")
+        problem: PlanningError | None = None
+        for back in BACKS:
+            at, _ = self._search.solve((T.p - back * T.R[:, 2])[None], T.R[None])
+            if len(at) == 0:
+                continue
+            q = at[np.argmin(np.abs(at - grasp.q).max(axis=1))]
+            if not self._collision(self._scene).is_free(q, grasp.q_jaw_open):
+                continue
+            way = LineGoal(T_base_tool=self._model.frame(grasp.q), metric=GoalMetric.FULL_POSE)
+            try:
+                return q, self._stage("reach", way, q, touching, grasp.q_jaw_open)
+            except PlanningError as error:
+                problem = error
+        raise problem or NoPath(
+            f"there is no free way straight to '{self._name}'", where="goal", blockers=()
+        )
+
+    # Placing
+
+    def _placed(self, held: Attached) -> PickPlan:
+        place = self._asked.place
+        if place is None:
+            raise ConfigError("item", self._name, "is in the gripper already; say where to put it")
+        q, closed = self._request.q_start, self._request.q_jaw
+        R = self._asked.R_base_item
+        if R is None:
+            R = (self._model.frame(q) @ held.T_tool_object).R
+        free, plans, scenes = self._put(self._scene, R, q, closed, place)
+        return PickPlan(
+            item=self._name,
+            grasp=None,
+            plans=plans,
+            q_jaw_open=None,
+            q_jaw_closed=closed,
+            q_jaw_free=free,
+            scenes=scenes,
+            R_base_item=R,
+        )
+
+    def _put(
+        self, holding: Scene, R_item: Array, q_from: Array, closed: float, place: Place
+    ) -> tuple[float, dict[str, Plan], dict[str, Scene]]:
+        """The stages from ``q_from`` on; tried in several turns of the item where any will do."""
+        held = next(each for each in holding.attached if each.name == self._name)
+        problem: PlanningError | None = None
+        for q in list(self._places(held, R_item, q_from, place))[: self._asked.most]:
+            try:
+                return self._put_by(holding, held, q_from, q, closed)
+            except PlanningError as error:
+                problem = problem or error
+        at = ", ".join(f"{value:.0f}" for value in to_mm(place.p))
+        raise problem or NoPath(
+            f"the arm cannot hold '{self._name}' upright at {at} mm; choose a place"
+            " about 200 mm from the base, or another grasp",
+            where="goal",
+        )
+
+    def _put_by(
+        self, holding: Scene, held: Attached, q_from: Array, q: Array, closed: float
+    ) -> tuple[float, dict[str, Plan], dict[str, Scene]]:
+        T = self._model.frame(q)
+        lowering = _touching(holding, self._touched(holding, q, closed, "would stand in"))
+        above, _ = self._search.solve(
+            (T.p + np.array([0.0, 0.0, LIFT]))[None], T.R[None], frame="tool"
+        )
+        if len(above) == 0:
+            raise NoPath(f"there is no room to come to the place from {to_mm(LIFT):.0f} mm above")
+        q_above = above[np.argmin(np.abs(above - q).max(axis=1))]
+        down = LineGoal(T_base_tool=T, metric=GoalMetric.POSITION_AND_APPROACH)
+        lower = self._stage("lower", down, q_above, lowering, closed)
+        T = self._model.frame(lower.q_goal)
+        put = holding.putting(self._name, T @ held.T_tool_object)
+        fingers = frozenset(frozenset((each, self._name)) for each in HOLDERS)
+        leaving = replace(put, may_touch=put.may_touch | fingers)
+        problem: PlanningError | None = None
+        for wider in WIDER:
+            free = min(closed + wider, self._search.jaw.opened)
+            for back in BACKS:
+                way = LineGoal(T_base_tool=_back(self._model, lower.q_goal, back),
+                               metric=GoalMetric.POSITION_AND_APPROACH)  # fmt: skip
+                try:
+                    leave = self._stage("leave", way, lower.q_goal, leaving, free)
+                    if not self._collision(put).is_free(leave.q_goal, free):
+                        raise self._close_call(put, leave.q_goal, free)
+                    carry = self._stage("carry", JointGoal(q=q_above), q_from, holding, closed)
+                    plans = {"carry": carry, "lower": lower, "leave": leave}
+                    scenes = {"carry": holding, "lower": lowering, "leave": leaving, "end": put}
+                    return free, plans, scenes
+                except PlanningError as error:
+                    problem = problem or error
+        assert problem is not None
+        raise problem
+
+    def _places(
+        self, held: Attached, R_item: Array, q_from: Array, place: Place
+    ) -> Iterator[Array]:
+        """Configurations in which a held item stands at the place, near ``q_from`` first."""
+        turns = [place.yaw] if place.yaw is not None else list(
+            2.0 * math.pi * np.arange(TURNS) / TURNS
+        )  # fmt: skip
+        points, T_object_tool = item_hull(held.shape).points, held.T_tool_object.inverse
+        z = place.p[2]
+        if self._scene.floor_z is not None and 0.0 <= z - self._scene.floor_z <= SNAP:
+            z = self._scene.floor_z
+        Rs = np.array([rot_z(turn) @ R_item for turn in turns])
+        for _ in range(2):
+            # The origin is above the place; the lowest corner stands on it.
+            lowest = np.array([(points @ R.T)[:, 2].min() for R in Rs])
+            p = np.column_stack([np.full((len(Rs), 2), place.p[:2]), z - lowest])
+            T_tools = [SE3(R, each) @ T_object_tool for R, each in zip(Rs, p, strict=True)]
+            q, number = self._search.solve(
+                np.array([T.p for T in T_tools]).reshape(-1, 3),
+                np.array([T.R for T in T_tools]).reshape(-1, 3, 3),
+                frame="tool",
+            )
+            reached = [self._model.frame(each) @ held.T_tool_object for each in q]
+            if place.yaw is not None:
+                break
+            # Turned about the vertical to what the arm reaches, it stands level.
+            Rs = np.array([_yawed(T.R, R_item) for T in reached]).reshape(-1, 3, 3)
+        good = list[tuple[float, int]]()
+        for k, T in enumerate(reached):
+            wanted = T_tools[number[k]] @ held.T_tool_object
+            if rotation_angle(T.R.T @ wanted.R) <= LEVEL:
+                good.append((float(np.abs(q[k] - q_from).max()), k))
+        seen = list[Array]()
+        for _, k in sorted(good):
+            if all(np.abs(q[k] - other).max() > to_rad(3.0) for other in seen):
+                seen.append(q[k])
+                yield q[k]
+
+    # Both
+
+    def _stage(self, name: str, goal: Goal, q_start: Array, scene: Scene, q_jaw: float) -> Plan:
+        left = max(self._deadline - time.monotonic(), 0.05)
+        request = replace(
+            self._request, goal=goal, q_start=q_start, scene=scene, q_jaw=q_jaw, others=(),
+            time_budget=left,
+        )  # fmt: skip
+        try:
+            return self._planner.plan(request)
+        except PlanningError as error:
+            raise error.about(_DOING[name]) from None
+
+    def _touched(self, scene: Scene, q: Array, q_jaw: float, how: str) -> frozenset[str]:
+        """What a held item is near to; refused if it is deep in something."""
+        collision, found = self._collision(scene), set[str]()
+        for each in collision.nearest(q, q_jaw, within=min(2.0 * scene.margin, NEAR)):
+            pair = {each.first, each.second}
+            other = next(iter(pair - {self._name}), "")
+            if self._name not in pair or other in LINKS:
+                continue
+            if each.distance < -DEEPEST:
+                raise NoPath(
+                    f"'{self._name}' {how} {scene.called(other)} by {to_mm(-each.distance):.1f} mm",
+                    where="goal", blockers=(other,),
+                )  # fmt: skip
+            found.add(other)
+        return frozenset(found)
+
+    def _close_call(self, scene: Scene, q: Array, q_jaw: float) -> PlanningError:
+        closest = self._collision(scene).clearance(q, q_jaw)
+        return NoPath(closest.message(), where="goal", blockers=(closest.second,))
+
+    # Why not
+
+    def _no_grasp(self, item: Obstacle, tally: Tally) -> PlanningError:
+        name, p = self._name, item.T_base_obstacle.p
+        if tally.surfaces == 0 and tally.narrowest < THINNEST:
+            why = (
+                f"'{name}' is too thin: {to_mm(tally.narrowest):.0f} mm, and under"
+                f" {to_mm(THINNEST):.0f} mm the jaws cannot tell it from nothing"
+            )
+        elif tally.surfaces == 0 and math.isfinite(tally.narrowest):
+            over = to_mm(tally.narrowest - THICKEST)
+            why = (
+                f"'{name}' is {math.ceil(round(over, 3))} mm too wide: {to_mm(tally.narrowest):.0f} mm where"
+                f" it is narrowest from any side it can be reached, and the jaws grip"
+                f" {to_mm(THICKEST):.0f} mm"
+            )
+        elif tally.surfaces == 0:
+            why = f"'{name}' has no two opposite surfaces that the jaws can grip"
+        elif tally.reached == 0:
+            far = to_mm(float(np.hypot(p[0], p[1])))
+            why = (
+                f"'{name}' is out of reach: {far:.0f} mm from the base, {to_mm(p[2]):.0f} mm up; no"
+                " grasp can be reached with the gripper in the arm's plane"
+            )
+        elif tally.blockers and not tally.unwanted:
+            most = sorted(tally.blockers, key=lambda each: -tally.blockers[each])[:2]
+            names = " and ".join(self._scene.called(each) for each in most)
+            why = (
+                f"no approach to '{name}' is free: in each of {tally.reached} grasps the gripper"
+                f" would come too near {names}"
+            )
+        else:
+            why = f"none of the grasps of '{name}' is allowed by what you forbid"
+        return NoPath(why, where="goal", blockers=tuple(tally.blockers))
+
+    def _no_plan(self, grasps: int, problems: list[PlanningError]) -> PlanningError:
+        name = self._name
+        heavy = next((each for each in problems if isinstance(each, Overloaded)), None)
+        if heavy is not None and all(isinstance(each, Overloaded) for each in problems):
+            return heavy.about(f"'{name}' is too heavy at that reach")
+        if not problems:
+            why = f"no approach to '{name}' is free: the open jaw would meet it"
+            return NoPath(why, where="goal")
+        first = problems[0]
+        return NoPath(
+            f"none of {len(problems)} of {grasps} grasps of '{name}' can be planned; the best one:"
+            f" {first}",
+            where="goal",
+            blockers=getattr(first, "blockers", ()),
+        )
+
+
+_DOING = {
+    "approach": "on the way to it",
+    "reach": "straight in",
+    "lift": "lifting it",
+    "carry": "carrying it",
+    "lower": "setting it down",
+    "leave": "straight out",
+}
+
+
+def _touching(scene: Scene, names: frozenset[str]) -> Scene:
+    """A scene in which what is held last may touch things."""
+    *others, held = scene.attached
+    return replace(scene, attached=(*others, replace(held, may_touch=held.may_touch | names)))
+
+
+def _back(model: RobotModel, q: Array, back: float) -> SE3:
+    T = model.frame(q)
+    return T @ SE3.from_translation((0.0, 0.0, -back))
+
+
+def _yawed(R_reached: Array, R_item: Array) -> Array:
+    """``R_item`` turned about the vertical until it is nearest to what was reached."""
+    D = R_reached @ R_item.T
+    return rot_z(math.atan2(D[1, 0] - D[0, 1], D[0, 0] + D[1, 1])) @ R_item
