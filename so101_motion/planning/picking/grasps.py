@@ -66,6 +66,7 @@ _FROM_END = 0.012  # distance of such a grasp from the end [m]; chosen: fingers 
 _BALL = 96  # directions by which a round item is sampled
 _TURN = to_rad(12.0)  # largest turn from the wanted pose; contacts are judged where it is reached
 _EXACT = to_rad(0.5)  # the same for the second time
+_SAME_BRANCH = 1.5  # largest joint motion of a straight way in [rad]; chosen
 _ROOMY = 0.005  # a grasp with so much more room than the margin is better [m]; chosen
 _FAR = 0.25  # grasps farther out are worse [m]; chosen
 _ASKED = 12  # grasps in contact for which is found out with what
@@ -81,6 +82,7 @@ class Grasp:
 
     Attributes:
         q: The arm's configuration around the item, shape (5,), [rad].
+        q_before: That before the straight way in, shape (5,), [rad].
         T_item_tip: Pose of the frame ``jaw_tip`` in the item's frame, jaw open: z along the
             approach, x from the moving jaw to the fixed finger.
         thickness: The item's between the jaws [m].
@@ -91,6 +93,7 @@ class Grasp:
     """
 
     q: Array
+    q_before: Array
     T_item_tip: SE3
     thickness: float
     square: float
@@ -250,6 +253,8 @@ class GraspSearch:
         R = self._chain.rotations(q)
         near = rotation_angles(np.swapaxes(rows.R[number], 1, 2) @ R) < _EXACT
         q, R, number = q[near], R[near], number[near]
+        before, reaches = self._before(q, R)
+        q, R, number, before = q[reaches], R[reaches], number[reaches], before[reaches]
         tally.reached = len(q)
         grasps = list[Grasp]()
         if len(q) == 0:
@@ -258,7 +263,10 @@ class GraspSearch:
         left: Any = np.ones(len(q), dtype=bool)
         for wider in WIDER:
             opened = np.minimum(closed + wider, self.jaw.opened)
-            free: Any = left & np.logical_not(collision.touching(q, opened))
+            touches = np.logical_or(
+                collision.touching(q, opened), collision.touching(before, opened)
+            )
+            free: Any = left & np.logical_not(touches)
             left &= np.logical_not(free)
             roomy = free & np.logical_not(collision.touching(q, opened, extra=_ROOMY))
             for k in np.flatnonzero(free):
@@ -268,6 +276,7 @@ class GraspSearch:
                 deep = float(rows.overlap[number[k]])
                 grasp = Grasp(
                     q=q[k],
+                    q_before=before[k],
                     T_item_tip=T.inverse @ T_tip,
                     thickness=float(met.thickness[number[k]]),
                     square=square,
@@ -286,10 +295,25 @@ class GraspSearch:
                 else:
                     tally.unwanted += 1
         for k in np.flatnonzero(left)[:: max(1, int(left.sum()) // _ASKED)]:
-            if (pair := collision.first_contact(q[k], opened[k])) is not None:
+            pair = collision.first_contact(q[k], opened[k])
+            if pair := pair or collision.first_contact(before[k], opened[k]):
                 other = pair[1] if pair[1] not in LINKS or pair[0] in LINKS else pair[0]
                 tally.blockers[other] = tally.blockers.get(other, 0) + 1
         return sorted(grasps, key=lambda each: each.cost), tally
+
+    def _before(self, q: Array, R: Array) -> tuple[Array, Any]:
+        """Configurations before the straight way in, (n, 5) [rad], and which can be reached."""
+        p, every = self._chain.positions(q), np.arange(len(q))
+        before, reaches = np.zeros_like(q), np.zeros(len(q), dtype=bool)
+        for back in BACKS:
+            at, number = self.solve(p - back * R[:, :, 2], R)
+            turned = rotation_angles(np.swapaxes(R[number], 1, 2) @ self._chain.rotations(at))
+            away = np.where(turned < _EXACT, np.abs(at - q[number]).max(axis=1), np.inf)
+            for k in every[~reaches]:
+                own = np.flatnonzero(number == k)
+                if len(own) and away[best := own[np.argmin(away[own])]] < _SAME_BRANCH:
+                    before[k], reaches[k] = at[best], True
+        return before, reaches
 
     def solve(self, p: Array, R: Array, frame: str = "jaw_tip") -> tuple[Array, Any]:
         """All configurations for poses of a frame (n, 3) [m] and (n, 3, 3), as near as it can be.

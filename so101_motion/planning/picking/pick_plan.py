@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -202,12 +202,9 @@ class _Planning:
         raise self._no_plan(len(grasps), problems)
 
     def _by(self, grasp: Grasp, item: Obstacle, touching: Scene, tried: int) -> PickPlan:
-        T_base_tool = self._model.frame(grasp.q)
-        opened = grasp.q_jaw_open
-        before, reach = self._straight_in(grasp, touching)
-        T_base_tool, q = self._model.frame(reach.q_goal), reach.q_goal
+        opened, T_base_tool = grasp.q_jaw_open, self._model.frame(grasp.q)
         closed = self._search.angle_closed(grasp, item)
-        pushed = self._model.frame(q, "jaw_tip").R[:, 0] * BESIDE
+        pushed = self._model.frame(grasp.q, "jaw_tip").R[:, 0] * BESIDE
         lying = replace(
             item, T_base_obstacle=SE3(item.T_base_obstacle.R, item.T_base_obstacle.p + pushed)
         )
@@ -215,6 +212,13 @@ class _Planning:
             self._scene,
             obstacles=tuple(lying if e is item else e for e in self._scene.obstacles),
         ).taking(self._name, T_base_tool)
+        R_item, place = item.T_base_obstacle.R, self._asked.place
+        places = []
+        if place is not None:
+            places = self._places(with_it.attached[0], R_item, grasp.q, place)
+        way = LineGoal(T_base_tool=T_base_tool, metric=GoalMetric.FULL_POSE)
+        reach = self._stage("reach", way, grasp.q_before, touching, opened)
+        q = reach.q_goal
         on = self._touched(with_it, q, closed, "stands in")
         lifting = _touching(with_it, on)
         up = LineGoal(
@@ -224,17 +228,15 @@ class _Planning:
         lift = self._stage("lift", up, q, lifting, closed)
         plans, scenes = {"reach": reach, "lift": lift}, {"reach": touching, "lift": lifting}
         free = None
-        if self._asked.place is None:
+        if place is None:
             scenes["end"] = with_it
             if not self._collision(with_it).is_free(lift.q_goal, closed):
                 raise self._close_call(with_it, lift.q_goal, closed)
         else:
-            free, more, after = self._put(
-                with_it, item.T_base_obstacle.R, lift.q_goal, closed, self._asked.place
-            )
+            free, more, after = self._put(with_it, places, lift.q_goal, closed)
             plans, scenes = plans | more, scenes | after
         approach = self._stage(
-            "approach", JointGoal(q=before), self._request.q_start, self._scene, opened
+            "approach", JointGoal(q=grasp.q_before), self._request.q_start, self._scene, opened
         )
         return PickPlan(
             item=self._name,
@@ -244,28 +246,8 @@ class _Planning:
             q_jaw_closed=closed,
             q_jaw_free=free,
             scenes={"approach": self._scene, **scenes},
-            R_base_item=item.T_base_obstacle.R,
+            R_base_item=R_item,
             tried=tried,
-        )
-
-    def _straight_in(self, grasp: Grasp, touching: Scene) -> tuple[Array, Plan]:
-        """Where the straight way in begins, and the way."""
-        T = self._model.frame(grasp.q, "jaw_tip")
-        problem: PlanningError | None = None
-        for back in BACKS:
-            at, _ = self._search.solve((T.p - back * T.R[:, 2])[None], T.R[None])
-            if len(at) == 0:
-                continue
-            q = at[np.argmin(np.abs(at - grasp.q).max(axis=1))]
-            if not self._collision(self._scene).is_free(q, grasp.q_jaw_open):
-                continue
-            way = LineGoal(T_base_tool=self._model.frame(grasp.q), metric=GoalMetric.FULL_POSE)
-            try:
-                return q, self._stage("reach", way, q, touching, grasp.q_jaw_open)
-            except PlanningError as error:
-                problem = error
-        raise problem or NoPath(
-            f"there is no free way straight to '{self._name}'", where="goal", blockers=()
         )
 
     # Placing
@@ -278,7 +260,8 @@ class _Planning:
         R = self._asked.R_base_item
         if R is None:
             R = (self._model.frame(q) @ held.T_tool_object).R
-        free, plans, scenes = self._put(self._scene, R, q, closed, place)
+        places = self._places(held, R, q, place)
+        free, plans, scenes = self._put(self._scene, places, q, closed)
         return PickPlan(
             item=self._name,
             grasp=None,
@@ -291,22 +274,18 @@ class _Planning:
         )
 
     def _put(
-        self, holding: Scene, R_item: Array, q_from: Array, closed: float, place: Place
+        self, holding: Scene, places: list[Array], q_from: Array, closed: float
     ) -> tuple[float, dict[str, Plan], dict[str, Scene]]:
-        """The stages from ``q_from`` on; tried in several turns of the item where any will do."""
+        """The stages from ``q_from`` on, to the first of the places for which there are plans."""
         held = next(each for each in holding.attached if each.name == self._name)
         problem: PlanningError | None = None
-        for q in list(self._places(held, R_item, q_from, place))[: self._asked.most]:
+        for q in places[: self._asked.most]:
             try:
                 return self._put_by(holding, held, q_from, q, closed)
             except PlanningError as error:
                 problem = problem or error
-        at = ", ".join(f"{value:.0f}" for value in to_mm(place.p))
-        raise problem or NoPath(
-            f"the arm cannot hold '{self._name}' upright at {at} mm; choose a place"
-            " about 200 mm from the base, or another grasp",
-            where="goal",
-        )
+        assert problem is not None
+        raise problem
 
     def _put_by(
         self, holding: Scene, held: Attached, q_from: Array, q: Array, closed: float
@@ -344,9 +323,7 @@ class _Planning:
         assert problem is not None
         raise problem
 
-    def _places(
-        self, held: Attached, R_item: Array, q_from: Array, place: Place
-    ) -> Iterator[Array]:
+    def _places(self, held: Attached, R_item: Array, q_from: Array, place: Place) -> list[Array]:
         """Configurations in which a held item stands at the place, near ``q_from`` first."""
         turns = [place.yaw] if place.yaw is not None else list(
             2.0 * math.pi * np.arange(TURNS) / TURNS
@@ -380,7 +357,14 @@ class _Planning:
         for _, k in sorted(good):
             if all(np.abs(q[k] - other).max() > to_rad(3.0) for other in seen):
                 seen.append(q[k])
-                yield q[k]
+        if not seen:
+            at = ", ".join(f"{value:.0f}" for value in to_mm(place.p))
+            raise NoPath(
+                f"the arm cannot hold '{self._name}' upright at {at} mm; choose a place about 200"
+                " mm from the base, or another grasp",
+                where="goal",
+            )
+        return seen
 
     # Both
 
@@ -427,9 +411,9 @@ class _Planning:
         elif tally.surfaces == 0 and math.isfinite(tally.narrowest):
             over = to_mm(tally.narrowest - THICKEST)
             why = (
-                f"'{name}' is {math.ceil(round(over, 3))} mm too wide: {to_mm(tally.narrowest):.0f} mm where"
-                f" it is narrowest from any side it can be reached, and the jaws grip"
-                f" {to_mm(THICKEST):.0f} mm"
+                f"'{name}' is {math.ceil(round(over, 3))} mm too wide:"
+                f" {to_mm(tally.narrowest):.0f} mm where it is narrowest, and the jaws"
+                f" grip {to_mm(THICKEST):.0f} mm"
             )
         elif tally.surfaces == 0:
             why = f"'{name}' has no two opposite surfaces that the jaws can grip"
@@ -453,7 +437,7 @@ class _Planning:
     def _no_plan(self, grasps: int, problems: list[PlanningError]) -> PlanningError:
         name = self._name
         heavy = next((each for each in problems if isinstance(each, Overloaded)), None)
-        if heavy is not None and all(isinstance(each, Overloaded) for each in problems):
+        if heavy is not None and isinstance(problems[0], Overloaded):
             return heavy.about(f"'{name}' is too heavy at that reach")
         if not problems:
             why = f"no approach to '{name}' is free: the open jaw would meet it"

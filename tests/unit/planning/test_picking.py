@@ -97,7 +97,7 @@ def test_what_cannot_be_gripped_is_told_with_the_reason(planner):
             )
         ),
     ]  # fmt: skip
-    with pytest.raises(NoPath, match="no approach to 'cube' is free: .* too near"):
+    with pytest.raises(NoPath, match=r"no approach to 'cube' is free: .* too near"):
         plan_pick(planner, asked(CUBE, *walls))
     lead = standing(Box(size=(0.03, 0.03, 0.03)), 0.3, 0.05, half=0.015, mass=1.5)
     with pytest.raises(Overloaded, match="'cube' is too heavy at that reach"):
