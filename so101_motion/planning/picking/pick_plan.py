@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -54,7 +55,7 @@ from so101_motion.planning.picking.grasps import (
 from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import Plan, PlanRequest
 
-LIFT = 0.04  # how far the item is lifted before it is carried, and lowered again [m]; chosen
+LIFTS = (0.04, 0.02)  # how far the item is lifted, and lowered at its place [m]; chosen
 MOST = 12  # grasps that are planned for, unless the request says more; chosen
 DEEPEST = 0.001  # how deep an item may be in what it is put on [m]; chosen, the error of scenes
 SNAP = 0.005  # a place so little above the table is on it [m]; chosen: the base plate is 2.4 mm
@@ -222,7 +223,7 @@ class _Planning:
         on = self._touched(with_it, q, closed, "stands in")
         lifting = _touching(with_it, on)
         up = LineGoal(
-            T_base_tool=SE3(T_base_tool.R, T_base_tool.p + np.array([0.0, 0.0, LIFT])),
+            T_base_tool=self._model.frame(self._raised(q)),
             metric=GoalMetric.POSITION_AND_APPROACH,
         )
         lift = self._stage("lift", up, q, lifting, closed)
@@ -290,14 +291,8 @@ class _Planning:
     def _put_by(
         self, holding: Scene, held: Attached, q_from: Array, q: Array, closed: float
     ) -> tuple[float, dict[str, Plan], dict[str, Scene]]:
-        T = self._model.frame(q)
+        T, q_above = self._model.frame(q), self._raised(q)
         lowering = _touching(holding, self._touched(holding, q, closed, "would stand in"))
-        above, _ = self._search.solve(
-            (T.p + np.array([0.0, 0.0, LIFT]))[None], T.R[None], frame="tool"
-        )
-        if len(above) == 0:
-            raise NoPath(f"there is no room to come to the place from {to_mm(LIFT):.0f} mm above")
-        q_above = above[np.argmin(np.abs(above - q).max(axis=1))]
         down = LineGoal(T_base_tool=T, metric=GoalMetric.POSITION_AND_APPROACH)
         lower = self._stage("lower", down, q_above, lowering, closed)
         T = self._model.frame(lower.q_goal)
@@ -356,7 +351,9 @@ class _Planning:
         seen = list[Array]()
         for _, k in sorted(good):
             if all(np.abs(q[k] - other).max() > to_rad(3.0) for other in seen):
-                seen.append(q[k])
+                with suppress(NoPath):
+                    self._raised(q[k])
+                    seen.append(q[k])
         if not seen:
             at = ", ".join(f"{value:.0f}" for value in to_mm(place.p))
             raise NoPath(
@@ -367,6 +364,17 @@ class _Planning:
         return seen
 
     # Both
+
+    def _raised(self, q: Array) -> Array:
+        """The configuration straight above another, with the tool as it is there."""
+        T = self._model.frame(q)
+        for lift in LIFTS:
+            p = T.p + np.array([0.0, 0.0, lift])
+            above, _ = self._search.solve(p[None], T.R[None], frame="tool")
+            for each in sorted(above, key=lambda each: float(np.abs(each - q).max())):
+                if rotation_angle(self._model.frame(each).R.T @ T.R) <= LEVEL:
+                    return np.asarray(each)
+        raise NoPath(f"the arm cannot go up from there by {to_mm(LIFTS[-1]):.0f} mm", where="goal")
 
     def _stage(self, name: str, goal: Goal, q_start: Array, scene: Scene, q_jaw: float) -> Plan:
         left = max(self._deadline - time.monotonic(), 0.05)
