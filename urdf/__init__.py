@@ -1,37 +1,44 @@
-"""The SO-101 as data: its URDF, its meshes, its collision hulls, and cheap readers for them.
+"""The arm as data: its URDF, its meshes, its collision hulls, and cheap readers for them.
+
+It is the SO-101 unless ``robots.py`` is told of another kind of arm.
 
 Nothing here computes kinematics or collisions, and nothing but numpy is imported. The ``make_*``
 scripts that wrote the data live in the same folder and need the development dependencies; README.md
 says where every figure comes from.
 """
 
+import itertools
 import json
 from pathlib import Path
 from typing import Final
 
-from .mesh_readers import Surface, TriangleMesh, read_glb, read_obj
+from .mesh_readers import Surface, TriangleMesh, read_glb
+from .robots import Robot, RobotFileError, chosen_robot, load_robot
 
 __all__ = [
-    "ALLOWED_PAIRS_PATH",
-    "BOXES_PATH",
     "GROUND",
     "MARKERS",
     "MESH_DIR",
     "PARTS",
+    "ROBOT",
     "URDF_PATH",
+    "Robot",
+    "RobotFileError",
     "Surface",
     "TriangleMesh",
     "load_allowed_pairs",
     "load_hull",
+    "load_robot",
     "load_visual",
 ]
 
 _HERE: Final = Path(__file__).resolve().parent
 
-URDF_PATH: Final = _HERE / "so101.urdf"
+ROBOT: Final = chosen_robot()
+"""The kind of arm of this process."""
+
+URDF_PATH: Final = ROBOT.urdf
 MESH_DIR: Final = _HERE / "meshes"
-BOXES_PATH: Final = _HERE / "boxes.json"
-ALLOWED_PAIRS_PATH: Final = _HERE / "allowed_pairs.json"
 
 PARTS: Final[dict[str, str]] = {
     "base_link": "base",
@@ -43,6 +50,8 @@ PARTS: Final[dict[str, str]] = {
     "moving_jaw_so101_v1_link": "jaw",
 }
 """The name under which a link's meshes are stored, in order from the base outwards."""
+
+_LINKS: Final = {part: link for link, part in PARTS.items()}
 
 GROUND: Final = "ground"
 """The name of the table under the arm in pairs of links."""
@@ -66,7 +75,7 @@ def load_visual(part: str) -> tuple[Surface, ...]:
     known = (*PARTS.values(), *MARKERS)
     if part not in known:
         raise ValueError(f"no part {part!r}; known: {', '.join(known)}")
-    return read_glb(MESH_DIR / f"{part}.glb")
+    return read_glb(MESH_DIR / f"{part}.glb") if part in MARKERS else ROBOT.visual(_LINKS[part])
 
 
 def load_hull(part: str) -> TriangleMesh:
@@ -85,7 +94,7 @@ def load_hull(part: str) -> TriangleMesh:
     """
     if part not in PARTS.values():
         raise ValueError(f"no part {part!r}; known: {', '.join(PARTS.values())}")
-    return read_obj(MESH_DIR / f"{part}_hull.obj")
+    return ROBOT.hull(_LINKS[part])
 
 
 def load_allowed_pairs() -> frozenset[frozenset[str]]:
@@ -95,5 +104,8 @@ def load_allowed_pairs() -> frozenset[frozenset[str]]:
         Pairs of link names (or ``GROUND``): those that touch by design, and those whose hulls
         never met in the samples of ``make_allowed_pairs.py``.
     """
-    rows = json.loads(ALLOWED_PAIRS_PATH.read_text(encoding="utf-8"))["pairs"]
+    if ROBOT.allowed_pairs is None:
+        links = list(PARTS)
+        return frozenset(frozenset(pair) for pair in itertools.pairwise(links))
+    rows = json.loads(ROBOT.allowed_pairs.read_text(encoding="utf-8"))["pairs"]
     return frozenset(frozenset((row["first"], row["second"])) for row in rows if row["allowed"])

@@ -3,7 +3,7 @@
 Draws configurations uniformly inside the URDF's limits, the jaw's angle too, and counts for every
 pair of links how often their hulls meet, and how often the drawn triangles inside them do. Run it
 after ``make_hulls`` and ``make_meshes`` or a change of limits; takes a minute or two. The result is
-``allowed_pairs.json``.
+``allowed_pairs.json``; with ``SO101_ROBOT=so100`` that of the SO-100.
 """
 
 import itertools
@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from . import ALLOWED_PAIRS_PATH, GROUND, PARTS, URDF_PATH, TriangleMesh, load_hull, load_visual
+from . import GROUND, PARTS, ROBOT, URDF_PATH, TriangleMesh, load_hull, load_visual
 
 SAMPLES: Final = 100_000
 SEED: Final = 20261121
@@ -191,15 +191,16 @@ def main() -> None:
     result = {
         "origin": (
             "Written by urdf/make_allowed_pairs.py: configurations drawn uniformly inside the "
-            "limits of so101.urdf, all six joints. 'adjacent' links share a hinge and always "
-            "touch; 'never' pairs did not meet in any sample and came no nearer than 'nearest' "
-            "[m], so a check with a margin below that may leave them out. The ground is the plane "
-            f"z = {FLOOR_Z} m in base_link, the table under the base. 'overlaps' counts "
+            f"limits of {URDF_PATH.name}, all six joints. 'adjacent' links share a hinge and "
+            "always touch; 'never' pairs did not meet in any sample and came no nearer than "
+            "'nearest' [m], so a check with a margin below that may leave them out. The ground is "
+            f"the plane z = {FLOOR_Z} m in base_link, the table under the base. 'overlaps' counts "
             "configurations: of the convex hulls, and of what is drawn inside them."
         ),
         **sample(SAMPLES, SEED),
     }
-    ALLOWED_PAIRS_PATH.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    assert ROBOT.allowed_pairs is not None
+    ROBOT.allowed_pairs.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     for row in result["pairs"]:
         print(*(f"{value}" for value in row.values()), sep="  ")
     print(f"{result['configurations_with_an_overlap']}  {time.perf_counter() - begin:.0f} s")

@@ -68,11 +68,16 @@ def official_triangles(folder: Path) -> dict[str, Points]:
             assert origin is not None
             assert mesh is not None
             xyz, rpy = (np.array(origin.attrib[k].split(), float) for k in ("xyz", "rpy"))
-            rows = np.fromfile(folder / mesh.attrib["filename"], _STL, offset=84)
-            triangles.append(rows["corners"] @ pin.rpy.rpyToMatrix(*rpy).T + xyz)
+            corners = stl_triangles(folder / mesh.attrib["filename"])
+            triangles.append(corners @ pin.rpy.rpyToMatrix(*rpy).T + xyz)
         if triangles:
             found[link.attrib["name"]] = np.concatenate(triangles)
     return found
+
+
+def stl_triangles(file: Path) -> Points:
+    """The triangles of a binary STL file, shape (n, 3, 3), in its unit."""
+    return np.fromfile(file, _STL, offset=84)["corners"].astype(np.float64)
 
 
 def fitted_hull(official: Points, corners: int) -> TriangleMesh:
@@ -177,9 +182,9 @@ def _swollen(corners: Points, points: Points) -> Points:
     return np.asarray(middle + (corners - middle) * max(1.0, float((needed / room).max())))
 
 
-def to_obj(hull: TriangleMesh, link: str) -> str:
+def to_obj(hull: TriangleMesh, link: str, script: str = "make_hulls") -> str:
     """Write a hull as Wavefront OBJ text."""
-    lines = [f"# Convex hull of {link}, metres, link frame; written by urdf/make_hulls.py"]
+    lines = [f"# Convex hull of {link}, metres, link frame; written by urdf/{script}.py"]
     lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in hull.vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in hull.faces + 1]
     return "\n".join(lines) + "\n"

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, Unpack
 
+import so101_description
+
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older
 from so101_motion.common.errors import (
@@ -177,11 +179,9 @@ class JawFollowing(EndsWithBlock):
             raise MotionError("the following has been closed; open a new one")
 
 
-JAW_CLOSED = to_rad(-10.0)
-"""Jaw angle at aperture 0 [rad]; the lower joint limit of the robot description."""
-
-JAW_OPEN = to_rad(100.0)
-"""Jaw angle at aperture 1 [rad]; the upper joint limit."""
+_CLOSED_TO_OPEN: tuple[float, float] = so101_description.ROBOT.limits[GRIPPER_JOINT]
+JAW_CLOSED, JAW_OPEN = _CLOSED_TO_OPEN
+"""Jaw angle at aperture 0 and at aperture 1 [rad]: the joint's limits in the robot description."""
 
 JAW_LIMITS = MotionLimits.uniform(velocity=to_rad(220.0), acceleration=20.0, jerk=400.0, n=1)
 """How fast the jaw moves. Speed: the published simulated gripper's 200 % of the travel a second,

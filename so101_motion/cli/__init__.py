@@ -24,6 +24,9 @@ def main() -> None:
         with interrupts.held():  # click prints and exits in its own way; verbs are interrupted
             so101(prog_name="so101")
     except (KeyboardInterrupt, Exception) as error:
+        if type(error).__name__ == "RobotFileError":  # raised by what is imported first
+            print(f"error: {error}", file=sys.stderr)
+            sys.exit(2)
         if not (interrupts.first() or isinstance(error, KeyboardInterrupt)):
             raise
         _tell_end(interrupts.first() or "Ctrl-C")

@@ -15,6 +15,8 @@ from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import lru_cache
 from typing import Any, ClassVar, Self
 
+import so101_description
+
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_m, to_rad
 
@@ -23,8 +25,8 @@ SPEED_RANGE_DEG = (3.0, 180.0)  # joint speeds that can be set [deg/s]; the publ
 ACCELERATION_RANGE_DEG = (10.0, 500.0)
 """Joint accelerations that can be set [deg/s^2]; the published module's range."""
 
-SERVO_VOLTAGES = (7.4, 12.0)
-"""Rated voltages of the servos the arm is sold with [V], the default first."""
+SERVO_VOLTAGES = tuple(so101_description.ROBOT.stall)
+"""Rated voltages of the servos the arm is sold with [V], the default first: from the robot file."""
 
 HEAVIEST = 5.0  # largest payload that is accepted [kg]; a larger number was probably meant as grams
 

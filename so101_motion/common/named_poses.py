@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import so101_description
 
 from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.geometry import Array, frozen_array
-from so101_motion.common.units import to_rad
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -24,14 +24,8 @@ class NamedPose:
         object.__setattr__(self, "q", frozen_array(self.q, (5,)))
 
 
-def _pose(name: str, *q_deg: float) -> NamedPose:
-    return NamedPose(name=name, q=to_rad(np.array(q_deg)))
-
-
-POSES = (
-    _pose("home", 0, 0, 0, 0, 0),
-    _pose("ready", 0, -45, 45, 60, 0),
-    _pose("rest", 0, -92, 78, 60, 0),
+POSES = tuple(
+    NamedPose(name=name, q=np.array(q)) for name, q in so101_description.ROBOT.poses.items()
 )
-"""Chosen. Home: all joints at zero. Ready: over the table, looking down. Rest: folded, with 18 mm
-between the forearm and the shoulder. A test proves them free of collisions."""
+"""From the robot file. Home: all joints at zero. Ready: over the table, looking down. Rest: folded,
+with 18 mm between the forearm and the shoulder. A test proves them free of collisions."""

@@ -26,6 +26,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import so101_description
+
 from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.encoder_zeros import EncoderZero
@@ -36,23 +38,15 @@ from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TICKS_PER_RAD
 from so101_motion.files import json_file
 
-STOPS = {
-    joint: (to_rad(lower_deg), to_rad(upper_deg))
-    for joint, lower_deg, upper_deg in (
-        ("shoulder_pan", -115.2, 123.4),
-        ("shoulder_lift", -105.5, 102.6),
-        ("elbow_flex", -102.4, 90.8),
-        ("wrist_flex", -103.2, 102.0),
-        ("wrist_roll", -164.9, 171.3),
-        (GRIPPER_JOINT, -11.5, 117.0),
-    )
-}
-"""The model's angles at the mechanical stops [rad]: first contact of the official solids (commit
-fda892cb of TheRobotStudio/SO-ARM100). Of five public calibrations, the travels of pan, lift, elbow
-and wrist agree within 4 deg, except for two recordings that went wrong. Cable clips and screw heads
-are not in the solids: allow for 1.5 deg."""
+STOPS: Mapping[str, tuple[float, float]] = (
+    so101_description.ROBOT.stops or so101_description.ROBOT.limits
+)
+"""The model's angles at the mechanical stops [rad], or its limits where the robot file has none. Of
+five public calibrations of an SO-101, the travels of pan, lift, elbow and wrist agree within 4 deg,
+except for two recordings that went wrong. Cable clips and screw heads are not in the solids: allow
+for 1.5 deg."""
 
-ROLL_UPRIGHT = 0.0486795
+ROLL_UPRIGHT: float = so101_description.ROBOT.roll_upright
 """The model's wrist_roll with the jaws upright [rad]: how the robot description mounts the gripper.
 Ask the user to hold it upright: that can be seen, while an angle of 2.8 deg cannot."""
 
@@ -94,9 +88,10 @@ def by_stops(joint: str, entry: JointCalibration) -> Zero | None:
 
     Returns:
         None when the recorded travel differs from the model's, so that it was not from stop to
-        stop, or when the zero of ``joint`` does not come from stops (wrist_roll, gripper).
+        stop, when the zero of ``joint`` does not come from stops (wrist_roll, gripper), or when the
+        stops are not known.
     """
-    if joint not in SWEPT:
+    if joint not in SWEPT or not so101_description.ROBOT.stops:
         return None
     lower, upper = STOPS[joint]
     if not -_SHORT <= excess(joint, entry) <= _LONG:

@@ -22,8 +22,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import so101_description
 
-from so101_motion.common.attributes import HEAVIEST, SERVO_VOLTAGES, LoadConfig
+from so101_motion.common.attributes import HEAVIEST, LoadConfig
 from so101_motion.common.errors import ConfigError, Overloaded
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
@@ -36,9 +37,9 @@ from so101_motion.planning.timing.trajectory import Trajectory
 if TYPE_CHECKING:
     from so101_motion.planning.kinematics.model import RobotModel
 
-STALL = dict(zip(SERVO_VOLTAGES, (1.91, 2.94), strict=True))
-"""Stall torque of the two STS3215 the arm is sold with, by their rated voltage [V], [N m]: 19.5
-and 30 kg cm (Feetech's data sheets of the C001 and the C018)."""
+STALL = so101_description.ROBOT.stall
+"""Stall torque of the servos by their rated voltage [V], [N m]; those of the two STS3215 that the
+SO-101 is sold with are 19.5 and 30 kg cm (Feetech's data sheets of the C001 and the C018)."""
 
 STRONGEST = max(STALL)  # rated voltage of the stronger of the two [V]
 

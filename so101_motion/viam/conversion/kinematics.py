@@ -27,7 +27,7 @@ from so101_motion.viam.conversion.orientation import from_rotation
 LINKS = ("base", "shoulder", "upper_arm", "lower_arm", "wrist")
 """The published module's names of the five links that carry a geometry."""
 
-TCP = {"follower": np.array([0.006835, 0.0, 0.0999]), "leader": np.zeros(3)}
+TCP = {"follower": np.array(so101_description.ROBOT.tcp), "leader": np.zeros(3)}
 """Tool centre point in the arm's tool frame [m]: between the jaws; the published module's."""
 
 _URDF_LINK = {part: link for link, part in so101_description.PARTS.items()}
@@ -88,9 +88,14 @@ def _segment(link: str, joint: ET.Element, *, number: str | None, box: Box | Non
 
 @cache
 def _boxes() -> dict[str, list[list[float]]]:
-    sets: dict[str, Any] = json.loads(so101_description.BOXES_PATH.read_text())["sets"]
-    boxes: dict[str, list[list[float]]] = sets["boxes"]
-    return boxes
+    robot = so101_description.ROBOT
+    if robot.boxes is not None:
+        sets: dict[str, Any] = json.loads(robot.boxes.read_text())["sets"]
+        fitted: dict[str, list[list[float]]] = sets["boxes"]
+        return fitted
+    corners = {link: robot.hull(link).vertices for link in so101_description.PARTS}
+    ends = {link: (p.min(axis=0), p.max(axis=0)) for link, p in corners.items()}
+    return {link: [[*(lo + hi) / 2.0, *hi - lo]] for link, (lo, hi) in ends.items()}
 
 
 def part_boxes(part: str) -> tuple[Box, ...]:

@@ -13,6 +13,7 @@ import json
 import struct
 from collections.abc import Mapping, Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import so101_description
@@ -62,7 +63,12 @@ def _box(label: str, T_base_part: SE3, box: Box) -> Geometry:
 
 def arm_models(*, with_tool: bool) -> dict[str, Mesh]:
     """The arm's parts as binary glTF, keyed as in the geometries' labels."""
-    models = {part: Mesh(content_type=GLB, mesh=_centered_glb(part)) for part in LINKS}
+    drawn = ((part, so101_description.ROBOT.visual_file(_URDF_LINK[part])) for part in LINKS)
+    models = {
+        part: Mesh(content_type=GLB, mesh=_centered_glb(part, file))
+        for part, file in drawn
+        if file is not None
+    }
     if with_tool:
         marker = (so101_description.MESH_DIR / "axes.glb").read_bytes()
         models[TOOL_MARKER] = Mesh(content_type=GLB, mesh=marker)
@@ -70,9 +76,8 @@ def arm_models(*, with_tool: bool) -> dict[str, Mesh]:
 
 
 @cache
-def _centered_glb(part: str) -> bytes:
-    data = (so101_description.MESH_DIR / f"{part}.glb").read_bytes()
-    return shifted_glb(data, -link_box(part).center)
+def _centered_glb(part: str, file: Path) -> bytes:
+    return shifted_glb(file.read_bytes(), -link_box(part).center)
 
 
 def shifted_glb(data: bytes, shift: Array) -> bytes:

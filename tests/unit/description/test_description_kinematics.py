@@ -321,7 +321,7 @@ def test_allowed_pairs_name_links_and_cover_every_hinge():
 
 
 def test_fresh_samples_find_no_overlap_in_a_dropped_pair():
-    committed = json.loads(description.ALLOWED_PAIRS_PATH.read_text(encoding="utf-8"))
+    committed = json.loads(description.ROBOT.allowed_pairs.read_text(encoding="utf-8"))
     fresh = sample(1500, 7)
     for old, new in zip(committed["pairs"], fresh["pairs"], strict=True):
         assert (old["first"], old["second"]) == (new["first"], new["second"])
