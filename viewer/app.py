@@ -70,7 +70,7 @@ class Preview(ServedPage):
             self._take(source.open())
         else:
             waiting(self.bar, source.title)
-            about = markup.sentence(_WAITS, is_whole=True) + markup.facts(_CHECK)
+            about = markup.sentence(_WAITS) + markup.facts(_CHECK)
             self._waits = self.gui.add_html(about)
         self.start()
         if not source.lasts:

@@ -27,24 +27,15 @@ TONES = {
 ROUNDED = 0.01
 """A limit so near to a whole number is shown as that; others are rounded inwards [deg, %]."""
 
-_SHORT = 100
-"""Sentences up to this many letters fit; longer ones may have to be scrolled, by keys too."""
-
 NEAR_LIMIT = 0.03
 """Share of the range at either end where a gauge turns red; chosen: 6 degrees of the pan joint."""
 
 
-def sentence(sentence: Sentence, *, is_whole: bool = False) -> str:
-    """One sentence, coloured by its tone.
-
-    A whole one makes its place grow, in a narrow panel; else nothing below it moves.
-    """
-    by_keys = ' tabindex="0"' if len(sentence.text) > _SHORT and not is_whole else ""
-    height = "min-height:4.6em" if is_whole else "height:4.6em;overflow-y:auto"
+def sentence(sentence: Sentence) -> str:
+    """One sentence, whole, coloured by its tone; there is room for three lines."""
     return (
-        f'<div{by_keys} style="padding:.35em .7em .5em;{height};'
-        "box-sizing:border-box;"
-        f'font-size:.95em;line-height:1.35;font-weight:500;color:{TONES[sentence.tone]}">{escape(sentence.text)}</div>'
+        f'<div class="so101-says" style="color:{TONES[sentence.tone]}">'
+        f"{escape(sentence.text)}</div>"
     )
 
 
