@@ -89,6 +89,7 @@ class Arm(CappedJoints):
         cell_member: What keeps it clear of the other arms of its cell; None outside a cell.
         compliance: How it yields to a hand in manual mode.
         stops: How many stops were asked for, also while the arm was at rest.
+        on_scene: Called with the scene before and the new one when it is set; None for nobody.
     """
 
     def __init__(
@@ -115,6 +116,7 @@ class Arm(CappedJoints):
         self._looking = threading.Lock()  # guards what follows
         self._looked_with: CollisionModel | None = None
         self.stops = 0
+        self.on_scene: Callable[[Scene, Scene], None] | None = None
         self.compliance = Compliance()
         self._open_ended = OpenEndedMotions(self.model, self._executor)
         self._motions = MotionQueue(self._come_to_rest)
@@ -133,7 +135,9 @@ class Arm(CappedJoints):
 
     @scene.setter
     def scene(self, scene: Scene) -> None:
-        self._scene = scene
+        before, self._scene = self._scene, scene
+        if self.on_scene is not None:
+            self.on_scene(before, scene)
         self._motions.current.wake()
 
     @property

@@ -260,7 +260,8 @@ class Gripper:
         closed: Jaw angle at aperture 0 [rad]; changes with the calibration.
         opened: Jaw angle at aperture 1 [rad]; likewise.
         limits: How fast it moves, one joint; for motions that start from now on.
-        feels: Whether an object stops the jaw; a simulated jaw closes through it.
+        feels: Whether an object that another arm hands over stops the jaw; a simulated jaw closes
+            through it.
         is_there: Whether its servo was found when the arm was opened.
     """
 

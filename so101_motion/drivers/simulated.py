@@ -10,12 +10,13 @@ of them the equation has a closed solution: the joint does not depend on how oft
 response is an average of the past of the inner setpoint, so it never moves faster than the cap and
 never overshoots a goal.
 
-Not modelled: gravity, friction, backlash, ticks, and contact with anything. With torque off a joint
-stays where it is until ``push`` moves it.
+Not modelled: gravity, friction, backlash, ticks, and contact with anything but what the jaw closes
+on, if there are ``things``. With torque off a joint stays where it is until ``push`` moves it.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 
 import numpy as np
@@ -27,6 +28,7 @@ from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.drivers.command_record import CommandListener, SentCommand
 from so101_motion.drivers.goal_limiter import GoalLimiter
+from so101_motion.drivers.things import Things
 
 TIME_CONSTANT = 0.02
 """How slowly a joint follows [s]. Chosen: the servo's derivative term looks back 20 ms, so it
@@ -39,6 +41,10 @@ level off at 12.3 V."""
 MAX_ACCELERATION = np.radians(1000.0)
 """Commands whose speed changes faster than this are refused [rad/s^2], as on a real arm."""
 
+_STIFFNESS = 37.0
+"""Torque of the jaw against what stops it, by the distance to its goal [N m/rad], as a 12 V servo
+has with a P gain of 32."""
+
 _JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 
 
@@ -49,7 +55,8 @@ class SimArm:
     break the connection. They may be called from any thread.
 
     ``q``, shape (5,), and ``q_jaw`` are where it starts [rad]. ``on_command`` is called with every
-    command as it is taken, on the caller's thread; None for nobody.
+    command as it is taken, on the caller's thread; None for nobody. ``things`` are what its jaw can
+    grip.
     """
 
     def __init__(
@@ -57,9 +64,12 @@ class SimArm:
         clock: Clock,
         q: ArrayLike | None = None,
         q_jaw: float = 0.0,
+        things: Things | None = None,
     ) -> None:
         q = frozen_array(np.zeros(5) if q is None else q, (5,))
         self.on_command: CommandListener | None = None
+        self.things = things
+        self._jaw_stop = -math.inf
         self._clock = clock
         self._lock = threading.Lock()
         self._t = clock.now()
@@ -202,8 +212,13 @@ class SimArm:
     def _catch_up(self) -> None:
         now = self._clock.now()
         dt, self._t = now - self._t, now
-        if not self._torque or dt <= 0.0:
-            return
+        if self._torque and dt > 0.0:
+            self._drive(dt)
+        if self.things is not None:
+            short = (self._jaw_stop - self._goal[5]) if self._torque else 0.0
+            self._jaw_stop = self.things.follow(self._q, _STIFFNESS * max(short, 0.0))
+
+    def _drive(self, dt: float) -> None:
         jammed_at = self._q[self._jammed]
         away = self._goal - self._inner
         ramp = np.minimum(np.abs(away) / MAX_SPEED, dt)
@@ -212,6 +227,8 @@ class SimArm:
         self._inner[arrived] = self._goal[arrived]
         self._respond(np.zeros(6), dt - ramp)
         self._q[self._jammed], self._qd[self._jammed] = jammed_at, 0.0
+        if self._q[5] < self._jaw_stop:
+            self._q[5], self._qd[5] = self._jaw_stop, 0.0
 
     def _respond(self, speed: Array, dt: Array) -> None:
         """Move on by ``dt``, shape (6,), while the inner setpoint runs at ``speed``, shape (6,).

@@ -18,6 +18,7 @@ from so101_motion.common.clock import Clock
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.control.joint_group import JointDriver
+from so101_motion.drivers.things import Things
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
@@ -50,6 +51,7 @@ class Rig:
 
     Attributes:
         planner: The planning process, shared by all rigs.
+        things: What is truly around a simulated arm; None on servos.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class Rig:
         )
         self.planner = acquire_worker()
         self._closed = False
+        self.things: Things | None = None
         try:
             self.arm = Arm(
                 model=RobotModel.load(),

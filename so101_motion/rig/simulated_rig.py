@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.geometry import Array
@@ -9,6 +11,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.rig import Rig
+from so101_motion.rig.things import keep_up, things_in
 
 
 def open_simulated(
@@ -22,6 +25,8 @@ def open_simulated(
 ) -> Rig:
     """Open a simulated arm and gripper, ready to move; starts the planning process.
 
+    Its jaw can grip the items of its scene; ``Rig.things`` knows where these truly are.
+
     Args:
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
@@ -33,9 +38,11 @@ def open_simulated(
     Raises:
         ConfigError: The speed or acceleration is outside its range.
     """
-    clock = clock or MonotonicClock()
-    driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start)
-    rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, scene=scene or Scene())
+    clock, scene = clock or MonotonicClock(), scene or Scene()
+    things = things_in(scene)
+    driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start, things=things)
+    rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, scene=scene)
+    rig.things, rig.arm.on_scene = things, partial(keep_up, things)
     rig.gripper.feels = False
     rig.warm_up()
     return rig

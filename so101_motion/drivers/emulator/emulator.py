@@ -34,6 +34,7 @@ from so101_motion.drivers.emulator.pty_port import Pacing, PtyPort
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.emulator.world import Gravity, World, no_gravity
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures, ServoType
+from so101_motion.drivers.things import Things
 
 SPEED = math.radians(120.0)
 """Speed at which the hand leads a joint [rad/s]; chosen, a person is slower."""
@@ -179,9 +180,13 @@ def parse_ids(text: str) -> dict[int, int]:
 
 
 def build_world(
-    options: EmulatorOptions, *, t: float = 0.0, gravity: Gravity = no_gravity
+    options: EmulatorOptions,
+    *,
+    t: float = 0.0,
+    gravity: Gravity = no_gravity,
+    things: Things | None = None,
 ) -> World:
-    """Build servos and supply without a port, at time ``t`` [s]; ``gravity`` as in ``World``."""
+    """Build servos and supply without a port at time ``t`` [s]; the others as in ``World``."""
     servos = []
     differing = differing_servos(
         options.joints, options.kind, spread=options.spread, seed=options.seed
@@ -206,7 +211,7 @@ def build_world(
         servo.connected = place in options.ids and not options.loose
         servos.append(servo)
     volts = options.kind.volts if options.volts is None else options.volts
-    return World(servos, t=t, gravity=gravity, supply=Supply(volts))
+    return World(servos, t=t, gravity=gravity, supply=Supply(volts), things=things)
 
 
 class ServedPort(Protocol):
@@ -225,9 +230,9 @@ class ServedPort(Protocol):
 class Emulator:
     """An emulated arm on a port, until closed; a pseudo-terminal unless ``serve`` makes another.
 
-    ``now`` is the clock the physics follows [s], ``gravity`` as in ``World``. The methods of
-    ``world`` disturb the servos, ``bus.faults`` the wire; both may be used at any time. ``on_open``
-    is called with every emulator of this process as it is made.
+    ``now`` is the clock the physics follows [s], ``gravity`` and ``things`` as in ``World``. The
+    methods of ``world`` disturb the servos, ``bus.faults`` the wire; both may be used at any time.
+    ``on_open`` is called with every emulator of this process as it is made.
     """
 
     on_open: ClassVar[list[Callable[[Emulator], None]]] = []
@@ -238,11 +243,12 @@ class Emulator:
         *,
         now: Callable[[], float] = time.monotonic,
         gravity: Gravity = no_gravity,
+        things: Things | None = None,
         serve: Callable[[Bus], ServedPort] | None = None,
     ) -> None:
         self._options = options or EmulatorOptions()
         self.now, self._gravity = now, gravity
-        self.world = build_world(self._options, t=now(), gravity=gravity)
+        self.world = build_world(self._options, t=now(), gravity=gravity, things=things)
         self.world.hand = Hand(parse_script(self._options.hand), now())
         self.bus = Bus(self.world, replace(self._options.wire))
         self._ids = [servo.memory.raw(reg.ID) for servo in self.world.servos]

@@ -2,8 +2,9 @@
 
 Nothing runs by itself. A caller that reads or changes the servos calls ``advance`` with the time
 first. The world then catches up in steps of 1 ms, and every 5 ms updates gravity, the hand, the
-supply, heat and protections. Servos that are quiet (see ``drive.py``) are not stepped, and when all
-are quiet, the rest of the interval is one jump: an arm at rest costs nothing.
+things around the arm, the supply, heat and protections. Servos that are quiet (see ``drive.py``)
+are not stepped, and when all are quiet, the rest of the interval is one jump: an arm at rest costs
+nothing.
 
 The joints do not move each other: each has one inertia. Gravity and the supply couple them.
 
@@ -26,6 +27,7 @@ from so101_motion.drivers.emulator.hand import OBJECT_STIFFNESS, Hand, jaw_angle
 from so101_motion.drivers.emulator.joint_figures import TICKS_PER_RAD
 from so101_motion.drivers.emulator.mechanics import STOP_STIFFNESS
 from so101_motion.drivers.emulator.servo import Servo
+from so101_motion.drivers.things import Things
 
 Gravity = Callable[[Array], Array]
 """Torque [N m] the six joints must exert to hold still at joint angles ``q`` [rad], shapes (6,):
@@ -45,7 +47,8 @@ class World:
     """The servos along the cable, base to gripper, with the torques on them and their supply.
 
     It starts at ``t`` [s]. The ``supply``'s voltage may be changed at any time, and ``hand`` be
-    replaced to start another script. ``lock``, re-entrant, is held while anything changes.
+    replaced to start another script; ``things`` are what the jaw can meet. ``lock``, re-entrant, is
+    held while anything changes.
     """
 
     def __init__(
@@ -55,10 +58,13 @@ class World:
         t: float = 0.0,
         gravity: Gravity = no_gravity,
         supply: Supply,
+        things: Things | None = None,
     ) -> None:
         self.servos = tuple(servos)
         self.supply = supply
         self.hand = Hand()
+        self.things = things
+        self._jaw_stop = -math.inf
         self.lock = threading.RLock()
         self._gravity = gravity
         self._origin, self._ms, self._phase = t, 0, 0
@@ -128,7 +134,11 @@ class World:
         angles = [servo.drive.q for servo in self.servos]
         if angles != self._felt:
             self._felt, self._weights = angles, self._gravity(np.array(angles)).tolist()
-        for servo, weight in zip(self.servos, self._weights, strict=True):
+        weights = self._weights
+        if self.things is not None:
+            carried = self._meet(self.things, np.array(angles))
+            weights = [a + b for a, b in zip(weights, carried, strict=True)]
+        for servo, weight in zip(self.servos, weights, strict=True):
             drive, direction = servo.drive, servo.joint.direction
             push = 0.0
             if hand is not None:
@@ -141,6 +151,15 @@ class World:
             if dt:
                 drive.slow_step(dt)
             servo.follow_power(now)
+
+    def _meet(self, things: Things, q: Array) -> list[float]:
+        """Let things stop the jaw, and the jaw take them along; the torques that carry one."""
+        pressed = max(self._jaw_stop - float(q[5]), 0.0)
+        stop = things.follow(q, OBJECT_STIFFNESS * pressed)
+        if stop != self._jaw_stop:
+            self._jaw_stop = stop
+            self.put_wall("gripper", stop, math.inf, OBJECT_STIFFNESS)
+        return list(things.weight(q))
 
     # -- what people do to an arm ---------------------------------------------------------------
 

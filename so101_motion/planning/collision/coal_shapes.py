@@ -68,7 +68,7 @@ def held_shape(shape: Shape) -> tuple[Any, Array]:
     points = np.array(hull.points())
     if len(points) <= MOST_CORNERS:
         return hull, points
-    kept = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
+    kept = points[np.unique(np.argmax(points @ directions().T, axis=0))]
     hull = convex_hull(kept)
     radius = max(_away(point, hull) for point in points)
     hull.setSweptSphereRadius(radius)
@@ -79,7 +79,7 @@ MOST_CORNERS = 512  # most corners of a body that moves; as in ``native.h``
 
 
 @cache
-def _directions() -> Array:
+def directions() -> Array:
     """Unit vectors all around, shape (MOST_CORNERS, 3), on a spiral."""
     k = np.arange(MOST_CORNERS) + 0.5
     z, turn = 1.0 - 2.0 * k / MOST_CORNERS, np.pi * (1.0 + np.sqrt(5.0)) * k
