@@ -5,13 +5,16 @@ from __future__ import annotations
 import sys
 import threading
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
 from so101_motion.cli.options import flag, option, verb
-from so101_motion.cli.param_types import Finite, OutFile
+from so101_motion.cli.param_types import SCENE, Finite, OutFile
 from so101_motion.common import interrupts
+
+if TYPE_CHECKING:
+    from so101_motion.planning.collision.scene import Scene
 
 
 @verb()
@@ -44,6 +47,7 @@ def emulate(
         click.Choice(["12", "7.4"]),
         "12",
     ),
+    scene: Scene | None = SCENE,
     faults: tuple[str, ...] = option(
         "Such as dead:3 or unplug@4+2; repeatable.", name="--fault", multiple=True
     ),
@@ -62,7 +66,8 @@ def emulate(
     Prints the port. Any program that talks to STS3215 servos can open it. The arm lies folded and
     limp. While it runs you can type faults, and what people do to an arm: "only:gripper" plugs in
     this servo alone, "chain" plugs in all, "pose" lets a hand hold the arm up, "sweep" lets it move
-    each joint to its stops, and "end sweep" lets go.
+    each joint to its stops, and "end sweep" lets go. With --scene it says what happens to the
+    items; "take:cube" takes one away.
 
     \b
     so101 emulate --link /tmp/so101          then: so101 move --port /tmp/so101 --pose ready
@@ -75,6 +80,7 @@ def emulate(
     from so101_motion.drivers.emulator import faults as fault_names
     from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V
     from so101_motion.planning.kinematics.model import RobotModel
+    from so101_motion.rig.things import things_in
 
     twin = None if like is None else servo_file.read_file(like)
     folded = next(pose.q for pose in POSES if pose.name == "rest")
@@ -101,6 +107,7 @@ def emulate(
         stop=threading.Event(),
         commands=sys.stdin,
         gravity=RobotModel.load().gravity_torque,
+        things=None if scene is None else things_in(scene),
     )
     if interrupts.first():
         raise interrupts.ToldInterrupt("the virtual port is closed")

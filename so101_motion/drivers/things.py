@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, Self
@@ -123,7 +124,7 @@ class Things:
     """All things around one arm, and what its gripper does to them. Any thread may ask.
 
     Attributes:
-        told: What happened to them, one sentence each, for people.
+        told: What happened to them last, one sentence each, for people; may be emptied.
     """
 
     def __init__(
@@ -134,7 +135,7 @@ class Things:
         floor_z: float | None,
         supports: Sequence[Support] = (),
     ) -> None:
-        self.told: list[str] = []
+        self.told = deque[str](maxlen=50)
         self._things = {thing.name: thing for thing in things}
         self._model, self._loaded = model, model
         self._floor_z, self._supports = floor_z, tuple(supports)

@@ -12,6 +12,7 @@ import threading
 import pytest
 import serial
 from harness.heard_port import HeardEmulator
+from harness.things_around import around, cube
 
 from so101_motion.common.errors import NoReply, PortUnavailable
 from so101_motion.drivers.bus import registers as known
@@ -22,6 +23,7 @@ from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import WireFaults, parse_fault
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.emulator.run import run_emulator
+from so101_motion.rig.things import things_in
 
 PING = frame(1, Code.PING)
 PONG = bytes.fromhex("FF FF 01 02 00 FC")
@@ -205,7 +207,12 @@ def test_program_announces_its_port_obeys_its_input_and_ends_when_told(link):
         program = threading.Thread(
             target=run_emulator,
             args=(EmulatorOptions(link=link, faults=(parse_fault("dead:2"),)),),
-            kwargs={"announce": announce, "stop": stop, "commands": commands},
+            kwargs={
+                "announce": announce,
+                "stop": stop,
+                "commands": commands,
+                "things": things_in(around(cube())),
+            },
             name="so101-emulator-program",
         )
         program.start()
@@ -220,12 +227,14 @@ def test_program_announces_its_port_obeys_its_input_and_ends_when_told(link):
                 assert ready.wait(60.0)
                 assert "volcano" in told[1]
                 assert is_silent(port, frame(2, Code.PING))
-                typing.write("earthquake\nflood\n")  # both at once
+                typing.write("earthquake\nflood\ntake:mug\ntake:cube\n")  # all at once
                 typing.flush()
-                while len(told) < 4:
+                while len(told) < 6:
                     ready.clear()
-                    assert len(told) == 4 or ready.wait(60.0)
+                    assert len(told) == 6 or ready.wait(60.0)
                 assert "flood" in told[3]
+                assert "there are: cube" in told[4]
+                assert told[5] == "cube was taken away"
         finally:
             stop.set()
             program.join(60.0)

@@ -310,6 +310,9 @@ class Emulator:
                     servo = world.servo(place)
                     own_id = self._ids[world.servos.index(servo)]
                     servo.memory.set(reg.ID, int(value) if begins else own_id)
+                case "take":
+                    if begins and world.things is not None:
+                        world.things.take_away(place)
                 case "object":
                     world.put_object(value) if begins else world.take_object()
                 case "only" | "chain":

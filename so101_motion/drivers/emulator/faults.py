@@ -20,10 +20,10 @@ from so101_motion.common.errors import ConfigError
 FaultKind = Literal[
     "dead", "reboot", "hot", "brownout", "unplug", "twin", "object",
     "loss", "request_loss", "corrupt", "duplicate", "late",
-    "only", "chain", "pose", "sweep",
+    "only", "chain", "pose", "sweep", "take",
 ]  # fmt: skip
 
-_NEEDS_SERVO = frozenset({"dead", "reboot", "hot", "twin", "only"})
+_NEEDS_NAME = frozenset({"dead", "reboot", "hot", "twin", "only", "take"})
 _SHARES = frozenset({"loss", "request_loss", "corrupt", "duplicate", "late"})
 _NEEDS_VALUE = _SHARES | {"hot", "brownout", "twin", "object"}
 _MAY_HAVE_VALUE = frozenset({"sweep"})
@@ -89,10 +89,10 @@ class FaultEvent:
     # ``dead`` (cable pulled), ``reboot``, ``hot`` [degC], ``brownout`` [V], ``unplug`` (the port),
     # ``twin`` (this servo takes the id of another), ``object`` between the jaws [m], or the name of
     # a wire fault with its share. Also actions of a person: ``only`` (leave only this servo on the
-    # cable), ``chain`` (connect all), ``pose`` (hold all joints at zero) and ``sweep`` (lead each
-    # joint to its stops, at this speed [deg/s])
+    # cable), ``chain`` (connect all), ``pose`` (hold all joints at zero), ``sweep`` (lead each
+    # joint to its stops, at this speed [deg/s]) and ``take`` (take a thing away for good)
     kind: FaultKind
-    servo: str | None = None  # which servo, by joint or place on the cable
+    servo: str | None = None  # which servo, by joint or place on the cable, or which thing
     value: float | None = None  # the number that belongs to the kind
     at: float = 0.0  # when, from the start or from being typed [s]
     duration: float | None = None  # how long it lasts [s]; None is for good
@@ -110,8 +110,9 @@ def parse_fault(text: str) -> FaultEvent:
     kind: FaultKind | None = next((k for k in get_args(FaultKind) if k == form["kind"]), None)
     if kind is None:
         raise ConfigError("fault", text, f"kind must be one of {', '.join(get_args(FaultKind))}")
-    if (kind in _NEEDS_SERVO) != (form["servo"] is not None):
-        need = "needs a servo, as in dead:elbow_flex" if kind in _NEEDS_SERVO else "has no servo"
+    if (kind in _NEEDS_NAME) != (form["servo"] is not None):
+        what = "a thing, as in take:cube" if kind == "take" else "a servo, as in dead:elbow_flex"
+        need = f"needs {what}" if kind in _NEEDS_NAME else "has no servo"
         raise ConfigError("fault", text, f"{kind} {need}")
     if kind not in _MAY_HAVE_VALUE and (kind in _NEEDS_VALUE) != (form["value"] is not None):
         need = "needs a value, as in hot:6=68" if kind in _NEEDS_VALUE else "has no value"

@@ -14,6 +14,7 @@ from so101_motion.common.realtime import use_realtime_priority
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import FaultEvent, parse_fault
 from so101_motion.drivers.emulator.world import Gravity, no_gravity
+from so101_motion.drivers.things import Things
 
 _LOOK_EVERY = 0.05  # [s], how often it looks whether it should stop, and lets physics catch up
 
@@ -26,8 +27,13 @@ class _Timetable:
         self._entries: list[tuple[float, Callable[[FaultEvent], None], FaultEvent]] = []
 
     def add(self, fault: FaultEvent) -> None:
-        if fault.servo is not None:
-            self._emulator.world.servo(fault.servo)  # raises at once if there is no such servo
+        world, name = self._emulator.world, fault.servo
+        if fault.kind == "take" and name is not None:
+            if world.things is None:
+                raise ConfigError("fault", name, "cannot be taken: there is no scene")
+            world.things.where(name)  # raises at once if there is no such thing
+        elif name is not None:
+            world.servo(name)  # likewise
         start = time.monotonic() + fault.at
         self._entries.append((start, self._emulator.begin, fault))
         if fault.duration is not None:
@@ -83,14 +89,16 @@ def run_emulator(
     stop: threading.Event,
     commands: TextIO | None = None,
     gravity: Gravity = no_gravity,
+    things: Things | None = None,
 ) -> None:
     """Emulate an arm until ``stop`` is set, by a signal handler or another thread, or Ctrl-C.
 
     ``announce`` is called with the port first, then with each message for the user. ``commands`` is
     a file with one fault a line as it is typed, e.g. standard input; ``end`` before a fault ends it
-    (see ``parse_fault``). ``gravity`` is as in ``World``.
+    (see ``parse_fault``). ``gravity`` and ``things`` are as in ``World``; what happens to the
+    things is announced, too.
     """
-    with Emulator(options, gravity=gravity) as emulator:
+    with Emulator(options, gravity=gravity, things=things) as emulator:
         try:
             announce(emulator.port)
             if options.pacing.realtime:
@@ -102,6 +110,8 @@ def run_emulator(
                 for line in typing.wait(timetable.wait(), stop):
                     _obey(line, emulator, timetable, announce)
                 timetable.run_due()
+                while things is not None and things.told:
+                    announce(things.told.popleft())
                 if emulator.now() - emulator.world.t > _LOOK_EVERY / 2.0:
                     emulator.advance()  # the request after a pause must not wait for the physics
         except KeyboardInterrupt:

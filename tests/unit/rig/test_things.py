@@ -95,7 +95,7 @@ def test_what_is_pressed_at_its_edge_is_squeezed_out():
     assert stop > 0.0
     assert things.held is None
     assert things.follow(at(DOWN, stop), 0.0) == -math.inf  # the jaw closes on
-    assert things.told == ["bar was squeezed out of the fingers"]
+    assert list(things.told) == ["bar was squeezed out of the fingers"]
 
 
 @pytest.mark.parametrize("beside", [-0.01, 0.045], ids=["under the finger", "beside the jaw"])

@@ -64,6 +64,7 @@ def test_same_seed_gives_the_same_faults(make_bench):
         ("twin:2=1", FaultEvent(kind="twin", servo="2", value=1.0)),
         ("object=0.02+3", FaultEvent(kind="object", value=0.02, duration=3.0)),
         ("sweep", FaultEvent(kind="sweep")),
+        ("take:cube@2", FaultEvent(kind="take", servo="cube", at=2.0)),
         ("sweep=200", FaultEvent(kind="sweep", value=200.0)),
     ],
 )
@@ -74,7 +75,7 @@ def test_faults_are_read_from_text(text, event):
 @pytest.mark.parametrize(
     "text",
     ["", "fire", "dead", "dead:3=2", "hot:3", "loss", "loss=1.5", "unplug:3", "hot:3=4.5.6",
-     "loss=x", "only", "pose=3"],
+     "loss=x", "only", "pose=3", "take"],
 )  # fmt: skip
 def test_nonsense_is_refused_with_the_text_in_the_message(text):
     with pytest.raises(ConfigError) as caught:
