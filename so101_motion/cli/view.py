@@ -83,7 +83,21 @@ def demo(
         file = arms_in_a_circle(arms)
         show(CellSource(file=file, title=f"{arms} simulated arms"), page)
     else:
-        show(Source(port=None), page)
+        show(Source(port=None), page, scene=_cube_and_tray())
+
+
+def _cube_and_tray() -> Scene:
+    from so101_motion.common.geometry import SE3
+    from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene
+
+    def lying(
+        name: str, size: tuple[float, ...], x: float, y: float, mass: float | None
+    ) -> Obstacle:
+        T = SE3.from_translation((x, y, FLOOR_Z + 0.5 * size[2]))
+        return Obstacle(name=name, shape=Box(size=np.array(size)), T_base_obstacle=T, mass=mass)
+
+    cube = lying("cube", (0.025, 0.025, 0.025), 0.24, -0.09, 0.02)
+    return Scene(obstacles=(cube, lying("tray", (0.09, 0.09, 0.005), 0.11, -0.2, None)))
 
 
 def _demo_in_text() -> None:
@@ -165,12 +179,16 @@ def show(
     source: AnySource | CellSource,
     page: Page,
     *,
+    scene: Scene | None = None,
     scene_file: Path | None = None,
     leader: Source | None = None,
     camera: str | None = None,
     atlas: Path | None = None,
 ) -> None:
-    """Serve the page until Ctrl-C; it saves changes of scene or cell to ``scene_file``."""
+    """Serve the page until Ctrl-C; it saves changes of scene or cell to ``scene_file``.
+
+    ``scene`` is around a single arm instead of what is in that file.
+    """
     from so101_motion.arm.planning_worker import planner_started
 
     with planner_started():
@@ -179,7 +197,7 @@ def show(
             from so101_viewer.panels.camera_panel import check_camera
 
             check_camera(camera, has_machine=not isinstance(source, (Source, CellSource)))
-        scene = None if is_cell else read_scene(scene_file)
+        scene = scene if is_cell or scene else read_scene(scene_file)
         if scene is not None and isinstance(source, Source) and source.port is None:
             source = replace(source, q_start=_free_pose(scene))
         reach = None

@@ -32,6 +32,7 @@ from .scene_edits import Thing, holder_of, pose_of, things
 _OBSTACLE = (134, 142, 150)
 _KEEP_OUT = (224, 49, 49)
 _HELD = (240, 165, 0)
+_ITEM = (140, 95, 200)
 _CHOSEN = (12, 166, 120)
 _AIR, _CHOSEN_AIR = 0.25, 0.5
 
@@ -122,7 +123,7 @@ def _still(drawn: _Drawn, there: dict[str, Thing]) -> bool:
 def _kind(thing: Thing) -> str:
     if isinstance(thing, Attached):
         return "held"
-    return "zone" if thing.keep_out else "obstacle"
+    return "zone" if thing.keep_out else "obstacle" if thing.mass is None else "item"
 
 
 def _look(thing: Thing, chosen: bool) -> tuple[tuple[int, int, int], float | None]:
@@ -131,7 +132,7 @@ def _look(thing: Thing, chosen: bool) -> tuple[tuple[int, int, int], float | Non
         return _KEEP_OUT, _CHOSEN_AIR if chosen else _AIR
     if chosen:
         return _CHOSEN, None
-    return (_HELD if _kind(thing) == "held" else _OBSTACLE), None
+    return {"held": _HELD, "item": _ITEM, "obstacle": _OBSTACLE}[_kind(thing)], None
 
 
 def _paint(node: Any, color: tuple[int, int, int], opacity: float | None) -> None:

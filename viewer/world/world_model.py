@@ -153,10 +153,13 @@ class WorldModel:
             self._put(replace(thing, keep_out=keep_out), text)
 
     def set_mass(self, mass: float) -> None:
-        """Set the mass of the selected held thing [kg]."""
+        """Set the mass of the selected thing [kg]; an obstacle that has one is an item."""
         thing = scene_edits.thing_named(self.scene, self._name())
         if isinstance(thing, Attached):
             self._put(replace(thing, mass=mass), "Plans include its weight.")
+        elif mass != (thing.mass or 0.0):
+            text = "The gripper can take it." if mass else "This is an obstacle again."
+            self._put(replace(thing, mass=mass or None), text)
 
     def set_floor(self, floor_z: float | None) -> None:
         """Set the floor's height [m], or remove the floor with None."""

@@ -18,6 +18,7 @@ from so101_motion.planning.collision.scene import (
     Attached,
     Box,
     Capsule,
+    Cylinder,
     Obstacle,
     PointCloud,
     Scene,
@@ -136,9 +137,8 @@ class WorldPart(Part):
         self._turn = self._field(turn, world.turn_to, units.DEGREES)
         for box in (size, self._at, turn):
             box.precision = 1
-        self._mass = self._field(
-            gui.add_number("Mass (g)", 0.0, step=1.0), world.set_mass, units.GRAMS
-        )
+        mass = gui.add_number("Mass (g)", 0.0, step=1.0, hint="What has a mass can be gripped")
+        self._mass = self._field(mass, world.set_mass, units.GRAMS)
         zone = gui.add_checkbox("Keep-out zone", initial_value=False)
         self._zone = self._field(zone, world.set_keep_out)
 
@@ -318,14 +318,15 @@ class WorldPart(Part):
         turns = pose is not None and not isinstance(shape, Sphere)
         self._name.show(None if thing is None else thing.name)
         self._size.show(shape.size if isinstance(shape, Box) else None)
-        self._radius.show(shape.radius if isinstance(shape, Sphere | Capsule) else None)
-        self._length.show(shape.length if isinstance(shape, Capsule) else None)
+        self._radius.show(shape.radius if isinstance(shape, Sphere | Capsule | Cylinder) else None)
+        self._length.show(shape.length if isinstance(shape, Capsule | Cylinder) else None)
         self._at.label = "Position in gripper (mm)" if is_held else "Position (mm)"
         self._position.show(None if pose is None else pose.p)
         self._turn.show(pose.rpy if pose is not None and turns else None)
         self._scale.show(self.world.scale)
         self._voxel.show(shape.resolution if isinstance(shape, PointCloud) else self.world.voxel)
-        self._mass.show(thing.mass if isinstance(thing, Attached) else None)
+        is_zone = isinstance(thing, Obstacle) and thing.keep_out
+        self._mass.show(None if thing is None or is_zone else thing.mass or 0.0)
         self._zone.show(thing.keep_out if isinstance(thing, Obstacle) else None)
         acts = _HELD if is_held else _LOOSE
         self._gripper.disabled = thing is None or is_held

@@ -166,6 +166,9 @@ def test_what_is_held_is_dragged_and_moved_in_the_hand(world):
     np.testing.assert_allclose(
         world.thing.T_base_obstacle.p, TOOL.R @ [0.0, 0.0, 0.05] + TOOL.p, atol=1e-12
     )
+    assert [each.mass for each in world.scene.items] == [0.02]
+    world.set_mass(0.0)
+    assert not world.scene.items
 
 
 def test_a_saved_scene_is_what_a_plan_reads_and_a_file_that_cannot_be_written_is_named(world):
