@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from so101_motion.arm.planning_worker import planner_started
 from so101_motion.common.errors import ConfigError
-from so101_motion.planning.goals import PoseGoal
+from so101_motion.common.geometry import SE3, frame_along, given_array
+from so101_motion.planning.goals import GoalMetric, PoseGoal
 
 if TYPE_CHECKING:
     from so101_motion.rig.rig import Rig
@@ -46,6 +51,24 @@ def open(arm: str, *, calibration: str | Path | None = None) -> Rig | MachineRig
         return open_so101(arm, calibration)
 
 
-def point(x: float, y: float, z: float) -> PoseGoal:
-    """The goal of bringing the tool to a point [m] in the arm's base frame, in any orientation."""
-    return PoseGoal.at_point([x, y, z])
+def point(
+    x: float, y: float, z: float, *, along: ArrayLike | None = None, frame: str = "tool"
+) -> PoseGoal:
+    """The goal of bringing the tool to a point [m] in the arm's base frame.
+
+    Args:
+        x: Ahead.
+        y: To the left.
+        z: Up.
+        along: The direction in which the tool points there, shape (3,), any length, such as
+            (0, 0, -1) from above; None for any.
+        frame: ``"tool"``, between the jaws, or ``"jaw_tip"``, 98 mm further along.
+    """
+    at = PoseGoal.at_point([x, y, z], frame=frame)
+    if along is None:
+        return at
+    axis = given_array("along", along, (3,), "numbers, a direction such as 0, 0, -1")
+    if not 0.0 < np.abs(axis).max() < math.inf:
+        raise ConfigError("along", axis.tolist(), "must be a direction, such as (0, 0, -1)")
+    to = SE3(frame_along(axis), at.T_base_tool.p)
+    return PoseGoal(T_base_tool=to, metric=GoalMetric.POSITION_AND_APPROACH, frame=frame)

@@ -4,6 +4,8 @@ import contextlib
 import json
 import re
 import shlex
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import click
@@ -12,13 +14,16 @@ from google.protobuf.struct_pb2 import Struct
 from harness.viam_machine import carried_out
 from viam.proto.app.robot import ComponentConfig
 
+import so101_motion as so101
 from so101_motion.cli.verbs import main
+from so101_motion.common.clock import ManualClock
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.viam.conversion.convert import to_result
 from so101_motion.viam.models.registered import MODELS
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "examples" / "machine.json"
+HOW_DO_I = ROOT / "docs" / "how-do-i.md"
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -49,7 +54,28 @@ def shown_commands():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", having("python"), ids=called)
+def test_every_how_do_i_runs(capsys, monkeypatch, tmp_path):
+    """Each snippet, whatever its port, on a simulated arm whose time passes by itself."""
+    monkeypatch.chdir(tmp_path)
+    clock, over = ManualClock(), threading.Event()
+    monkeypatch.setattr(so101, "open", lambda *_: so101.open_simulated(clock=clock), raising=False)
+
+    def pass_time():
+        while not over.wait(1e-4):
+            clock.advance(0.02)
+
+    with so101.open_simulated(clock=clock), ThreadPoolExecutor(1) as beside:  # keeps its planner
+        beside.submit(pass_time)
+        try:
+            for snippet in blocks(HOW_DO_I, "python"):
+                exec(compile(snippet.replace("10_000", "20"), called(HOW_DO_I), "exec"), {})
+                assert capsys.readouterr().out, snippet
+        finally:
+            over.set()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [p for p in having("python") if p != HOW_DO_I], ids=called)
 def test_the_python_examples_run(page, capsys, monkeypatch):
     monkeypatch.chdir(ROOT)
     for block in blocks(page, "python"):

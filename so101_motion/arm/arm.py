@@ -35,10 +35,10 @@ from so101_motion.common.errors import (
     MotionError,
     NotHolding,
 )
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import SE3, Array, joint_angles
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState, in_fault, lent_out
-from so101_motion.common.units import to_deg
+from so101_motion.common.units import in_mm, to_deg
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import APPROACH, GATE, STALE_AFTER, Following, FollowingSettings
 from so101_motion.control.joint_group import Channel
@@ -67,6 +67,14 @@ PLANS = 3
 
 START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
+
+
+_SHOWN = (
+    "T_base T_base_links T_base_tool acceleration ceiling compliance follow home "
+    "is_movable_by_hand is_moving jog limits model move newest plan q range retarget scene "
+    "set_acceleration set_load set_manual set_payload set_speed set_torque speed state stop "
+    "stream touching"
+)  # what ``dir`` shows: the names for programs of users
 
 
 class Arm(CappedJoints):
@@ -120,6 +128,13 @@ class Arm(CappedJoints):
         self.compliance = Compliance()
         self._open_ended = OpenEndedMotions(self.model, self._executor)
         self._motions = MotionQueue(self._come_to_rest)
+
+    def __dir__(self) -> list[str]:
+        return _SHOWN.split()
+
+    def __repr__(self) -> str:
+        q_deg = ", ".join(f"{each:.1f}" for each in to_deg(self.q))
+        return f"<Arm {self.state.mode.value} at ({q_deg}) deg, tool {in_mm(self.T_base_tool.p)}>"
 
     @property
     def newest_motion(self) -> Motion:
@@ -299,6 +314,10 @@ class Arm(CappedJoints):
             motion.result()
         return motion
 
+    def home(self, *, limits: MotionLimits | None = None, wait: bool = True) -> Motion:
+        """Move all joints to zero, along a planned path; like ``move``."""
+        return self.move(np.zeros(5), limits=limits, wait=wait)
+
     def consider(self, goal: Goal, *, search: Search | None = None) -> tuple[Motion, Future[Plan]]:
         """Plan for a motion that may be asked for next; the one under way goes on.
 
@@ -392,7 +411,7 @@ class Arm(CappedJoints):
         Raises:
             OutsideLimits: The goal lies outside the joint limits.
         """
-        q_goal = self.model.within_limits(frozen_array(q_goal, (5,)))
+        q_goal = self.model.within_limits(joint_angles("q_goal", q_goal))
         self._range.check(q_goal)
         make = self._maker(limits, guard=guard, stale_after=None, ends_there=True)
 
@@ -703,7 +722,4 @@ def _goal(to: Goal | ArrayLike) -> Goal:
     """A goal as it is, or that of five joint angles; ``ConfigError`` if these are not five."""
     if isinstance(to, Goal):
         return to
-    q = np.asarray(to, dtype=np.float64)
-    if q.shape != (5,):
-        raise ConfigError("goal", to, "must be a goal, or five joint angles in radians")
-    return JointGoal(q=q)
+    return JointGoal(q=joint_angles("goal", to))

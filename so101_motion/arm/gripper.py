@@ -233,6 +233,18 @@ class Jaw(Protocol):
     def grab(self, aperture: float = ..., *, wait: bool = ...) -> Motion: ...
 
 
+class JawVerbs:
+    """What every jaw can be told in one word."""
+
+    def open(self: Jaw, *, wait: bool = True) -> Motion:
+        """Open as far as it goes."""
+        return self.move(1.0, wait=wait)
+
+    def close(self: Jaw, *, wait: bool = True) -> Motion:
+        """Close; what is in between is gripped. It is ``grab`` by another name."""
+        return self.grab(wait=wait)
+
+
 def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
     """Open or close a jaw while the arm rests, and wait for it; what it closes on is gripped.
 
@@ -250,7 +262,13 @@ def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
         raise
 
 
-class Gripper:
+_SHOWN = (
+    "aperture close feels follow force grab is_holding is_moving is_silent is_there limits "
+    "move open set_force stop"
+)  # what ``dir`` shows: the names for programs of users
+
+
+class Gripper(JawVerbs):
     """One jaw that opens and closes. A new motion takes over from the one under way.
 
     In all methods ``limits`` are the caps of that motion, by default the gripper's own; with
@@ -274,6 +292,12 @@ class Gripper:
         self._stopped = 0  # the number of the newest stop
         self._force = 1.0
         self.feels = self.is_there = True
+
+    def __dir__(self) -> list[str]:
+        return _SHOWN.split()
+
+    def __repr__(self) -> str:
+        return f"<Gripper {self.aperture:.0%} open{', holds a thing' * self.is_holding}>"
 
     @property
     def q_jaw(self) -> float:

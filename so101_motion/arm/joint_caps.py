@@ -10,7 +10,7 @@ import numpy as np
 
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, checked_number
 from so101_motion.common.errors import ConfigError, OutsideLimits
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, frozen_array, in_radians
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import range_deg, to_deg, to_rad
 from so101_motion.planning.timing.limits import MotionLimits
@@ -135,6 +135,7 @@ class CappedJoints:
 
 def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) -> None:
     lower, upper = bounds_deg
+    in_radians(name, np.array(value), 2.0 * to_rad(upper), unit.removeprefix("deg"))
     value_deg = round(to_deg(value), 9)  # 180 deg came in as a float in radians
     checked_number(name, value_deg, lower=lower, upper=upper, unit=unit)
 

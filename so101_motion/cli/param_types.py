@@ -143,5 +143,5 @@ def read_scene(scene: Path | None) -> Scene | None:
 SCENE_FILE = option("A scene file: the obstacles around the arm.", IN_FILE, name="--scene")
 SCENE = together(read_scene, scene=SCENE_FILE)  # the scene in it; None if none is named
 
-POINT = _numbers("X", "Y", "Z", most=1e6)
+POINT = _numbers("X", "Y", "Z", most=5000.0)  # [mm]
 JOINTS = _numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)

@@ -30,7 +30,7 @@ from so101_motion.cli.sources import ANY_SOURCE, AnySource, Source, paced
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.common.units import in_mm, to_deg, to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
     from so101_motion.arm.motion_handle import Motion
@@ -233,19 +233,16 @@ def _facts(found: Plan) -> dict[str, object]:
     }
 
 
-def in_mm(p: np.ndarray) -> str:
-    """A point [m] in words."""
-    return f"({', '.join(f'{x:.1f}' for x in to_mm(p))}) mm"
-
-
 _NUMBERS, _SPARKS = 40, 40  # columns; chosen: together the width of a usual terminal
 
 
 def plan_table(plan: Plan) -> str:
+    from so101_motion.planning.plan_summary import tool_length
+
     trajectory = plan.trajectory
     travel_deg = to_deg(trajectory.q[-1] - trajectory.q[0])
     peak_deg = to_deg(np.max(np.abs(trajectory.qd), axis=0))
-    tool_mm = float(to_mm(np.sum(np.linalg.norm(np.diff(plan.tool_path, axis=0), axis=1))))
+    tool_mm = to_mm(tool_length(plan))
     width = min(shutil.get_terminal_size().columns - _NUMBERS, _SPARKS)
     planned_ms = plan.report.stages_ms["total"]
     lines = [

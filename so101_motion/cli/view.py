@@ -16,11 +16,11 @@ import numpy as np
 
 from so101_motion.cli.options import flag, option, together, verb
 from so101_motion.cli.param_types import IN_FILE, PORT, read_scene
-from so101_motion.cli.plan_move import in_mm, plan_table
+from so101_motion.cli.plan_move import plan_table
 from so101_motion.cli.shared import aside, import_preview, in_lines, note_opened, stops_on_ctrl_c
 from so101_motion.cli.sources import ARM_OR_CELL, AnySource, CellSource, Source
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
-from so101_motion.common.units import to_mm
+from so101_motion.common.units import in_mm, to_mm
 
 if TYPE_CHECKING:
     from so101_motion.common.geometry import Array

@@ -14,6 +14,8 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from so101_motion.common.errors import ConfigError
+
 Array = NDArray[np.float64]
 
 
@@ -35,6 +37,60 @@ def frozen_array(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Arr
         raise ValueError(f"expected an array of shape {shape}, got {array.shape}")
     array.setflags(write=False)
     return array
+
+
+FARTHEST = 10.0  # [m]; lengths beyond it are probably millimetres; chosen
+
+
+def joint_angles(
+    key: str, given: ArrayLike, shape: tuple[int, ...] = (5,), *, most: float = 2.0 * math.pi
+) -> Array:
+    """Joint angles of a calling program [rad]; ``ConfigError`` beyond ``most``."""
+    return in_radians(key, given_array(key, given, shape, "joint angles in radians"), most)
+
+
+def point(key: str, given: ArrayLike, most: float = FARTHEST) -> Array:
+    """A point of a calling program, shape (3,), [m]; ``ConfigError`` beyond ``most``."""
+    return in_metres(key, given_array(key, given, (3,), "lengths in metres"), most)
+
+
+def in_radians(key: str, given: Array, most: float = 2.0 * math.pi, per: str = "") -> Array:
+    """``given``; ``ConfigError`` if a value is finite and beyond ``most``."""
+    if (far := _beyond(given, most)) is not None:
+        reason = (
+            f"{far:g} rad{per}: did you mean degrees? {far:g} deg is {math.radians(far):.4g} rad"
+        )
+        raise ConfigError(key, given.tolist(), reason)
+    return given
+
+
+def in_metres(key: str, given: Array, most: float = FARTHEST, per: str = "") -> Array:
+    """``given``; ``ConfigError`` if a value is finite and beyond ``most``."""
+    if (far := _beyond(given, most)) is not None:
+        reason = f"{far:g} m{per}: did you mean millimetres? {far:g} mm is {far / 1000.0:g} m"
+        raise ConfigError(key, given.tolist(), reason)
+    return given
+
+
+def _beyond(given: Array, most: float) -> float | None:
+    if not given.size or not most < np.abs(given).max() < math.inf:  # others refuse NaN
+        return None
+    return float(given.flat[np.abs(given).argmax()])
+
+
+def given_array(key: str, given: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+    """``frozen_array`` of what a calling program gives; ``ConfigError`` names what is expected."""
+    try:
+        return frozen_array(given, shape)
+    except (TypeError, ValueError, OverflowError) as error:
+        wanted = f"{'rows of ' if len(shape) == 2 else ''}{shape[-1] if shape else 'a'} {what}"
+        try:
+            there = " x ".join(map(str, np.shape(given))) or "one"
+        except ValueError:  # rows of different lengths
+            there = "rows of different lengths"
+        numbers = there == " x ".join(map(str, shape))  # as many, but not numbers
+        seen = "" if numbers or isinstance(given, str) else f"; these are {there}"
+        raise ConfigError(key, given, f"must be {wanted}{seen}") from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,6 +30,11 @@ def to_mm(length: FloatOrArray) -> FloatOrArray:
     return length * 1000.0
 
 
+def in_mm(p: np.ndarray) -> str:
+    """A point [m] in words."""
+    return f"({', '.join(f'{x:.1f}' for x in to_mm(p))}) mm"
+
+
 def range_deg(lower: float, upper: float, digits: int = 2) -> str:
     """A range of angles [rad] in degrees, rounded inwards: both ends that are shown can be reached.
 

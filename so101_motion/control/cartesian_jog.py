@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import SE3, Array, point
 from so101_motion.control.motion_source import OpenEndedMotion
-from so101_motion.planning.collision.scene import LARGEST
 from so101_motion.planning.differential.targets import STILL, Target, Twist
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -93,7 +92,7 @@ class Jog(OpenEndedMotion):
         """Move to a pose, as straight as the joints allow, and stay there.
 
         The position comes first, the orientation as far as five joints can. ``ConfigError`` beyond
-        ``scene.LARGEST``; ``MotionError`` if the jog is over.
+        ``geometry.FARTHEST``; ``MotionError`` if the jog is over.
         """
         _check_place(T_base_tool.p)
         self._ask(T_base_tool)
@@ -157,10 +156,7 @@ class Jog(OpenEndedMotion):
 
 
 def _check_place(p: ArrayLike) -> Array:
-    try:
-        place = np.array(p, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ConfigError("point", p, "must be three numbers [m]") from error
-    if place.shape != (3,) or not np.all(np.abs(place) <= LARGEST):
-        raise ConfigError("point", p, f"must be three numbers within {LARGEST:g} m")
+    place = point("point", p)
+    if not np.isfinite(place).all():
+        raise ConfigError("point", p, "must be three finite numbers [m]")
     return place

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.common.errors import ConfigError, MotionError, PlanningError
-from so101_motion.common.geometry import Array, frozen_array, is_finite
+from so101_motion.common.geometry import Array, frozen_array, is_finite, joint_angles
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.motion_source import MotionSource, OpenEndedMotion, PlannedMotion
@@ -523,11 +523,9 @@ class Following(OpenEndedMotion):
         self._braked = self._stops.to_rest(now).after
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
-        try:
-            found = np.array(values, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ConfigError(name, values, "must be joint angles [rad]") from error
-        if found.shape != self._lower.shape or not is_finite(found):
+        most = 2.0 * math.pi if name == "q" else math.inf  # rates may be anything
+        found = joint_angles(name, values, self._lower.shape, most=most)
+        if not is_finite(found):
             raise ConfigError(name, values, f"must be {len(self._lower)} finite numbers")
         return found
 

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from so101_motion.common.errors import MotionError, OutsideLimits
-from so101_motion.common.geometry import Array, frozen_array, is_finite
+from so101_motion.common.geometry import Array, is_finite, joint_angles
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.motion_source import LOOK_AHEAD, EndsWithBlock, PlannedMotion
@@ -68,7 +68,7 @@ class TimedPoint:
     q: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+        object.__setattr__(self, "q", joint_angles("q", self.q))
         if not (math.isfinite(self.t) and is_finite(self.q)):
             raise ValueError(f"a point must be finite, got t = {self.t}, q = {self.q}")
 

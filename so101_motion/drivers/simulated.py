@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance, Wall
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, frozen_array, joint_angles
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.drivers.command_record import CommandListener, SentCommand
 from so101_motion.drivers.goal_limiter import GoalLimiter
@@ -66,7 +66,7 @@ class SimArm:
         q_jaw: float = 0.0,
         things: Things | None = None,
     ) -> None:
-        q = frozen_array(np.zeros(5) if q is None else q, (5,))
+        q = joint_angles("q_start", np.zeros(5) if q is None else q)
         self.on_command: CommandListener | None = None
         self.things = things
         self._jaw_stop = -math.inf

@@ -10,20 +10,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import (
+    FARTHEST,
+    SE3,
+    Array,
+    in_metres,
+    in_radians,
+    joint_angles,
+    point,
+)
 
-FARTHEST = 1_000.0
-"""Goals farther from the base are probably in millimetres and refused [m]; chosen. For nearer ones
-out of reach, the error names the nearest reachable point."""
-
-FARTHEST_LINE = 5.0  # the same for a line [m]: 30 m take 20 s to search; chosen
+FARTHEST_LINE = 5.0
+"""Lines that end farther from the base are refused [m]: 30 m take 20 s to search; chosen. Other
+goals: ``FARTHEST``. For nearer ones out of reach, the error names the nearest reachable point."""
 
 
-def _refuse_far(T_base_tool: SE3, most: float) -> None:
-    p = T_base_tool.p
-    if np.isfinite(p).all() and np.abs(p).max() > most:  # the planner refuses NaN and infinity
-        given = [round(float(x), 3) for x in p]
-        raise ConfigError("goal", given, f"must be within {most:g} m of the base; is it in metres?")
+def _check_tolerances(length: float, angle: float) -> None:
+    in_metres("tolerance", np.array(length), 1.0)
+    in_radians("tolerance", np.array(angle), math.pi)
 
 
 class GoalMetric(Enum):
@@ -115,12 +119,13 @@ class PoseGoal:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "metric", as_metric(self.metric))
-        _refuse_far(self.T_base_tool, FARTHEST)
+        in_metres("goal", self.T_base_tool.p, FARTHEST)
+        _check_tolerances(self.position_tolerance, self.approach_tolerance)
 
     @classmethod
     def at_point(cls, p_base: ArrayLike, *, frame: str = "tool") -> PoseGoal:
         """Bring ``frame`` to a point, shape (3,), [m] in the base frame, in any orientation."""
-        return cls(T_base_tool=SE3.from_translation(p_base), frame=frame)
+        return cls(T_base_tool=SE3.from_translation(point("goal", p_base)), frame=frame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,7 +135,7 @@ class JointGoal:
     q: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+        object.__setattr__(self, "q", joint_angles("q", self.q))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,7 +151,7 @@ class PathGoal:
     tolerance: float = math.radians(2.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "waypoints", frozen_array(self.waypoints, (-1, 5)))
+        object.__setattr__(self, "waypoints", joint_angles("waypoints", self.waypoints, (-1, 5)))
         if not 0.0 <= self.tolerance < math.inf:
             raise ConfigError("tolerance", self.tolerance, "must be 0 or more and finite [rad]")
 
@@ -174,7 +179,8 @@ class LineGoal:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "metric", as_metric(self.metric))
-        _refuse_far(self.T_base_tool, FARTHEST_LINE)
+        in_metres("goal", self.T_base_tool.p, FARTHEST_LINE)
+        _check_tolerances(self.tolerance, self.orientation_tolerance)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,7 +203,7 @@ class ArcTo:
     p_via: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "p_via", frozen_array(self.p_via, (3,)))
+        object.__setattr__(self, "p_via", point("p_via", self.p_via))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -252,8 +258,9 @@ class ApproachGoal:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "metric", as_metric(self.metric))
-        object.__setattr__(self, "hover", frozen_array(self.hover, (3,)))
-        _refuse_far(self.T_base_tool, FARTHEST_LINE)
+        object.__setattr__(self, "hover", point("hover", self.hover, 1.0))
+        in_metres("goal", self.T_base_tool.p, FARTHEST_LINE)
+        _check_tolerances(self.tolerance, self.orientation_tolerance)
 
     @property
     def above(self) -> PoseGoal:

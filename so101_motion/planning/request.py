@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import SE3, Array, frozen_array, in_metres, joint_angles
 from so101_motion.planning.collision.course import OtherArm
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal
@@ -40,6 +40,10 @@ class Search:
     seed: int = 0
     time_budget: float = 5.0
     route_effort: int = ROUTE_EFFORT
+
+    def __post_init__(self) -> None:
+        for name, T_tool_frame in self.frames.items():
+            in_metres(name, T_tool_frame.p, 2.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -85,14 +89,14 @@ class PlanRequest:
     route_effort: int = ROUTE_EFFORT
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q_start", frozen_array(self.q_start, (5,)))
+        object.__setattr__(self, "q_start", joint_angles("q_start", self.q_start))
         if not np.all(np.isfinite(self.q_start)):
             raise ConfigError("q_start", self.q_start, "must be five finite joint angles [rad]")
         if not math.isfinite(self.q_jaw):
             raise ConfigError("q_jaw", self.q_jaw, "must be a finite angle [rad]")
         for key in ("lower", "upper"):
             if getattr(self, key) is not None:
-                object.__setattr__(self, key, frozen_array(getattr(self, key), (5,)))
+                object.__setattr__(self, key, joint_angles(key, getattr(self, key)))
         for key in ("dt", "time_budget"):
             if not 0.0 < getattr(self, key) < math.inf:
                 raise ConfigError(key, getattr(self, key), "must be positive and finite [s]")
@@ -163,7 +167,7 @@ class PlanReport:
         return names and f"goes around {names}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Plan:
     """A verified motion with its path, limits and report.
 
@@ -199,3 +203,16 @@ class Plan:
     def duration(self) -> float:
         """How long the motion takes [s]."""
         return self.trajectory.duration
+
+    def __str__(self) -> str:
+        from so101_motion.planning.plan_summary import in_words
+
+        return in_words(self)
+
+    def __repr__(self) -> str:
+        return f"<Plan of {self.duration:.2f} s; print it for more>"
+
+    def _repr_html_(self) -> str:  # IPython's name
+        from so101_motion.planning.plan_summary import as_html
+
+        return as_html(self)

@@ -44,6 +44,9 @@ JAW_HARD_STOP = MotionLimits.uniform(
 _numbers = itertools.count(1)
 
 
+_SHOWN = "arm clock close connection gripper planner warm_up"  # what ``dir`` shows
+
+
 class Rig:
     """An arm and a gripper on one driver, with their clock and their I/O thread.
 
@@ -97,6 +100,12 @@ class Rig:
             driver.close()
             release_worker()
             raise
+
+    def __dir__(self) -> list[str]:
+        return _SHOWN.split()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.connection.to}, {self.arm.state.mode.value}>"
 
     @property
     def connection(self) -> ArmConnection:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import SE3, Array, frozen_array, given_array, in_metres
 
 FLOOR = "floor"  # the name of the floor in messages
 
@@ -283,6 +283,7 @@ class Attached:
     def __post_init__(self) -> None:
         _named(self.name)
         _placed(self.name, self.T_tool_object)
+        in_metres("T_tool_object", self.T_tool_object.p, 2.0)
         refuse_odd_size(self.name, self.shape)
         _weighed(self.name, self.mass)
 
@@ -349,6 +350,8 @@ class Scene:
     def __post_init__(self) -> None:
         if self.floor_z is not None and not abs(self.floor_z) <= LARGEST:
             raise ConfigError("floor_z", self.floor_z, "must be a finite height [m], or None")
+        if self.floor_z is not None:
+            in_metres("floor_z", np.array(self.floor_z))
         if not 0.0 < self.margin <= 0.1:
             raise ConfigError("margin", self.margin, "must be more than 0 and at most 0.1 m")
         if len(self.attached) > MOST_HELD:
@@ -461,9 +464,8 @@ def _weighed(name: str, mass: float) -> None:
 
 def _placed(name: str, pose: SE3) -> None:
     if not (np.all(np.isfinite(pose.R)) and np.all(np.abs(pose.p) <= LARGEST)):
-        raise ConfigError(
-            "pose", pose.p.tolist(), f'"{name}" must be within {LARGEST:g} m; values are metres'
-        )
+        reason = f'"{name}" must be within {LARGEST:g} m; did you mean millimetres?'
+        raise ConfigError("pose", pose.p.tolist(), reason)
 
 
 def refuse_odd_size(name: str, shape: Shape | ShapeFile) -> None:
@@ -486,7 +488,8 @@ def refuse_odd_size(name: str, shape: Shape | ShapeFile) -> None:
     if is_speck and extent.max() < SMALLEST_SEEN:
         reason = f'is the largest extent of "{name}"; is it in metres? add "scale": 1000'
         raise ConfigError("size", f"{1000.0 * extent.max():.3g} mm", reason)
-    if extent.min() > LARGEST_SEEN:
+    is_hall = isinstance(shape, Box) and extent.min() > 1.0 and extent.max() > LARGEST_SEEN
+    if extent.min() > LARGEST_SEEN or is_hall:
         reason = f'is the smallest extent of "{name}"; is it in millimetres? add "scale": 0.001'
         raise ConfigError("size", f"{extent.min():.3g} m", reason)
 
@@ -500,17 +503,15 @@ def _lengths(
 ) -> Array:
     lengths = _numbers(key, value, shape)
     if not np.all((lengths >= least) & (lengths <= LARGEST)):
-        from_ = "more than 0" if least else "0 or more"
-        raise ConfigError(key, lengths.tolist(), f"must be {from_} and at most {LARGEST:g} m")
+        from_, most = "more than 0" if least else "0 or more", lengths.max()
+        asks = f"; {most:g} m: did you mean millimetres?" if LARGEST < most < np.inf else ""
+        reason = f"must be {from_} and at most {LARGEST:g} m{asks}"
+        raise ConfigError(key, lengths.tolist(), reason)
     return lengths
 
 
 def _numbers(key: str, value: object, shape: tuple[int, ...]) -> Array:
-    try:
-        return frozen_array(value, shape)  # type: ignore[arg-type]  # whatever numpy can read
-    except (TypeError, ValueError, OverflowError) as error:
-        wanted = f"an array of shape {shape}" if shape else "a number"
-        raise ConfigError(key, value, f"must be {wanted.replace('-1', 'n')} [m]") from error
+    return given_array(key, value, shape, f"length{'s' if shape else ''} in metres")  # type: ignore[arg-type]  # any
 
 
 def _points(key: str, value: object) -> Array:

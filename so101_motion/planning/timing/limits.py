@@ -9,10 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, frozen_array, in_metres, in_radians
 
 ToolSpeed = Callable[[Array, Array], Array]
 """From joint angles (m, n) and their rates (m, n) to the speed of the tool point, (m,)."""
+
+_MOST = {"velocity": (10.0, "/s"), "acceleration": (100.0, "/s^2")}
+"""Larger caps are probably in degrees. Chosen: three and five times what the joints can do."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,9 +42,13 @@ class MotionLimits:
                 raise ValueError(f"{name} has {len(values)} entries, but velocity has {joints}")
             if not all(0.0 < value < math.inf for value in values.tolist()):
                 raise ValueError(f"{name} must be positive and finite, got {values}")
+            if name in _MOST:
+                in_radians(name, values, *_MOST[name])
             object.__setattr__(self, name, values)
         if self.tool_speed is not None and not 0.0 < self.tool_speed < float("inf"):
             raise ValueError(f"tool_speed must be positive and finite, got {self.tool_speed}")
+        if self.tool_speed is not None:
+            in_metres("tool_speed", np.array(self.tool_speed), per="/s")
 
     @classmethod
     def uniform(

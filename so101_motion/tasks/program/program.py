@@ -11,7 +11,7 @@ from itertools import count
 
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, joint_angles
 from so101_motion.files.user_storage import checked_name
 from so101_motion.tasks.program.loops import Loop, Visit, checked_count, checked_loops, round_of
 
@@ -41,7 +41,7 @@ class Waypoint:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", checked_name(self.name, what="waypoint"))
-        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+        object.__setattr__(self, "q", joint_angles("q", self.q))
         checked_number("pause", self.pause, lower=0.0, upper=LONGEST_PAUSE, unit="s")
         checked_number("speed", self.speed, lower=SLOWEST, upper=1.0, unit="of the arm's")
         if self.aperture is not None:

@@ -107,7 +107,7 @@ class MotionRunner(ABC):
         """Stop the machine, also a motion that another client began; done at rest."""
         return self._link.run(self._stop(by))
 
-    def close(self) -> None:
+    def end(self) -> None:
         """End our own motion, if one is under way, and wait until it is over."""
         self._link.run(self._end()).result()
 

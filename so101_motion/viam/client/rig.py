@@ -23,7 +23,7 @@ from viam.components.gripper import Gripper
 from viam.robot.client import RobotClient
 
 from so101_motion.arm.arm import Arm
-from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
+from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN, JawVerbs
 from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.planning_worker import acquire_worker, release_worker
@@ -50,7 +50,7 @@ _LOOK = 0.05
 """How often to ask whether the jaw has arrived, if its command did not wait [s]; chosen."""
 
 
-class MachineGripper(MotionRunner):
+class MachineGripper(JawVerbs, MotionRunner):
     """Opens and closes the jaw. A new motion takes over from the one under way."""
 
     def __init__(
@@ -199,6 +199,12 @@ _SILENT = "what is around the arm is not known, because the machine has not answ
 _RANGE_KEYS = ("joint_min_deg", "joint_max_deg")
 
 
+_SHOWN = (
+    "arm arm_name clock close connect connection do_command gripper has_gripper refresh "
+    "resources start_request state status"
+)  # what ``dir`` shows: the names for programs of users
+
+
 class MachineRig(Machine):
     """An arm and gripper of a running machine. ``connect`` makes it; close it after use."""
 
@@ -262,6 +268,9 @@ class MachineRig(Machine):
         """
         access = Access(address=address, api_key_id=api_key_id, api_key=api_key)
         return cls(access, arm=arm, gripper=gripper)
+
+    def __dir__(self) -> list[str]:
+        return _SHOWN.split()
 
     def _new_arm(self, speed: float, acceleration: float, planner: Any) -> MachineArm:
         arm = MachineArm(
@@ -335,8 +344,8 @@ class MachineRig(Machine):
             return
         self._closed = True
         self.arm.close()
-        self._executor.close()
-        self.gripper.close()
+        self._executor.end()
+        self.gripper.end()
         super().close()
         release_worker()
 

@@ -67,8 +67,48 @@ def test_limits_of_a_finished_plan_and_three_angles_are_refused(rig):
     caps = so101.MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=9.0)
     with pytest.raises(so101.errors.ConfigError, match=r"limits.*this plan is finished"):
         rig.arm.move(plan, limits=caps)
-    with pytest.raises(so101.errors.ConfigError, match="five joint angles in radians"):
+    with pytest.raises(so101.errors.ConfigError, match="5 joint angles in radians; these are 3"):
         rig.arm.move([0.1, 0.2, 0.3])
+
+
+def test_what_looks_like_degrees_or_millimetres_is_asked_about(rig):
+    at, arm = so101.SE3.from_translation, rig.arm
+    with arm.follow() as following, pytest.raises(so101.errors.ConfigError, match="45 rad: did"):
+        following.aim([0, 45, 0, 0, 0])  # would else be drawn in to the limit, and gone to
+    doors = {
+        "60 rad: did you mean degrees": lambda: arm.plan([0, -45, 45, 60, 0]),
+        "90 rad: did you mean degrees": lambda: so101.PathGoal(waypoints=[[0, 0, 90, 0, 0]]),
+        "-45 rad: did you mean degrees": lambda: arm.retarget([0, -45, 0, 0, 0]),
+        "10 rad: did you mean degrees": lambda: arm.plan([0] * 5, q_start=[0, 10, 0, 0, 0]),
+        "30 rad/s: did you mean degrees": lambda: so101.MotionLimits.uniform(
+            velocity=30, acceleration=60, jerk=600
+        ),
+        "20 rad/s: did you mean degrees": lambda: arm.set_speed(20),
+        "250 m: did you mean millimetres": lambda: so101.point(250, 120, 150),
+        "40 m: did you mean millimetres": lambda: so101.ApproachGoal(
+            T_base_tool=at([0.2, 0.0, 0.1]), hover=[0, 0, 40]
+        ),
+        "200 m: did you mean millimetres": lambda: so101.Box(size=(200, 30, 30)),
+        "80 m: did you mean millimetres": lambda: so101.Attached(
+            name="pen", shape=so101.Sphere(radius=0.01), T_tool_object=at([0, 0, 80])
+        ),
+    }
+    for question, ask in doors.items():
+        with pytest.raises(so101.errors.ConfigError, match=question):
+            ask()
+
+
+def test_a_prompt_shows_what_there_is(rig):
+    plan = rig.arm.plan(so101.point(0.25, 0.12, 0.15))
+    lines = str(plan).splitlines()
+    assert " ".join(line.split()[0] for line in lines) == "duration length clearance caps tool"
+    assert "156 mm of the tool" in lines[1]
+    assert lines[4].endswith("to (250.0, 120.0, 150.0) mm")
+    assert plan._repr_html_().count("<svg") == 2
+    assert {"move", "home", "plan", "stop"} <= set(dir(rig.arm))
+    assert {"open", "close", "grab"} <= set(dir(rig.gripper))
+    assert {"arm", "gripper"} <= set(dir(rig))
+    assert "simulated arm" in repr(rig)
 
 
 def test_the_jaw_moves_and_grabs(rig):
