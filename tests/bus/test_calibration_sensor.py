@@ -232,29 +232,6 @@ async def test_requests_that_cannot_be_meant_are_refused_by_name(bench, request_
     assert says in caught.value.message
 
 
-async def test_a_recording_goes_on_until_all_joints_are_done(bench):
-    sensor = new_sensor(bench)
-    await do(sensor, "start")
-    put(bench.world, 0.5)
-    await do(sensor, "set_homing")
-    await do(sensor, "start_range_recording")
-    for share in (0.0, 0.4, 0.8, 1.0):
-        put(bench.world, share, JOINTS[:2] + JOINTS[3:])
-        await bench.pass_time(0.05)
-    assert "elbow_flex: not moved yet" in await refused(sensor, "stop_range_recording")
-    now = await sensor.get_readings()
-    assert now["calibration_state"] == "range_recording"
-    assert "elbow_flex" in now["instruction"]
-    assert now["joints"]["elbow_flex"]["verdict"] == "untouched"
-    assert now["joints"]["elbow_flex"]["is_completed"] is False
-    for share in (0.3, 0.7):  # something is mounted there
-        put(bench.world, share, ["elbow_flex"])
-        await bench.pass_time(0.05)
-    assert "elbow_flex" in await refused(sensor, "stop_range_recording")
-    answer = await do(sensor, "stop_range_recording", accept=["elbow_flex"])
-    assert answer["ranges"]["elbow_flex"]["range"] == pytest.approx(0.4 * 2198, abs=20)
-
-
 async def test_saving_can_be_tried_again_when_a_cable_was_loose(bench):
     sensor = new_sensor(bench)
     await record(bench, sensor)

@@ -111,16 +111,6 @@ def test_without_a_wall_a_gentle_hand_leads_it_into_contact(guided):
     assert room < 0.0
 
 
-@pytest.mark.parametrize("joint", ARM_JOINTS)
-def test_a_joint_between_walls_twice_as_strong_comes_to_rest(guided, joint):
-    twice = replace(guided.arm.compliance, wall=2.0 * guided.arm.compliance.wall)
-    guided.bench.finish(guided.rig.executor.guide(twice, lambda q, q_guided: q))
-    here = np.degrees(guided.q[ARM_JOINTS.index(joint)])
-    script = f"0.1 {joint} start\n0.4 {joint} {here + 8.0}\n0.8 {joint} release\n"
-    q, _ = guided.lead(script, 3.0, 2.8)
-    assert np.ptp(q[180:], axis=0).max() < 0.1, "an encoder tick is 0.088 deg"
-
-
 def test_what_the_arm_learns_to_keep_off_is_a_wall_at_once(guided):
     around = guided.arm.scene
     guided.arm.scene = own = Scene()

@@ -37,35 +37,6 @@ def rig(bench):
     return rig
 
 
-def test_the_arm_goes_where_it_is_led_and_is_seen_there(bench, rig):
-    assert rig.arm.state.mode is Mode.GUIDING
-    assert rig.arm.is_movable_by_hand
-    assert not rig.arm.is_moving
-    before = bench.q_deg
-    lead(bench)
-    bench.advance(3.0)
-    after = bench.q_deg
-
-    assert after[0] == pytest.approx(30.0, abs=2.5), (
-        "the hand is a spring of 25 N m/rad: friction of 0.35 N m and the dead band take 2 deg"
-    )
-    assert after[1:5] == pytest.approx(before[1:5], abs=0.5), "it carries itself"
-    assert rig.arm.state.q_ref == pytest.approx(rig.arm.state.q)
-
-
-def test_a_stop_and_a_motion_end_it(bench, rig):
-    bench.finish(rig.executor.stop())
-    assert rig.arm.state.mode is Mode.HOLDING
-    rig.arm.set_manual(True)
-    bench.finish(bench.go(rig, 20, 0, 0, 0, 0))
-    assert rig.arm.state.mode is Mode.HOLDING
-    assert limits(bench)[:5] == [1000] * 5
-    rig.arm.set_manual(True)
-    bench.finish(rig.arm.retarget(np.zeros(5)))
-
-    assert np.degrees(rig.arm.state.q[0]) == pytest.approx(0.0, abs=0.5)
-
-
 def test_setting_the_servos_up_anew_ends_it_without_a_jump_and_it_can_begin_again(bench, rig):
     lead(bench)
     bench.advance(3.0)
@@ -112,17 +83,6 @@ def test_a_stop_of_the_jaw_leaves_the_arm_guided(bench, rig):
     assert rig.arm.state.mode is Mode.GUIDING
 
 
-def test_from_limp_it_is_held_first(bench, rig):
-    rig.arm.set_torque(False)
-    assert rig.arm.state.mode is Mode.LIMP
-    rig.arm.set_manual(True, Compliance(resistance=0.1))
-    assert rig.arm.state.mode is Mode.GUIDING
-    before = bench.q_deg
-    bench.advance(2.0)
-
-    assert bench.q_deg[1:5] == pytest.approx(before[1:5], abs=3.0), "what was falling is caught"
-
-
 def test_an_unplugged_cable_is_a_fault_and_afterwards_it_holds(bench, rig):
     bench.emulator.unplug()
     bench.advance(0.5)
@@ -156,15 +116,6 @@ def test_torque_goes_off_although_a_servo_of_the_guided_arm_has_just_died(bench,
     torques = [bench.world.servo(place).memory.raw(emu.TORQUE_ENABLE) for place in range(2, 7)]
     assert torques == [0] * 5
     assert limits(bench)[1:5] == [1000] * 4
-
-
-def test_closing_leaves_an_arm_that_holds(bench, rig):
-    rig.close()
-    before = bench.q_deg
-    bench.advance(2.0)
-
-    assert limits(bench)[:5] == [1000] * 5
-    assert bench.q_deg == pytest.approx(before, abs=0.5)
 
 
 # As a component

@@ -63,15 +63,6 @@ async def test_the_short_form_need_not_wait(models, client):
         await client.do_command({"set": 20.0, "wait": "no"})
 
 
-async def test_opening_lets_go(models, client):
-    await models.in_time(client.open())
-    models.world.put_object(0.03)
-    await models.in_time(client.grab())
-    await models.in_time(client.open())
-
-    assert not (await client.is_holding_something()).is_holding_something
-
-
 async def test_a_silent_servo_makes_grab_an_error_and_its_position_unknown(gripper, models, client):
     await models.in_time(client.open())
     models.world.disconnect("gripper")
@@ -112,13 +103,6 @@ async def test_positions_are_set_in_ticks_and_in_percent(models, client):
     )
     await ask(client, models, command="set_position", position_percentage=120.0)
     assert await opening(client, models) == pytest.approx(100.0, abs=1.5)
-
-
-async def test_closing_by_command_grips_what_is_there(models, client):
-    await models.in_time(client.open())
-    models.world.put_object(0.03)
-    assert await ask(client, models, command="set_position", percentage=0.0) == {"success": True}
-    assert (await ask(client, models, command="get_position"))["is_holding_something"] is True
 
 
 async def test_its_own_idea_of_open_and_closed_can_be_set(models, client):

@@ -8,34 +8,11 @@ from so101_motion.common.errors import (
     PortUnavailable,
     ServoAlarm,
 )
-from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.planning.goals import JointGoal
 
 # Trouble: reported by name, nothing else lost, over when it is cleared
-
-
-def test_unplugged_in_mid_move_and_plugged_in_again(bench):
-    rig = bench.open()
-    motion = bench.go(rig, 60, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 0.8)
-    bench.emulator.unplug()
-    with pytest.raises(PortUnavailable):
-        bench.finish(motion, at_most=0.5)
-    assert rig.arm.state.mode is Mode.FAULT
-    bench.advance(2.0)
-    here = bench.q_deg
-    bench.emulator.plug()
-    bench.advance(3.0)
-
-    assert rig.servos.is_connected
-    assert rig.servos.port_losses == 1
-    assert bench.q_deg == pytest.approx(here, abs=0.5)
-    bench.finish(rig.executor.hold())
-    bench.advance(1.0)
-    assert bench.q_deg == pytest.approx(here, abs=0.5)
-    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
 
 
 def test_setting_up_anew_without_a_port_says_what_helps_and_succeeds_by_itself_later(bench):

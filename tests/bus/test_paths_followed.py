@@ -10,7 +10,7 @@ from harness.path_following import follow, random_plan
 
 from so101_motion.drivers.emulator import registers as emu
 
-SPEEDS = [(50, 100), (90, 300), (120, 500), (180, 500)]
+SPEEDS = [(50, 100), (180, 500)]
 """In deg/s and deg/s^2; the first is what an arm does unless told otherwise."""
 
 # Time stands still while an answer is waited for; an emulator that the machine kept waiting must

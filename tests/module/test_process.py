@@ -251,17 +251,6 @@ async def test_a_session_from_the_handshake_to_the_end():
         await gone(worker)
 
 
-async def test_ending_while_the_arm_moves_is_clean():
-    """With another signal that is tried with time that stands still, and on servos."""
-    async with running_module(arguments=("--log-level=debug",)) as (module, _, _):
-        arm = await module.add(ARM, SIMULATED, {"speed_degs_per_sec": 10.0}, "arm")
-        move = await begin_sweep(arm)
-        module.process.send_signal(signal.SIGHUP)
-        assert await module.ended() == 0
-        with pytest.raises((GRPCError, StreamTerminatedError)):
-            await move
-
-
 def preview_in_vain():
     """A plan to behind a wall, searched for longer than all else together takes."""
     x, y, z = 1e3 * RobotModel.load().frame(np.radians([-60.0, 0.0, 0.0, 0.0, 0.0])).p

@@ -5,7 +5,6 @@ The servos are those of ``so101 emulate``, or with ``--hardware PORT`` an arm's,
 """
 
 import asyncio
-import time
 from contextlib import asynccontextmanager
 
 import numpy as np
@@ -121,16 +120,6 @@ async def test_a_second_component_that_contradicts_the_first_is_refused_with_the
 # Moving
 
 
-async def test_a_move_to_joints_blocks_until_it_has_settled_there(session):
-    start = await session.joints()
-    goal = await session.near(1, 0, 0, 0.5, 1)
-    await session.go(goal)
-    assert not await session.arm.is_moving()
-    assert await session.joints() == pytest.approx(goal, abs=0.35)
-    await session.go(start)
-    assert await session.joints() == pytest.approx(start, abs=0.35)
-
-
 async def test_a_move_says_that_it_is_moving_and_a_stop_ends_it(session):
     start = await session.joints()
     goal = await session.near(1, 0, 0, 0, 0)
@@ -147,30 +136,6 @@ async def test_a_move_says_that_it_is_moving_and_a_stop_ends_it(session):
     await refused(move, Status.CANCELLED)
     assert abs((await session.joints())[0] - start[0]) < STEP - 1.0
     await session.go(start)
-
-
-async def test_waypoints_are_passed_in_one_go_no_faster_than_asked(session):
-    """GoToInputs arrives as this call, for viam-server makes one of it."""
-    start = await session.joints()
-    way = [await session.near(1, 0, 0, 0, 0), await session.near(1, 0, 0, 0, 1), start]
-    options = MoveOptions(max_vel_degs_per_sec=12.0, max_acc_degs_per_sec2=60.0)
-
-    async def pass_them():
-        begin, seen, times = time.monotonic(), [], []
-        call = session.arm.move_through_joint_positions(list(map(positions, way)), options)
-        move = asyncio.ensure_future(call)
-        while not move.done():
-            seen.append(await session.joints())
-            times.append(time.monotonic())
-        await move
-        return time.monotonic() - begin, np.array(seen), np.diff([begin, *times]).max()
-
-    took, seen, pause = await patiently(pass_them)
-    assert took > 3 * STEP / 12.0
-    unseen = max(0.0, pause - 0.1) * 12.0 / 2.0  # the way in the longest time without a look
-    for point in way:
-        assert min(np.max(np.abs(seen - point), axis=1)) < 3.0 + unseen
-    assert await session.joints() == pytest.approx(start, abs=0.35)
 
 
 @pytest.mark.emulator_only

@@ -37,16 +37,6 @@ async def start(client, call):
     return task
 
 
-async def test_a_joint_move_takes_as_long_as_its_speed_says(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    fast = await duration_of(client, client.move_to_joint_positions(joints(60, *HOME[1:])))
-    await client.do_command({"set_speed": 30.0})
-    slow = await duration_of(client, client.move_to_joint_positions(joints(*HOME)))
-
-    assert 60.0 / 90.0 < fast < 60.0 / 90.0 + 1.0
-    assert 60.0 / 30.0 < slow < 60.0 / 30.0 + 1.0
-
-
 async def test_a_full_pose_that_was_reached_before_is_reached_again(client):
     await in_time(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
     goal = await client.get_end_position()
@@ -205,22 +195,6 @@ async def test_without_the_guard_a_target_in_the_table_is_reached():
         assert (await client.get_end_position()).z < 0.0
 
 
-async def test_a_stream_of_teleoperated_targets_is_followed_without_stopping(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    extra = {"interpolate": False, "waitAtEnd": False}
-    path = []
-    for i in range(60):
-        goal = joints(0.5 * i, *HOME[1:])
-        await client.move_through_joint_positions([goal], extra=extra)
-        await advance(client, 0.03)
-        path.append((await positions(client))[0])
-    await advance(client, 2.0)
-    steps = np.diff(path)[15:]
-
-    assert (await positions(client))[0] == pytest.approx(29.5, abs=0.01)
-    assert steps.min() > 0.2, "never stops on the way"
-
-
 async def test_an_arm_that_is_being_removed_begins_no_other_move():
     async with guarded_arm() as client:
         sweep = asyncio.ensure_future(client.move_to_joint_positions(joints(60, 0, 0, 0, 0)))
@@ -234,16 +208,6 @@ async def test_an_arm_that_is_being_removed_begins_no_other_move():
 
 
 # Manual mode, requests, geometries and configuration
-
-
-async def test_manual_mode_lets_go_and_a_move_takes_hold_again(client):
-    await client.set_manual_mode(True)
-    assert await client.get_manual_mode()
-    assert (await client.get_status())["mode"] == "manual"
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-
-    assert not await client.get_manual_mode()
-    assert await positions(client) == pytest.approx(HOME, abs=0.01)
 
 
 @pytest.mark.parametrize("seconds", [0.2, 1])

@@ -5,13 +5,11 @@ are in a process of their own, with a hand that sways its base.
 """
 
 import asyncio
-import json
 import math
 import signal
 import sys
 import time
 
-import numpy as np
 import pytest
 from harness.fake_parent import ROOT, until
 
@@ -139,28 +137,3 @@ async def test_killing_the_program_leaves_the_follower_at_rest(scene):
     again.send_signal(signal.SIGINT)
     await until(lambda: lines.has("ended by Ctrl-C; the arm on"))
     assert await asyncio.wait_for(again.wait(), 60.0) == 130
-
-
-async def test_killing_the_leader_makes_the_follower_hold_and_say_why(scene):
-    record = scene.folder / "record.csv"
-    process, lines = await scene.teleop("--json", "--record", record)
-    await until(scene.is_swaying)
-    await until(lambda: record.read_text().count("\n") > 60)
-    scene.leader.kill()
-    await scene.leader.wait()
-    await until(lambda: lines.has("holding"))
-    await until(scene.has_settled)
-    process.send_signal(signal.SIGTERM)
-    await until(lambda: lines.has("ended by SIGTERM; the arm on"))
-    out = json.loads(await process.stdout.read())
-    assert await asyncio.wait_for(process.wait(), 60.0) == 130
-    await lines.end()
-    assert out["ended_as"] == "waiting"
-    assert out["recorded_rows"] > 50
-    rows = record.read_text().splitlines()
-    assert len(rows) > out["recorded_rows"]
-    pan = [
-        float(row.split(",")[rows[0].split(",").index("action.shoulder_pan.pos")])
-        for row in rows[1:]
-    ]
-    assert np.ptp(pan) > 2.0

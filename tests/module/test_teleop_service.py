@@ -123,7 +123,7 @@ async def followed(client, leader, follower, go, is_there):
     raise AssertionError("they are parted again and again")
 
 
-@pytest.mark.parametrize("here", [("leader", "follower"), ("follower",), ("leader",), ()])
+@pytest.mark.parametrize("here", [("leader", "follower"), ()])
 async def test_the_follower_does_what_the_leader_does_wherever_they_are(here):
     async with pair(here, manage_leader_torque=False) as (client, leader, follower, lg, fg):
         assert await client.do_command({"command": "start"}) == {"running": True}
@@ -259,10 +259,8 @@ async def test_a_jaw_elsewhere_stops_with_the_session():
 @pytest.mark.parametrize(
     ("here", "lost", "trouble"),
     [
-        ("follower", "leader", TimeoutError("no answer")),
         ("follower", "leader", StreamTerminatedError("no answer, connection lost")),
         ("leader", "follower", TimeoutError("no answer")),
-        ("leader", "follower", StreamTerminatedError("no answer, connection lost")),
     ],
 )
 async def test_a_side_elsewhere_that_does_not_answer_makes_the_follower_hold(here, lost, trouble):
@@ -284,8 +282,10 @@ async def test_a_side_elsewhere_that_does_not_answer_makes_the_follower_hold(her
         await until(lambda: is_in(client, "mirroring"))
 
 
-@pytest.mark.parametrize("here", [("leader", "follower"), ("leader",)])
-@pytest.mark.parametrize(("away", "state"), [(0.0, "mirroring"), (60.0, "approaching")])
+@pytest.mark.parametrize(
+    ("here", "away", "state"),
+    [(("leader", "follower"), 0.0, "mirroring"), (("leader",), 60.0, "approaching")],
+)
 async def test_stop_of_the_follower_ends_the_session_wherever_the_follower_is(here, away, state):
     async with pair(here, manage_leader_torque=False) as (client, leader, follower, *_):
         await leader.move_to_joint_positions(JointPositions(values=[away, 0.0, 0.0, 0.0, 0.0]))

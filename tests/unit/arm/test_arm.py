@@ -82,6 +82,13 @@ def test_an_unguarded_following_goes_where_it_is_sent(arm, clock):
     run_until(clock, following.close().done)
 
 
+def test_a_limp_arm_is_held_and_moved_from_where_it_is(arm, clock):
+    in_time(clock, lambda: arm.set_torque(False))
+    finish(clock, arm.move(JointGoal(q=READY), wait=False))
+    assert arm.state.mode is Mode.HOLDING
+    np.testing.assert_allclose(arm.state.q, READY, atol=1e-3)
+
+
 def test_a_slower_arm_plans_a_longer_motion(arm):
     fast = arm.plan(JointGoal(q=READY)).trajectory
     arm.set_speed(math.radians(20.0))

@@ -142,6 +142,21 @@ def test_another_motion_of_the_follower_ends_the_session(planned):
         assert arm.state.q == pytest.approx(q, abs=1e-3)
 
 
+def test_a_stop_ends_a_session_whose_follower_waits_where_something_held_it_up():
+    with pair() as both:
+        driver = both.run(lambda: both.follower.executor.call(lambda driver: driver).result())
+        both.start()
+        both.advance(0.05)
+        driver.jam("shoulder_pan")
+        for share in np.linspace(0.0, 0.6, 60):
+            both.push(share * AWAY)
+            both.advance(0.02)
+        both.advance(0.5)
+        assert both.phase is Phase.WAITING
+        both.run(both.follower.arm.stop)
+        both.until_ended_by("stop")
+
+
 def test_a_stop_of_the_follower_ends_the_session_and_says_so():
     with pair() as both:
         both.start()
