@@ -214,16 +214,6 @@ def test_a_setup_is_stopped_and_goes_on_later(make_kit, tmp_path):
         assert person.code() == 130
 
 
-def test_a_setup_in_the_browser_prints_its_link_and_ends_with_ctrl_c(make_kit):
-    kit = make_kit(ids={place: 1 for place in range(1, 7)}, loose=True, calibrated=False)
-    page = ("setup", "--web", "--no-browser", "--web-port", "0")
-    with Typist(*page, "--port", kit.port) as person:
-        person.sees("http://127.0.0.1:")
-        person.interrupts()
-        person.sees("so101 setup --web continues here")
-        assert person.code() == 130
-
-
 # Guiding
 
 

@@ -156,6 +156,9 @@ class Machine:
         """Set its frame system, of ``hanging`` components."""
         self._module.parent.machine = FakeMachine(*frames)
 
+    def has_nothing_around(self):
+        self._module.parent.machine = None
+
     def remove(self, api, name):
         self._run(self._module.remove(api, name))
 

@@ -211,20 +211,3 @@ async def test_arm_gripper_and_sensor_that_wait_for_their_servos_share_the_port(
     for component in (arm, gripper):
         status = await component.do_command({"command": "controller_status"})
         assert status["ref_count"] == 3
-
-
-async def test_a_silent_gripper_does_not_keep_its_arm_from_working(tmp_path, module):
-    async with emulated_port(tmp_path, "--fault", "dead:6") as bench:
-        port = {"port": bench.port, **PATIENT}
-        gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, port, "gripper")
-        await names(gripper, "(gripper)")
-        await refused(gripper.open(), Status.UNAVAILABLE, "gripper")
-        arm = await within(AT_ONCE, module.add(ARM, HARDWARE_ARM, port, "arm"))
-        await until(lambda: works(arm.get_geometries))
-        await refused(gripper.open(), Status.UNAVAILABLE, "gripper")
-        assert "gripper" in (await gripper.get_status())["not_ready"]
-        await bench.fault("end dead:6")
-        await until(lambda: works(gripper.get_geometries))
-        await patiently(gripper.open)
-        assert (await gripper.get_status())["position_percentage"] > 90.0
-        assert (await arm.get_status())["state"] == "holding"
