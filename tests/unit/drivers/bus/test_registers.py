@@ -1,3 +1,4 @@
+import math
 from itertools import pairwise
 
 import pytest
@@ -27,6 +28,47 @@ def test_the_table_agrees_with_the_emulators_own():
         assert (row.size, same[row.memory]) == (other.size, other.keep), row.name
         # The emulator marks the homing offset unsigned, because it encodes it by hand.
         assert row.sign_bit == other.sign_bit or row is reg.HOMING_OFFSET, row.name
+
+
+NAMED_OTHERWISE = {
+    "model_number": "MODEL", "baud_rate": "BAUD", "unloading_condition": "UNLOADING",
+    "angular_resolution": "RESOLUTION", "homing_offset": "OFFSET", "operating_mode": "MODE",
+}  # fmt: skip
+
+
+def test_a_name_stands_for_the_address_and_at_most_the_range_that_the_emulator_gives_it():
+    for row in REGISTERS.values():
+        other = theirs.REGISTERS[NAMED_OTHERWISE.get(row.name, row.name.upper())]
+        assert row.address == other.address, row.name
+        if row is not reg.HOMING_OFFSET:
+            assert other.lower <= row.lower < row.upper <= other.upper, row.name
+
+
+@pytest.mark.parametrize(
+    ("row", "count", "worth"),
+    [
+        (reg.GOAL_POSITION, 4096, 2.0 * math.pi),
+        (reg.MIN_POSITION, 2048, math.pi),
+        (reg.HOMING_OFFSET, 1024, math.pi / 2.0),
+        (reg.GOAL_VELOCITY, 4096, 2.0 * math.pi),  # a turn a second
+        (reg.PRESENT_VELOCITY, 4096, 2.0 * math.pi),
+        (reg.MAX_SPEED, 80, 2.0 * math.pi * 4000 / 4096),
+        (reg.ACCELERATION, 10, 2.0 * math.pi * 1000 / 4096),
+        (reg.MAX_ACCELERATION, 10, 2.0 * math.pi * 1000 / 4096),
+        (reg.TORQUE_LIMIT, 1000, 1.0),
+        (reg.MAX_TORQUE, 500, 0.5),
+        (reg.PRESENT_LOAD, 1000, -1.0),  # towards lower ticks
+        (reg.PROTECTIVE_TORQUE, 20, 0.2),
+        (reg.OVERLOAD_TORQUE, 80, 0.8),
+        (reg.PROTECTION_TIME, 200, 2.0),
+        (reg.PROTECTION_CURRENT, 500, 3.25),
+        (reg.PRESENT_CURRENT, 100, 0.65),
+        (reg.PRESENT_VOLTAGE, 121, 12.1),
+        (reg.MAX_TEMPERATURE, 70, 70.0),
+    ],
+)
+def test_counts_of_a_register_are_worth_what_the_data_sheet_says(row, count, worth):
+    assert count * row.scale == pytest.approx(worth)
 
 
 @given(rows, st.data())

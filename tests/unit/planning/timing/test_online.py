@@ -28,6 +28,43 @@ def tour() -> Trajectory:
     return retime(blended_path(points, 0.03), LIMITS, DT)
 
 
+UNEQUAL = MotionLimits(
+    velocity=[1.0, 2.0, 3.0], acceleration=[10.0, 20.0, 30.0], jerk=[300.0, 100.0, 200.0],
+    tool_speed=0.5,
+)  # fmt: skip
+
+
+def caps_of(limits: MotionLimits) -> list[list[float] | float | None]:
+    found = [getattr(limits, name).tolist() for name in ("velocity", "acceleration", "jerk")]
+    return [*found, limits.tool_speed]
+
+
+def test_limits_are_lowered_and_eased_joint_by_joint_and_never_raised() -> None:
+    lowered = UNEQUAL.lowered_to(2.0, [5.0, 50.0, 25.0])
+    assert caps_of(lowered) == [[1, 2, 2], [5, 20, 25], [300, 100, 200], 0.5]
+    assert caps_of(UNEQUAL.eased(0.5)) == [[0.5, 1, 1.5], [5, 10, 15], [300, 100, 200], 0.5]
+    assert UNEQUAL.eased(1.0) is UNEQUAL.eased(1.5) is UNEQUAL
+    assert caps_of(UNEQUAL.for_one()) == [[1], [10], [100], None]
+
+
+def test_limits_ease_over_to_others_and_stay_there() -> None:
+    faster = MotionLimits.uniform(velocity=5.0, acceleration=50.0, jerk=500.0, n=3)
+    assert caps_of(UNEQUAL.eased_to(faster, -1.0))[:3] == caps_of(UNEQUAL)[:3]
+    half = [[3, 3.5, 4], [30, 35, 40], [400, 300, 350], None]
+    assert caps_of(UNEQUAL.eased_to(faster, 0.5)) == half
+    assert UNEQUAL.eased_to(faster, 1.0) is UNEQUAL.eased_to(faster, 2.0) is faster
+
+
+@pytest.mark.parametrize("kind", ["velocity", "acceleration", "jerk", "tool_speed"])
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.inf, math.nan])
+def test_a_cap_that_is_not_positive_and_finite_is_refused_by_name(kind: str, bad: float) -> None:
+    given = {"velocity": 1.0, "acceleration": 1.0, "jerk": 1.0, "tool_speed": 1.0}
+    with pytest.raises(ValueError, match=f"{kind} must be positive and finite"):
+        MotionLimits.uniform(**given | {kind: bad})
+    with pytest.raises(ValueError, match="jerk has 2 entries, but velocity has 1"):
+        MotionLimits(velocity=[1.0], acceleration=[1.0], jerk=[1.0, 1.0])
+
+
 def test_point_to_point_stays_straight_when_joints_have_different_limits() -> None:
     # Velocity binds one joint, acceleration another, jerk a third.
     limits = MotionLimits(
