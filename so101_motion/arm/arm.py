@@ -12,7 +12,7 @@ from concurrent.futures import Future
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,8 +54,11 @@ from so101_motion.planning.timing.torque import Payload, Strength
 from so101_motion.planning.timing.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from so101_motion.planning.cell.team_requests import TeamTask
     from so101_motion.planning.kinematics.model import RobotModel
 
+
+T = TypeVar("T")
 
 Guard = Literal["scene"]
 """What a follow, stream or retarget keeps off: the arm itself, its scene, and other arms."""
@@ -86,7 +89,7 @@ class Arm(CappedJoints):
     Args:
         model: Kinematics and limits.
         executor: Moves the joints; owned by the rig.
-        planner: Takes a request to the planning process.
+        planner: Takes a request or a task to the planning process.
         clock: The executor's clock.
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
@@ -105,7 +108,7 @@ class Arm(CappedJoints):
         *,
         model: RobotModel,
         executor: ArmExecutor,
-        planner: Callable[[PlanRequest], Future[Plan]],
+        planner: Callable[[Any], Future[Any]],
         clock: Clock,
         speed: float,
         acceleration: float,
@@ -260,7 +263,7 @@ class Arm(CappedJoints):
         request = self.request(
             _goal(goal), limits=limits, search=search, q_start=q_start, q_jaw=q_jaw
         )
-        plan = wait_here(self._planner(request))
+        plan: Plan = wait_here(self._planner(request))
         self.newest = (request, plan)
         return plan
 
@@ -598,6 +601,10 @@ class Arm(CappedJoints):
 
         planning.add_done_callback(note)
         return planning
+
+    def start_task(self, task: TeamTask[T]) -> Future[T]:
+        """Have the planning process do a task of several motions; its request is ``request``'s."""
+        return self._planner(task)
 
     def request(
         self,

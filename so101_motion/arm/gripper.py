@@ -33,7 +33,7 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import is_finite
 from so101_motion.common.modes import HELD
-from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.common.state import GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Channel, Executor
 from so101_motion.control.following import STALE_AFTER, Following, FollowingSettings
@@ -298,6 +298,10 @@ class Gripper(JawVerbs):
 
     def __repr__(self) -> str:
         return f"<Gripper {self.aperture:.0%} open{', holds a thing' * self.is_holding}>"
+
+    def listen(self, listener: Callable[[JointState], None]) -> Callable[[], None]:
+        """As ``Executor.listen``."""
+        return self._executor.listen(listener)
 
     @property
     def q_jaw(self) -> float:

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import JAW_LIMITS, Gripper
+from so101_motion.arm.picking import TRIES, Picker, PickRun
 from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
@@ -21,6 +25,8 @@ from so101_motion.control.joint_group import JointDriver
 from so101_motion.drivers.things import Things
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.picking.grasps import Wishes
+from so101_motion.planning.picking.pick_plan import Place
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import ArmConnection
 
@@ -111,6 +117,53 @@ class Rig:
     def connection(self) -> ArmConnection:
         """Whether the joints can be reached: the simulated ones always."""
         return ArmConnection(to="simulated arm", is_simulated=True)
+
+    @cached_property
+    def picker(self) -> Picker:
+        """Picks items of ``arm.scene`` and places them."""
+        return Picker(self.arm, self.gripper)
+
+    def pick(
+        self, name: str, *, wishes: Wishes | None = None, tries: int = TRIES, wait: bool = True
+    ) -> PickRun:
+        """Pick an item of ``arm.scene`` and lift it; supersedes what is under way.
+
+        Every stage is planned before the first one moves. That the jaws hold the item is measured;
+        if they do not, the next grasp is tried.
+
+        Args:
+            name: The item's name.
+            wishes: What you say about grasps.
+            tries: How many grasps are tried.
+            wait: Return when it is held. With False the run is returned at once.
+
+        Raises:
+            ConfigError: There is no such item.
+            PlanningError: It cannot be gripped, reached or lifted; the error says why.
+            MotionError: The jaws do not hold it, or the grip was lost.
+            Interrupted: A newer motion or a stop ended it; what is held stays held.
+        """
+        run = self.picker.start(name, wishes=wishes, tries=tries)
+        if wait:
+            run.result()
+        return run
+
+    def place(
+        self, name: str, *, at: ArrayLike, yaw: float | None = None, wait: bool = True
+    ) -> PickRun:
+        """Put down what the gripper holds, upright; errors as for ``pick``.
+
+        Args:
+            name: The name of what it holds.
+            at: Middle of its underside, x, y, z in the base frame [m]. Up to 5 mm above the table
+                it is put on the table.
+            yaw: How far it is turned from how it was picked [rad]; None for any.
+            wait: Return when it is put down. With False the run is returned at once.
+        """
+        run = self.picker.start(name, Place(p=np.asarray(at, dtype=np.float64), yaw=yaw))
+        if wait:
+            run.result()
+        return run
 
     def warm_up(self) -> None:
         """Start the planning process in the background, so that the first plan comes quickly."""
