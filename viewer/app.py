@@ -31,6 +31,7 @@ from .panels.health_panel import HealthPart
 from .panels.hold_buttons import HoldButtons, waiting
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
+from .panels.pick_panel import PickPart
 from .panels.share_panel import SharePart
 from .program.program_panel import ProgramPart
 from .server.guarded_server import GuardedServer, start_guarded
@@ -162,12 +163,16 @@ class Preview(ServedPage):
             )
             for name, each in self._tab_for_each("Teach", rigs)
         ]
+        picks = [
+            PickPart(each, rigs[name], title=name or "Pick", node=move.nodes[name])
+            for name, each in self._tab_for_each("Pick", rigs)
+        ]
         fade = {name: stage.fade for name, stage in move.stages.items()}
         hold = HoldButtons(
             context, title=source.title, rigs=rigs, guide=program.model.guide, fade=fade
         )
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
-        self.add_parts(move, program, world, share, *about, hold, *logs, *self._teaches)
+        self.add_parts(move, program, world, share, *about, hold, *logs, *self._teaches, *picks)
         if cell is None:
             self.add_parts(*setup_parts(context, rigs[""], on_stage=move.set_visible))
         self.add_parts(*jogs)

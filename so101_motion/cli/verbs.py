@@ -17,6 +17,7 @@ from so101_motion.cli.emulate import emulate
 from so101_motion.cli.error_exit import reports_errors
 from so101_motion.cli.guide import guide
 from so101_motion.cli.measuring import identify, move_test, report_arm
+from so101_motion.cli.pick import pick
 from so101_motion.cli.plan_move import move, plan
 from so101_motion.cli.ports import install_udev, ports
 from so101_motion.cli.program import run
@@ -35,7 +36,7 @@ _SECTIONS: dict[str, tuple[click.Command, ...]] = {
         *(install_udev, ports, setup, calibrate, calibration, doctor, move_test, identify),
         *(report_arm, cell),
     ),
-    "Move": (view, status, plan, move, run, stop, guide, teleop),
+    "Move": (view, status, plan, move, pick, run, stop, guide, teleop),
     "Data sets and sweeps": (dataset, sweep),
     "Viam": (viam,),
     "Tools": (emulate, completion),

@@ -76,6 +76,8 @@ class Picture:
 
     q: tuple[float, ...] = ()  # joint angles of the arm, then of the jaw [rad]
     ghost: tuple[float, ...] = ()  # the same of a transparent arm to be matched; empty for none
+    # the same of further transparent arms, such as the ends of all stages
+    ghosts: tuple[tuple[float, ...], ...] = ()
     lit: tuple[str, ...] = ()  # the joints whose links are highlighted
     lit_tone: Tone = "busy"
     note: str = ""  # how exact it is; empty when it is exact

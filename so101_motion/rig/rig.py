@@ -50,7 +50,7 @@ JAW_HARD_STOP = MotionLimits.uniform(
 _numbers = itertools.count(1)
 
 
-_SHOWN = "arm clock close connection gripper planner warm_up"  # what ``dir`` shows
+_SHOWN = "arm clock close connection gripper pick picker place planner warm_up"  # for ``dir``
 
 
 class Rig:

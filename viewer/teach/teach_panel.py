@@ -28,7 +28,6 @@ from ..page.screen_state import Sentence, Tone
 from ..scene.robot_view import Line, segments
 
 _COLOR = (12, 133, 153)
-_PERIOD = 0.3  # how often a machine is asked what it teaches [s]; chosen
 _LEADER_PERIOD = 1.0  # how often a machine is asked how its arm follows [s]; chosen
 
 CANNOT = Sentence("This arm's module on the machine cannot record or replay a path.", Tone.WARM)
@@ -72,7 +71,7 @@ class TeachPart(Part):
 
     def _open(self, rig: RigLike) -> Future[Operation] | None:
         if isinstance(rig, MachineRig):
-            return self._context.in_background(partial(teaching_on, rig))
+            return self._context.in_background(partial(rig.operation, "teaching", ("run",)))
         if not isinstance(rig, Rig):
             return None
         local: Future[Operation] = Future()
@@ -115,23 +114,6 @@ class TeachPart(Part):
     def close(self) -> None:
         self._leads.close()
         self._panel.close()
-
-
-def teaching_on(rig: MachineRig) -> Operation:
-    """The teaching of a machine's arm; a replay is a motion that Stop here ends.
-
-    Raises:
-        MachineRefused: It is not an arm of this module.
-        MachineUnavailable: It does not answer.
-    """
-
-    def send(request: Mapping[str, Any]) -> Mapping[str, Any]:
-        if request.get("ask") == "run":
-            rig.start_request(request).result()
-            return {"answer": "{}"}
-        return rig.do_command(rig.arm_name, request)
-
-    return RemoteOperation(send, "teaching", period=_PERIOD)
 
 
 def leading_of(rig: RigLike, open_leader: Callable[[], Rig] | None) -> Operation | None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -31,6 +31,7 @@ from so101_motion.common import interrupts
 from so101_motion.common.attributes import checked_number, suggest
 from so101_motion.common.errors import ConfigError, MachineRefused, MotionError, So101Error
 from so101_motion.common.modes import Mode
+from so101_motion.common.operation import Operation, RemoteOperation
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
 from so101_motion.files.scene_file import arms_from, attached_from, obstacles_from, scene_from
@@ -336,6 +337,24 @@ class MachineRig(Machine):
             running.result()
 
         return self.arm.start_series([run])
+
+    def operation(self, name: str, moves: Collection[str], *, period: float = 0.3) -> Operation:
+        """An operation of the machine's arm, whose view is read every ``period`` [s].
+
+        A command in ``moves`` is a motion that a stop here ends; its answer is empty.
+
+        Raises:
+            MachineRefused: It is not an arm of this module, or has no such operation.
+            MachineUnavailable: It does not answer.
+        """
+
+        def send(request: Mapping[str, Any]) -> Mapping[str, Any]:
+            if request.get("ask") in moves:
+                self.start_request(request).result()
+                return {"answer": "{}"}
+            return self.do_command(self.arm_name, request)
+
+        return RemoteOperation(send, name, period=period)
 
     @interrupts.held()
     def close(self) -> None:

@@ -26,6 +26,7 @@ from so101_motion.arm.arm import SCENE
 from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import wait_here
+from so101_motion.arm.picking import Picker
 from so101_motion.calib.record import store
 from so101_motion.common.attributes import (
     ACCELERATION_RANGE_DEG,
@@ -53,6 +54,7 @@ from so101_motion.planning.goals import Goal, JointGoal, LeaveContactGoal, PathG
 from so101_motion.planning.request import Plan, Search
 from so101_motion.rig.rig import Rig
 from so101_motion.tasks.guided.teaching import TAUGHT, TeachingOperation
+from so101_motion.tasks.picking import PICKED, PickOperation
 from so101_motion.tasks.teleop.sides import jaw_of
 from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, SensesConfig, compliance
 from so101_motion.viam.conversion import convert, kinematics, meshes
@@ -145,6 +147,7 @@ class ArmResource(Configured, Arm):
         self.guarded_scene = GuardedScene(arm, around, self.logger, is_used=config.guarded)
         self._manual = ManualMode(arm, self.logger, self.guarded_scene)
         self.teaching = TeachingOperation(rig, partial(store.resolve, "paths"), self._set_manual)
+        self.picking = PickOperation(Picker(arm, rig.gripper, self._scene_now))
         self._operations: dict[str, LocalOperation] = {}
         self._ended_by = ""  # why no other motion may begin
         self._commands: dict[str, Command] = {
@@ -154,6 +157,7 @@ class ArmResource(Configured, Arm):
             "get_surroundings": self._get_surroundings,
             "leave_contact": self._leave_contact,
             **self._asked("teaching", self.teaching, TAUGHT),
+            **self._asked("picking", self.picking, PICKED),
             "run_program": Taking(self._run_program, _PROGRAM),
         }
 
@@ -548,13 +552,11 @@ class ArmResource(Configured, Arm):
         program = (await asyncio.to_thread(program_from, content)).on([ARM])
         await self.set_manual_mode(False)  # holds again after a fault, too
         solo = Solo(self._arm, jaw_of(self.rig), self.rig.clock)
-        loop, around = asyncio.get_running_loop(), self.surroundings
 
         def planned() -> Rehearsal:
             """Called on the arm's planning thread once it rests."""
-            if around.is_asked():
-                reading = asyncio.run_coroutine_threadsafe(around.around(solo.arm.scene), loop)
-                solo.scene = wait_here(reading)
+            if self.surroundings.is_asked():
+                solo.scene = self._scene_now()
             return rehearse(solo, program)
 
         run = ProgramRun(solo, program, planned)
@@ -565,6 +567,13 @@ class ArmResource(Configured, Arm):
             "rounds": rounds_to(program.rounds),
             "round_s": round(run.rehearsal.duration, 3),
         }
+
+    def _scene_now(self) -> Scene:
+        """The arm's scene with what the machine has around it; on the arm's thread."""
+        scene, around = self._arm.scene, self.surroundings
+        if not around.is_asked():
+            return scene
+        return wait_here(asyncio.run_coroutine_threadsafe(around.around(scene), self._loop))
 
     async def _leave_contact(self) -> dict[str, Any]:
         await self.ready()

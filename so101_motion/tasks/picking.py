@@ -1,0 +1,241 @@
+"""Pick and place as one operation: for the terminal, the page, DoCommands and other machines.
+
+Lengths are millimetres here. A place is text, ``"200,120,0"``: the middle of the item's underside,
+with a fourth number for how far it is turned from how it was picked, in degrees.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from typing import Any
+
+import numpy as np
+
+from so101_motion.arm.picking import DOING, TRIES, Picker, PickRun
+from so101_motion.common.errors import ConfigError, NotPossibleNow, So101Error
+from so101_motion.common.modes import Mode
+from so101_motion.common.operation import Input, LocalOperation, Offer, Picture, Row, Started, View
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.planning.picking.grasps import Wishes
+from so101_motion.planning.picking.pick_plan import STAGES, PickPlan, Place
+
+PICKED = ("list_items", "plan_pick", "pick", "place")
+"""The commands that are DoCommands of an arm as well."""
+
+_MOST_POINTS = 200  # of the drawn line
+
+_FROM = {"": ("above", "side"), "above": ("above",), "side": ("side",)}
+
+
+def place_from(text: str) -> Place | None:
+    """The place that a text means; None if it is empty, ``ConfigError`` if it means none."""
+    if not text:
+        return None
+    try:
+        numbers = [float(each) for each in text.split(",")]
+        if len(numbers) not in (3, 4):
+            raise ValueError(text)
+    except ValueError:
+        reason = 'must be "x,y,z" in mm, or "x,y,z,turn" with degrees'
+        raise ConfigError("place", text, reason) from None
+    yaw = to_rad(numbers[3]) if len(numbers) == 4 else None
+    return Place(p=to_m(np.array(numbers[:3])), yaw=yaw)
+
+
+class PickOperation(LocalOperation):
+    """Picks the items of an arm's scene and places them."""
+
+    refuses = False
+
+    def __init__(self, picker: Picker) -> None:
+        super().__init__()
+        self._picker = picker
+        self._planned: tuple[str, str, PickPlan] | None = None
+        self._item, self._at = "", ""
+        self._run: PickRun | None = None
+        self._trouble = ""
+        self.commands = {
+            "list_items": self._list_items,
+            "plan_pick": self._plan_pick,
+            "pick": self._pick,
+            "place": self._place,
+            "run": self._go,
+            "stop": self._stop,
+        }
+
+    @property
+    def view(self) -> View:
+        run, planned = self._run, self._planned
+        plan = run.plan if run is not None else planned[2] if planned else None
+        moving = run is not None and not run.future.done()
+        state = run.stage if moving and run else "planned" if planned else "idle"
+        return View(
+            state=state,
+            text=self._text(moving, run, planned),
+            rows=_rows(plan, run.stage if run is not None else "", moving),
+            trouble="" if moving else self._trouble,
+            offers=self._offers(moving),
+            said=self.said,
+            picture=None if plan is None else _picture(plan),
+            facts={"items": self._items, "held": self._held},
+        )
+
+    @property
+    def _items(self) -> list[str]:
+        return [each.name for each in self._picker.arm.scene.items]
+
+    @property
+    def _held(self) -> list[str]:
+        return [each.name for each in self._picker.arm.scene.attached]
+
+    def _text(
+        self, moving: bool, run: PickRun | None, planned: tuple[str, str, PickPlan] | None
+    ) -> str:
+        if moving and run is not None:
+            return f"{DOING[run.stage].format(run.name)}."
+        if planned is not None:
+            return f"Planned: {planned[2].duration:.1f} s. Press Go."
+        if self._held:
+            return f"The gripper holds {self._held[-1]}; say where to put it."
+        if not self._items:
+            return "The scene has no item. Give an obstacle a mass to make it one."
+        return "Choose an item, and where to put it (x,y,z in mm; empty to hold it)."
+
+    def _offers(self, moving: bool) -> tuple[Offer, ...]:
+        if moving:
+            return (Offer(command="stop", title="Stop", key="s"),)
+        mode = self._picker.arm.state.mode
+        busy = None if mode is Mode.HOLDING else f"the arm is {mode.value}"
+        names = tuple(self._held or self._items)
+        nothing = None if names else "there is no item"
+        chosen = self._item if self._item in names else (*names, "")[0]
+        given = {"item": chosen, "place": self._at}
+        inputs = {
+            "item": Input(label="Item", choices=names),
+            "place": Input(label="Place (x,y,z mm)"),
+        }
+        unplanned = None if self._planned else "plan it first"
+        return (
+            Offer(command="plan_pick", title="Plan", arguments=given, inputs=inputs, key="p",
+                  why_not=busy or nothing),
+            Offer(command="run", title="Go", why_not=busy or unplanned, key="g"),
+        )  # fmt: skip
+
+    # Commands
+
+    def _list_items(self) -> dict[str, Any]:
+        return {
+            "items": [
+                {
+                    "name": each.name,
+                    "mass_kg": each.mass,
+                    "position_mm": to_mm(each.T_base_obstacle.p).round(1).tolist(),
+                }
+                for each in self._picker.arm.scene.items
+            ],
+            "held": self._held,
+        }
+
+    def _plan_pick(self, item: str, place: str = "", approach: str = "") -> dict[str, Any]:
+        """Plan to pick an item, or to place what is held; moves nothing."""
+        self._item, self._at, self._planned, self._run = item, place, None, None
+        self._trouble = ""
+        plan = self._picker.plan(item, place_from(place), _wishes(approach))
+        self._planned = item, place, plan
+        return _facts(plan)
+
+    def _pick(
+        self, item: str, place: str = "", approach: str = "", tries: int | None = TRIES
+    ) -> Started:
+        """Pick an item, and place it if ``place`` says where."""
+        if item in self._held:
+            raise ConfigError("item", item, "is in the gripper already; place it")
+        return self._begin(item, place, _wishes(approach), max(tries or TRIES, 1))
+
+    def _place(self, item: str, at: str) -> Started:
+        if item not in self._held:
+            raise ConfigError("item", item, "is not in the gripper; pick it first")
+        if not at:
+            raise ConfigError("at", at, 'is missing; "x,y,z" in mm')
+        return self._begin(item, at, Wishes(), 1)
+
+    def _go(self) -> Started:
+        if self._planned is None:
+            raise NotPossibleNow("run", "nothing is planned")
+        item, place, plan = self._planned
+        return self._begin(item, place, Wishes(), TRIES, plan)
+
+    def _stop(self) -> dict[str, Any]:
+        if self._run is not None:
+            self._run.stop()
+        return {}
+
+    def _begin(
+        self, item: str, place: str, wishes: Wishes, tries: int, plan: PickPlan | None = None
+    ) -> Started:
+        self._item, self._at, self._planned, self._trouble = item, place, None, ""
+        run = self._run = self._picker.start(
+            item, place_from(place), wishes, tries=tries, planned=plan, tell=self.say
+        )
+        run.future.add_done_callback(self._ended)
+
+        def answer() -> dict[str, Any]:
+            assert run.plan is not None
+            return {**_facts(run.plan), "held": self._held}
+
+        return Started(run.future, run.motion.interrupt, answer)
+
+    def _ended(self, done: Future[None]) -> None:
+        error = done.exception()
+        if isinstance(error, So101Error):
+            self._trouble = str(error)
+            self.say(self._trouble, "bad")
+
+
+def _wishes(approach: str) -> Wishes:
+    if approach not in _FROM:
+        raise ConfigError("approach", approach, 'must be "above", "side", or left out for either')
+    return Wishes(kinds=_FROM[approach])  # type: ignore[arg-type]  # of these words
+
+
+def _facts(plan: PickPlan) -> dict[str, Any]:
+    facts: dict[str, Any] = {
+        "item": plan.item,
+        "duration_s": round(plan.duration, 3),
+        "stages_s": {name: round(each.duration, 3) for name, each in plan.plans.items()},
+    }
+    if plan.grasp is not None:
+        facts |= {
+            "approach": plan.grasp.kind,
+            "tilt_deg": round(float(to_deg(plan.grasp.tilt)), 1),
+            "thickness_mm": round(float(to_mm(plan.grasp.thickness)), 1),
+        }
+    return facts
+
+
+def _rows(plan: PickPlan | None, stage: str, moving: bool) -> tuple[Row, ...]:
+    if plan is None:
+        return ()
+    order = [name for name in STAGES if name in plan.plans]
+    reached = order.index(stage) if stage in order else -1
+    return tuple(
+        Row(
+            label=name,
+            cells=(f"{plan.plans[name].duration:.1f} s",),
+            mark="✓" if k < reached else "•" if k == reached else "",
+            tone="good" if k < reached else "busy" if k == reached and moving else "dim",
+        )
+        for k, name in enumerate(order)
+    )
+
+
+def _picture(plan: PickPlan) -> Picture:
+    """The tool's path through all stages, and the arm at the end of each as a ghost."""
+    jaws = {"approach": plan.q_jaw_open, "reach": plan.q_jaw_open, "leave": plan.q_jaw_free}
+    ghosts = [
+        (*each.q_goal.tolist(), float(jaws.get(name) or plan.q_jaw_closed))
+        for name, each in plan.plans.items()
+    ]
+    line = np.concatenate([each.tool_path for each in plan.plans.values()])
+    line = line[:: max(1, len(line) // _MOST_POINTS)]
+    return Picture(ghosts=tuple(ghosts), line=tuple(map(tuple, line.round(4).tolist())))
