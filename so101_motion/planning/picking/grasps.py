@@ -261,12 +261,13 @@ class GraspSearch:
             return grasps, tally
         closed = np.array([self.jaw.angle_for(t) for t in met.thickness[number] + 2.0 * BESIDE])
         left: Any = np.ones(len(q), dtype=bool)
+        shuts = np.logical_not(collision.touching(q, np.minimum(closed, self.jaw.opened)))
         for wider in WIDER:
             opened = np.minimum(closed + wider, self.jaw.opened)
             touches = np.logical_or(
                 collision.touching(q, opened), collision.touching(before, opened)
             )
-            free: Any = left & np.logical_not(touches)
+            free: Any = left & shuts & np.logical_not(touches)
             left &= np.logical_not(free)
             roomy = free & np.logical_not(collision.touching(q, opened, extra=_ROOMY))
             for k in np.flatnonzero(free):
@@ -296,6 +297,7 @@ class GraspSearch:
                     tally.unwanted += 1
         for k in np.flatnonzero(left)[:: max(1, int(left.sum()) // _ASKED)]:
             pair = collision.first_contact(q[k], opened[k])
+            pair = pair or collision.first_contact(q[k], closed[k])
             if pair := pair or collision.first_contact(before[k], opened[k]):
                 other = pair[1] if pair[1] not in LINKS or pair[0] in LINKS else pair[0]
                 tally.blockers[other] = tally.blockers.get(other, 0) + 1

@@ -58,7 +58,7 @@ from so101_motion.planning.request import Plan, PlanRequest
 LIFTS = (0.04, 0.02)  # how far the item is lifted, and lowered at its place [m]; chosen
 MOST = 12  # grasps that are planned for, unless the request says more; chosen
 DEEPEST = 0.001  # how deep an item may be in what it is put on [m]; chosen, the error of scenes
-SNAP = 0.005  # a place so little above the table is on it [m]; chosen: the base plate is 2.4 mm
+SNAP = 0.003  # a place so little above the table is on it [m]; chosen: the base plate is 2.4 mm
 LEVEL = to_rad(2.0)  # largest tilt of an item that is put down [rad]; chosen
 TURNS = 24  # yaws that are tried where any will do; chosen
 
@@ -70,8 +70,8 @@ class Place:
     """Where an item is put.
 
     Attributes:
-        p: Middle of its underside, shape (3,), in the base frame [m]; up to ``SNAP`` above the
-            table it is put on the table.
+        p: Below the item's origin, at its underside, shape (3,), in the base frame [m]; up to
+            ``SNAP`` above the table it is put on the table.
         yaw: How far the item is turned about the vertical from how it was picked [rad]; None for
             any.
     """
@@ -293,7 +293,7 @@ class _Planning:
     ) -> tuple[float, dict[str, Plan], dict[str, Scene]]:
         T, q_above = self._model.frame(q), self._raised(q)
         lowering = _touching(holding, self._touched(holding, q, closed, "would stand in"))
-        down = LineGoal(T_base_tool=T, metric=GoalMetric.POSITION_AND_APPROACH)
+        down = LineGoal(T_base_tool=T, metric=GoalMetric.FULL_POSE)
         lower = self._stage("lower", down, q_above, lowering, closed)
         T = self._model.frame(lower.q_goal)
         put = holding.putting(self._name, T @ held.T_tool_object)
@@ -328,7 +328,7 @@ class _Planning:
         if self._scene.floor_z is not None and 0.0 <= z - self._scene.floor_z <= SNAP:
             z = self._scene.floor_z
         Rs = np.array([rot_z(turn) @ R_item for turn in turns])
-        for _ in range(2):
+        for each_time in range(4):
             # The origin is above the place; the lowest corner stands on it.
             lowest = np.array([(points @ R.T)[:, 2].min() for R in Rs])
             p = np.column_stack([np.full((len(Rs), 2), place.p[:2]), z - lowest])
@@ -338,15 +338,22 @@ class _Planning:
                 np.array([T.R for T in T_tools]).reshape(-1, 3, 3),
                 frame="tool",
             )
-            reached = [self._model.frame(each) @ held.T_tool_object for each in q]
-            if place.yaw is not None:
-                break
-            # Turned about the vertical to what the arm reaches, it stands level.
-            Rs = np.array([_yawed(T.R, R_item) for T in reached]).reshape(-1, 3, 3)
+            tools = [self._model.frame(each) for each in q]
+            reached = [(T @ held.T_tool_object).R for T in tools]
+            # First turned about the vertical as the arm's plane is, then as it is reached.
+            if each_time == 0 and place.yaw is None:
+                reached = [
+                    rot_z(_turn(T_tools[k].R[:, 2], T.R[:, 2])) @ Rs[k]
+                    for T, k in zip(tools, number, strict=True)
+                ]
+            Rs = np.array(reached).reshape(-1, 3, 3)
         good = list[tuple[float, int]]()
-        for k, T in enumerate(reached):
-            wanted = T_tools[number[k]] @ held.T_tool_object
-            if rotation_angle(T.R.T @ wanted.R) <= LEVEL:
+        for k, R in enumerate(Rs):
+            D = R @ R_item.T
+            off = math.acos(min(D[2, 2], 1.0))
+            if place.yaw is not None:
+                off = rotation_angle(D.T @ rot_z(place.yaw))
+            if off <= LEVEL:
                 good.append((float(np.abs(q[k] - q_from).max()), k))
         seen = list[Array]()
         for _, k in sorted(good):
@@ -480,7 +487,8 @@ def _back(model: RobotModel, q: Array, back: float) -> SE3:
     return T @ SE3.from_translation((0.0, 0.0, -back))
 
 
-def _yawed(R_reached: Array, R_item: Array) -> Array:
-    """``R_item`` turned about the vertical until it is nearest to what was reached."""
-    D = R_reached @ R_item.T
-    return rot_z(math.atan2(D[1, 0] - D[0, 1], D[0, 0] + D[1, 1])) @ R_item
+def _turn(wanted: Array, reached: Array) -> float:
+    """The angle about the vertical between two directions [rad]; 0 if one is nearly vertical."""
+    if min(math.hypot(*wanted[:2]), math.hypot(*reached[:2])) < math.sin(LEVEL):
+        return 0.0
+    return math.atan2(reached[1], reached[0]) - math.atan2(wanted[1], wanted[0])

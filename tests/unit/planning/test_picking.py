@@ -68,7 +68,7 @@ def test_all_stages_follow_each_other_and_the_item_ends_where_it_was_to_be_put(p
     np.testing.assert_allclose(moved, (BESIDE, 0.0, 0.0), atol=2e-4)
     assert plan.q_jaw_closed < plan.q_jaw_open
     put = plan.scenes["end"].items[0].T_base_obstacle
-    np.testing.assert_allclose(put.p[:2], (0.15, 0.15), atol=5e-4)
+    np.testing.assert_allclose(put.p[:2], (0.15, 0.15), atol=1e-3)
     assert put.p[2] == pytest.approx(item.T_base_obstacle.p[2], abs=5e-4)
     assert put.R[2, 2] == pytest.approx(1.0, abs=1e-3)
     # What it is carried with is a body of its own: nothing but what it stood on may be near.
