@@ -42,6 +42,7 @@ from so101_motion.planning.collision.coal_shapes import (
     cube_numbers,
     full_cubes,
     held_shape,
+    kept_hull,
     octree,
     standing_shape,
 )
@@ -333,7 +334,7 @@ class _Gathered:
                 else:
                     many = len(part.hull) > MOST_CORNERS
                     given = filled(part.mesh, part.hull) if many else Hull(part.hull, 0.0)
-                    self._stand(name, given, convex_hull(part.hull), T)
+                    self._stand(name, given, kept_hull(part.hull.tobytes()), T)
         else:
             self._stand(name, form, standing_shape(form), T)
 

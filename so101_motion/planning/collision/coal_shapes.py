@@ -8,7 +8,7 @@ check against each other, so held objects are convex.
 from __future__ import annotations
 
 import itertools
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import coal
@@ -105,6 +105,12 @@ def convex_hull(points: Array) -> Any:
         listed.append(point)
     # With "Qt", coal 3.0.3 refuses a cylinder of 256 sides: too many neighbours of a corner.
     return coal.ConvexBase.convexHull(listed, False, "")
+
+
+@lru_cache(maxsize=256)
+def kept_hull(points: bytes) -> Any:
+    """``convex_hull`` of points (n, 3) [m] by their bytes; remembered, do not change it."""
+    return convex_hull(np.frombuffer(points).reshape(-1, 3))
 
 
 def _simple(shape: Box | Sphere | Capsule) -> Any:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import coal
@@ -33,6 +33,7 @@ SAME_AREA = 0.01  # how far its area may differ from the hull's; a side is far m
 FINEST = 0.004  # smallest cell of a grid around a mesh [m]; chosen
 MOST_CELLS = 1_000_000  # most cells of a grid. Chosen: searched in 20 ms
 RIB = 0.0125  # of filled solids [m]: no link fits between, the thinnest is 15 mm
+SMALL = 2000  # triangles of a mesh whose parts are remembered; chosen, some 100 kB each
 SHALLOW = 1e-4  # depth in the outer half of the outermost cells [m]; chosen
 TOUCHING = 1e-6  # a convex solid that is no farther away than this is touched [m]: coal's tolerance
 SAMPLE = 0.008  # distance of points whose depth is looked up [m]; chosen
@@ -204,9 +205,9 @@ def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:
     ``foot``: points of the arm's base and shoulder in the mesh's frame, shape (n, 3), [m].
     """
     rest = []
-    vertices, all_triangles = welded(mesh.vertices, mesh.triangles)
-    for triangles in _connected(vertices, all_triangles):
-        hull = _as_hull(vertices, triangles)
+    split = _split_small if len(mesh.triangles) <= SMALL else _split
+    vertices, connected = split(_Same(mesh))
+    for triangles, hull in connected:
         if hull is None or (foot @ hull[1][:, :3].T + hull[1][:, 3] < 0.0).all():
             rest.append(triangles)
         else:
@@ -214,6 +215,28 @@ def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:
             yield Part(_only(vertices, triangles), points, None)
     if rest:
         yield from _others(_only(vertices, np.concatenate(rest)), foot)
+
+
+class _Same:
+    """A cache key for a mesh."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.mesh.fingerprint() == other.mesh.fingerprint()
+
+    def __hash__(self) -> int:
+        return hash(self.mesh.fingerprint())
+
+
+def _split(same: _Same) -> tuple[Array, list[tuple[Any, tuple[Array, Array] | None]]]:
+    """The vertices of a mesh, and the triangles of each connected part with its hull."""
+    vertices, triangles = welded(same.mesh.vertices, same.mesh.triangles)
+    return vertices, [(each, _as_hull(vertices, each)) for each in _connected(vertices, triangles)]
+
+
+_split_small = lru_cache(maxsize=64)(_split)  # scenes of one planning differ in little
 
 
 def _only(vertices: Array, triangles: Any) -> Mesh:

@@ -401,6 +401,8 @@ class _Planning:
             pair = {each.first, each.second}
             other = next(iter(pair - {self._name}), "")
             if self._name not in pair or other in LINKS:
+                if each.distance <= each.margin:
+                    raise self._close_call(scene, q, q_jaw)
                 continue
             if each.distance < -DEEPEST:
                 raise NoPath(
