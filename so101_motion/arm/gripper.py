@@ -278,8 +278,8 @@ class Gripper(JawVerbs):
         closed: Jaw angle at aperture 0 [rad]; changes with the calibration.
         opened: Jaw angle at aperture 1 [rad]; likewise.
         limits: How fast it moves, one joint; for motions that start from now on.
-        feels: Whether an object that another arm hands over stops the jaw; a simulated jaw closes
-            through it.
+        feels: Whether an object stops the jaw. A simulated jaw closes through all but the items of
+            a scene; this is True from when there has been one.
         is_there: Whether its servo was found when the arm was opened.
     """
 

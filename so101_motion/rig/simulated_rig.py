@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.geometry import Array
@@ -42,8 +40,13 @@ def open_simulated(
     things = things_in(scene)
     driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start, things=things)
     rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, scene=scene)
-    rig.things, rig.arm.on_scene = things, partial(keep_up, things)
-    rig.gripper.feels = False
+    rig.things, rig.gripper.feels = things, bool(scene.items)
+
+    def follow(before: Scene, now: Scene) -> None:
+        keep_up(things, before, now)
+        rig.gripper.feels = rig.gripper.feels or bool(now.items)
+
+    rig.arm.on_scene = follow
     rig.warm_up()
     return rig
 
