@@ -142,6 +142,8 @@ class Things:
         zero = np.zeros(5)
         self._T_tool_hand = model.frame(zero).inverse @ model.frame(zero, "gripper_link")
         self._lock = threading.RLock()
+        self._seen = b""  # joint angles since which nothing has changed
+        self._stop = -math.inf  # what they gave
         self._near: str | None = None  # lies between the open fingers
         self._lost: str | None = None  # squeezed out of the jaw, which has not opened since
         self._lost_at = 0.0
@@ -173,6 +175,7 @@ class Things:
             if self.held == name:
                 self._let_go()
             del self._things[thing.name]
+            self._seen = b""
             self.told.append(f"{name} was taken away")
 
     def put(self, thing: Thing) -> None:
@@ -181,6 +184,7 @@ class Things:
             if self.held == thing.name:
                 self._let_go()
             self._things[thing.name] = thing
+            self._seen = b""
 
     def surround(self, floor_z: float | None, supports: Sequence[Support]) -> None:
         """Change what things fall on; nothing that lies moves."""
@@ -200,20 +204,10 @@ class Things:
             The angle at which the jaw is stopped [rad]; minus infinity if nothing is in the way.
         """
         with self._lock:
-            if not self._things:
-                return -math.inf
-            T_hand, q_jaw = self._model.frame(q[:5], "gripper_link"), float(q[5])
-            if self._lost is not None and q_jaw > self._lost_at + _OPENED:
-                self._lost = None
-            if self._grip is not None and self._stays(self._grip, T_hand, q_jaw, torque):
-                return self._grip.stop
-            grip = self._between(T_hand, q_jaw)
-            self._near = None if grip is None else grip.thing.name
-            if grip is None:
-                return -math.inf
-            if q_jaw <= grip.stop and not self._touch(grip, T_hand):
-                return -math.inf
-            return grip.stop
+            seen = q.tobytes()
+            if self._grip is not None or seen != self._seen:
+                self._seen, self._stop = seen, self._follow(q, torque)
+            return self._stop
 
     def weight(self, q: Array) -> Array:
         """Torque with which the joints hold up what is carried, shape (6,), [N m]."""
@@ -223,6 +217,20 @@ class Things:
             return self._loaded.gravity_torque(q) - self._model.gravity_torque(q)
 
     # How
+
+    def _follow(self, q: Array, torque: float) -> float:
+        if not self._things:
+            return -math.inf
+        T_hand, q_jaw = self._model.frame(q[:5], "gripper_link"), float(q[5])
+        if self._lost is not None and q_jaw > self._lost_at + _OPENED:
+            self._lost = None
+        if self._grip is not None and self._stays(self._grip, T_hand, q_jaw, torque):
+            return self._grip.stop
+        grip = self._between(T_hand, q_jaw)
+        self._near = None if grip is None else grip.thing.name
+        if grip is None or (q_jaw <= grip.stop and not self._touch(grip, T_hand)):
+            return -math.inf
+        return grip.stop
 
     def _named(self, name: str) -> Thing:
         if name not in self._things:
