@@ -31,6 +31,7 @@ from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 
 from .page import texts
+from .page.causes import Causes
 from .page.plan_view import Between, CommonPlan, PathLine, PlanView, Playback, plan_view
 from .page.screen_state import Sentence, Tone
 from .page.target_editor import TargetEditor
@@ -338,6 +339,7 @@ class MoveModel:
         self._motions: dict[str, Motion] = {}
         self._playback = Playback()
         self._count = 0  # plans that were shown
+        self._causes = Causes(arm.arm for arm in arms.values())
         for name, arm in self.arms.items():
             arm.dropped = partial(self._drop_plan, name)
 
@@ -447,6 +449,10 @@ class MoveModel:
         is_blocked = any(texts.blocked(arm.state) is not None for arm in self.arms.values())
         if is_blocked and not self._motions:
             self._sentence = texts.HOLDS_AGAIN  # for later: where it arrived is no longer true
+        if self._causes.have_changed() and self._sentence.tone is Tone.BAD and not self._motions:
+            here = all(arm.is_at_target for arm in self.arms.values())
+            self._sentence = texts.ALREADY_THERE if here else texts.PRESS_PLAN
+            news.append(True)
         news += [self._collect_plan(), self._show_plan_under_way(), self._collect_motions()]
         if self._playback.advance(self._now()):
             self._place_ghosts()

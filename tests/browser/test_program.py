@@ -17,11 +17,13 @@ LINE = "50 % speed, open, 1.5 s"
 def program(guest, preview):
     """A window on the Program tab with two waypoints: where the target is, and the arm."""
     guest.page.get_by_role("tab", name="Program").click()
-    guest.press("target")
-    guest.until(lambda: guest.says("Recorded waypoint 1."))
-    guest.page.wait_for_timeout(100)
-    guest.press("arm")
-    guest.until(lambda: guest.says("Recorded waypoint 2."))
+    assert guest.button("Plan program").count() == 0  # a program begins with one button
+    for number, button in enumerate(("Record waypoint", "target", "Record waypoint"), 1):
+        guest.press_next(button)
+        guest.until(lambda number=number: guest.says(f"Recorded waypoint {number}."))
+    guest.page.locator(".so101-steps button").first.click()
+    guest.press("delete")
+    guest.until(lambda: guest.page.locator(".so101-steps button").count() == 2)
     yield guest
     guest.page.get_by_role("tab", name="Program").click()
     guest.page.get_by_text("Save and load").click()
@@ -118,7 +120,7 @@ def test_a_program_is_recorded_planned_run_and_kept(program, rig, own_files):
     program.press("save")
     program.until(lambda: (own_files / "programs" / "wave.json").exists())
     program.press("new")
-    program.until(lambda: program.says("Record the arm or the target"))
+    program.until(lambda: program.says("then press Record waypoint"))
     program.press("load")
     program.until(lambda: program.says("Loaded wave, 2 waypoints."))
     program.page.get_by_text("Save and load").click()
@@ -199,21 +201,21 @@ def test_waypoints_are_dragged_and_every_edit_is_shown_undone_and_redone(program
     program.until(are_at_rest)
     (x0, y0), (x1, y1) = ((row["x"] + 40.0, row["y"] + 12.0) for row in boxes)
     for drag in (drag_by_mouse, drag_by_finger):
-        program.until(lambda: seen()[0] == ["A", "B"])
+        program.until(lambda: seen()[0] == ["B", "C"])
         drag()
-        program.until(lambda: seen()[0] == ["B", "A"])
+        program.until(lambda: seen()[0] == ["C", "B"])
         program.press("undo")
 
     program.until(lambda: click_sphere(0))
     edits = (
-        (lambda: program.press("copy"), (["A", "C", "B"], ["", "", ""], "1")),
-        (lambda: fill("Name", NAME), (["A", NAME, "B"], ["", "", ""], "1")),
-        (lambda: fill("Speed (%)", "50"), (["A", NAME, "B"], ["", "50 % speed", ""], "1")),
-        (pick_jaw, (["A", NAME, "B"], ["", "50 % speed, open", ""], "1")),
-        (lambda: fill("Pause (s)", "1.5"), (["A", NAME, "B"], ["", LINE, ""], "1")),
-        (lambda: fill("Rounds", "3"), (["A", NAME, "B"], ["", LINE, ""], "3")),
-        (lambda: program.press("down"), (["A", "B", NAME], ["", "", LINE], "3")),
-        (lambda: program.press("delete"), (["A", "B"], ["", ""], "3")),
+        (lambda: program.press("copy"), (["B", "A", "C"], ["", "", ""], "1")),
+        (lambda: fill("Name", NAME), (["B", NAME, "C"], ["", "", ""], "1")),
+        (lambda: fill("Speed (%)", "50"), (["B", NAME, "C"], ["", "50 % speed", ""], "1")),
+        (pick_jaw, (["B", NAME, "C"], ["", "50 % speed, open", ""], "1")),
+        (lambda: fill("Pause (s)", "1.5"), (["B", NAME, "C"], ["", LINE, ""], "1")),
+        (lambda: fill("Rounds", "3"), (["B", NAME, "C"], ["", LINE, ""], "3")),
+        (lambda: program.press("down"), (["B", "C", NAME], ["", "", LINE], "3")),
+        (lambda: program.press("delete"), (["B", "C"], ["", ""], "3")),
     )
     before = [seen()]
     for edit, after in edits:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import count
 from math import inf
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -15,6 +16,8 @@ from so101_motion.files import atomic, user_storage
 from .screen_state import Sentence
 
 T = TypeVar("T")
+
+_NUMBERS = count(1)  # of changes, so that those of several kinds are undone in one order
 
 KEPT = 100  # how many values are remembered; chosen
 
@@ -38,6 +41,7 @@ class History(Generic[T]):
         now: Callable[[], float] | None = None,
     ) -> None:
         self._values, self._at, self._restore = [value], 0, restore
+        self._numbers = [0]
         self._now, self._changed = now, -inf
         self._kind: Hashable = None
 
@@ -49,6 +53,16 @@ class History(Generic[T]):
     def can_redo(self) -> bool:
         return self._at < len(self._values) - 1
 
+    @property
+    def undoes(self) -> int:
+        """The number of the change that ``undo`` takes back; 0 for none."""
+        return self._numbers[self._at] if self.can_undo else 0
+
+    @property
+    def redoes(self) -> float:
+        """The number of the change that ``redo`` makes again; infinite for none."""
+        return self._numbers[self._at + 1] if self.can_redo else inf
+
     def add(self, value: T, kind: Hashable = None) -> None:
         """Take a new value; what was undone is forgotten.
 
@@ -58,8 +72,9 @@ class History(Generic[T]):
         is_same = kind is not None and kind == self._kind
         is_same_drag = is_same and self._now is not None and self._changed - before < ONE_DRAG
         self._kind = kind
-        kept = self._values[: self._at + (0 if is_same_drag else 1)]
-        self._values = [*kept, value][-KEPT:]
+        kept = self._at + (0 if is_same_drag else 1)
+        self._values = [*self._values[:kept], value][-KEPT:]
+        self._numbers = [*self._numbers[:kept], next(_NUMBERS)][-KEPT:]
         self._at = len(self._values) - 1
 
     def amend(self, value: T) -> None:
@@ -94,6 +109,7 @@ class _Change:
     file: Path
     before: bytes | None
     after: bytes | None
+    number: int = field(default_factory=lambda: next(_NUMBERS))
 
 
 class SavedFiles:
@@ -125,6 +141,14 @@ class SavedFiles:
     @property
     def can_redo(self) -> bool:
         return self._done < len(self._changes)
+
+    @property
+    def undoes(self) -> int:
+        return self._changes[self._done - 1].number if self.can_undo else 0
+
+    @property
+    def redoes(self) -> float:
+        return self._changes[self._done].number if self.can_redo else inf
 
     def look_again(self, now: float) -> None:
         """Read the names again, at most once a second: other programs write files as well."""

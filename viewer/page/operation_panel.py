@@ -185,6 +185,11 @@ class OperationPanel(Part):
         self._draw(view)
         self._head.content = cards.instruction(view.title, texts.capital(view.text))
 
+    def forget_trouble(self) -> None:
+        """Forget why the last command failed, because its cause is gone."""
+        if self._own is not None:
+            self._own.trouble = None
+
     def close(self) -> None:
         """End the panel's own worker, after closing the operation; else its owner does both."""
         if self._own is not None:

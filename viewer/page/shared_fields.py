@@ -58,22 +58,32 @@ class SharedField:
 
 
 class UndoButtons:
-    """A pair of buttons, undo and redo, of which each can be grey by itself, and then says why.
+    """A tab's pair of buttons, undo and redo. They go through all that is ``edited``, newest first.
 
-    viser greys a row only as a whole; ``front/row.js`` does it. Presses of a button that has just
-    become grey are harmless.
+    Each can be grey by itself, and then says why. viser greys a row only as a whole;
+    ``front/row.js`` does it. Presses of a button that has just become grey are harmless.
     """
 
-    def __init__(self, context: PageContext, label: str, edited: History[Any] | SavedFiles) -> None:
+    def __init__(self, context: PageContext, *edited: History[Any] | SavedFiles) -> None:
         self._edited = edited
-        self._group = context.buttons(label, {"undo": edited.undo, "redo": edited.redo})
+        self._group = context.buttons("Edits", {"undo": self._undo, "redo": self._redo})
         self._told = context.gui.add_html("", visible=False)
 
-    def show(self, *, can: bool = True) -> None:
+    def _undo(self) -> None:
+        max(self._edited, key=lambda each: each.undoes).undo()
+
+    def _redo(self) -> None:
+        min(self._edited, key=lambda each: each.redoes).redo()
+
+    def show(self, *, can: bool = True, needed: bool = True) -> None:
+        """Show them; where they are not ``needed``, only if they can do anything."""
+        undoes = any(each.can_undo for each in self._edited)
+        redoes = any(each.can_redo for each in self._edited)
+        self._group.visible = needed or undoes or redoes
         why_not = {}
-        if not (can and self._edited.can_undo):
+        if not (can and undoes):
             why_not["undo"] = "There is nothing to undo."
-        if not (can and self._edited.can_redo):
+        if not (can and redoes):
             why_not["redo"] = "Nothing was undone."
         row = uuid_of(self._group)
         self._told.content = board(f"row {row}", row=row, why_not=why_not)

@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 from so101_motion.common.errors import OtherCalibration
-from so101_motion.common.modes import Mode
+from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import JointState
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import ArmConnection, RigLike
@@ -117,6 +117,8 @@ class HoldButtons(Part):
                     self._old_faults[name] = state.fault
             if state.mode is not Mode.FAULT:
                 self._old_faults.pop(name, None)
+            if state.mode in HELD:
+                self._refused.pop(name, None)
             modes[name] = None if lost else state.mode
             states[name] = texts.mode(state, lost=lost)
             is_back = name in self._old_faults and self._old_faults[name] == state.fault

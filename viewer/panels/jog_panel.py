@@ -94,6 +94,8 @@ class JogPart(Part):
         jogging, state = self.jogging, self._arm.state
         if jogging.mode is not None and state.mode in (Mode.MOVING, Mode.HOLDING):
             self._context.bar.state = "Jogging"
+        if jogging.mode is None and texts.blocked(state) is not None:
+            jogging.outcome = None  # what blocks the arm is said instead, and then it can go on
         before = self._shown
         self._shown = (
             jogging.mode, jogging.speed, self._mode, jogging.is_ready, jogging.held_by,

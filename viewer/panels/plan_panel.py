@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 
+import numpy as np
 import viser
 
 from so101_motion.arm.gripper import GENTLEST
@@ -14,10 +15,11 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg
+from so101_motion.common.units import to_deg, to_m
 
 from ..page import markup, texts, units
 from ..page.bar import board, uuid_of
+from ..page.history import SavedFiles
 from ..page.page_context import PageContext
 from ..page.plan_view import RATES, CommonPlan
 from ..page.shared_fields import SharedField, UndoButtons, grey, put
@@ -28,6 +30,7 @@ from .plots import PlanPlots
 from .poses import PoseFolder, PoseList
 
 _LINES = 7  # lines reserved for six figures, and a clearance with long names
+STEPS_MM = (1.0, 10.0, 50.0)  # how far a nudge moves the target; chosen
 SELECTS = "selects"  # what a click in the picture does unless it sets the target
 
 _FRAME = units.Unit(lambda frame: frame.replace("_", " "), lambda name: name.replace(" ", "_"))
@@ -68,6 +71,7 @@ class PlanPanel:
         for name, target in self._targets.items():
             with arms.add_tab(name):
                 target.add_target()
+                target.add_nudge()
                 target.add_jaw()
                 with gui.add_folder("More", expand_by_default=False):
                     target.add_choices()
@@ -77,6 +81,7 @@ class PlanPanel:
         context, gui, target = self._context, self._context.gui, self._targets[""]
         target.add_target()
         self._add_buttons()
+        target.add_nudge()
         self._back_out = context.button(
             "Back out slowly",
             self._model.plan_back_out,
@@ -102,7 +107,7 @@ class PlanPanel:
             " that can be reached.",
         )
         context.on_entry(click, on_click)
-        target.add_choices()
+        target.add_choices(poses.saved_files)
         self._own_poses = PoseFolder(context, poses)
 
     def _add_buttons(self) -> None:
@@ -195,6 +200,7 @@ class TargetControls:
     def __init__(self, context: PageContext, page: ViewModel) -> None:
         self._context, self._page = context, page
         self._range: tuple[Array, Array] | None = None
+        self._step_mm = STEPS_MM[1]
 
     def add_target(self) -> None:
         gui = self._context.gui
@@ -209,9 +215,27 @@ class TargetControls:
         poses = {pose.name: partial(self._page.set_target_joints, pose.q) for pose in POSES}
         self._context.buttons("Pose", {**poses, "here": self._page.set_target_here})
 
-    def add_choices(self) -> None:
+    def add_nudge(self) -> None:
+        context = self._context
+        sizes = {f"{mm:g}": partial(setattr, self, "_step_mm", mm) for mm in STEPS_MM}
+        context.buttons("Step (mm)", sizes, "How far a nudge moves the target")
+        ways = {
+            f"{sign}{axis}": partial(self._nudge, k, way)
+            for k, axis in enumerate("XYZ")
+            for sign, way in (("−", -1.0), ("+", 1.0))
+        }
+        context.buttons("Nudge", ways, "Moves the target; the arm waits for Plan and Execute")
+        self._chosen_step = context.gui.add_html("")
+
+    def _nudge(self, axis: int, way: float) -> None:
+        p_base = np.array(self._page.target.p_base)
+        p_base[axis] += way * to_m(self._step_mm)
+        self._page.set_target_point(p_base)
+
+    def add_choices(self, *also: SavedFiles) -> None:
+        """Add what chooses the target; its undo goes through the changes of ``also``, too."""
         context, gui, page = self._context, self._context.gui, self._page
-        self._history = UndoButtons(context, "Target", page.history)
+        self._undo = UndoButtons(context, page.history, *also)
         frame = gui.add_dropdown("Target for", tuple(map(_FRAME.shown, FRAMES)))
         self._frame = SharedField(frame, page.set_target_frame, context, _FRAME)
         with gui.add_folder("Direction", expand_by_default=False):
@@ -264,8 +288,9 @@ class TargetControls:
         self._grip.content = markup.small(texts.grip(state, holds=page.gripper.is_holding))
         self._force.show(page.force)
         grey(self._nearest, page.target.problem is None)
-        self._history.show()
+        self._undo.show()
         self._target.show(page.target.p_base)
+        self._chosen_step.content = f'<i data-chosen="{self._step_mm:g}"></i>'
         self._kind.show(page.kind)
         self._tilt.show(page.direction.tilt)
         self._roll.show(page.direction.roll or 0.0)

@@ -11,7 +11,7 @@ from ..page import texts
 from ..page.history import SavedFiles
 from ..page.page_context import PageContext
 from ..page.screen_state import Sentence, Tone
-from ..page.shared_fields import SharedField, UndoButtons
+from ..page.shared_fields import SharedField
 from ..view_model import MoveModel
 
 
@@ -101,7 +101,6 @@ class PoseFolder:
                 {"current pose": poses.save_arm, "target": poses.save_target},
                 "Where the arm is, or where the ghost is",
             )
-            self._undo = UndoButtons(context, "Saved poses", poses.saved_files)
         self._chosen = SharedField(self._list, poses.choose, context)
         self._name = SharedField(self._text, poses.call, context)
 
@@ -112,4 +111,3 @@ class PoseFolder:
         self._use.visible = bool(names)
         self._chosen.show(self._poses.chosen or (names[0] if names else _NONE))
         self._name.show(self._poses.name)
-        self._undo.show()

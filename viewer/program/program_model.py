@@ -16,7 +16,6 @@ from pathlib import Path
 from string import ascii_uppercase
 from typing import Any
 
-from so101_motion.arm.arm import Arm
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
@@ -37,10 +36,11 @@ from so101_motion.tasks.program.program import Step
 from so101_motion.tasks.program.rehearsal import stands_at
 
 from ..page import texts
+from ..page.causes import Causes, same_things, things_around
 from ..page.guiding import Guiding
 from ..page.history import History, SavedFiles
 from ..page.plan_view import Playback
-from ..page.screen_state import Sentence
+from ..page.screen_state import Sentence, Tone
 from ..page.target_ik import Surroundings, TargetSolver
 from ..view_model import ViewModel
 from . import program_texts as words
@@ -147,9 +147,11 @@ class ProgramModel:
         self._planning: Future[RehearsalTime] | None = None
         self._made_for: tuple[object, ...] = ()
         self.run: ProgramRun | None = None
+        self.run_speed = 1.0
         self._guiding = {
             name: Guiding(each.arm, each.clock, submit) for name, each in arms.members.items()
         }
+        self._causes = Causes(each.arm for each in arms.members.values())
         self._shown: tuple[object, ...] = ()
 
     # Steps
@@ -160,6 +162,16 @@ class ProgramModel:
 
     def record_targets(self, names: Sequence[str] | None = None) -> None:
         self._record({name: self.pages[name].target.q for name in names or self.pages})
+
+    def wait(self) -> None:
+        """Add a step after the selected one in which its arms stay there for a second."""
+        index = self._chosen_index()
+        stays = {
+            name: replace(each, name="wait", pause=1.0, aperture=None, passes=False)
+            for name, each in self._step.items()
+        }
+        self._edit(self.program.with_step(stays).moved(len(self.program), index + 1))
+        self.chosen = index + 1
 
     def choose(self, index: int) -> None:
         if 0 <= index < len(self.program):
@@ -246,6 +258,18 @@ class ProgramModel:
         self.name, self.chosen = name, 0 if program.steps else None
         self._sentence = self.texts.loaded(name, len(program))
 
+    def insert(self, name: str) -> None:
+        """Insert the saved program ``name`` after the selected step."""
+        other, at = files.read(self._file_of(name), self._zeros()), self._chosen_index() + 1
+        self._edit(self.program.with_program(other, at))
+        self.chosen = at + len(other) - 1
+
+    def set_run_speed(self, share: float) -> None:
+        """Run at this share of the planned speed; a run under way from its next stop on."""
+        self.run_speed = share
+        if self.run is not None:
+            self.run.speed = share
+
     def delete(self, name: str) -> None:
         """Delete the file of the program ``name``; the edited program stays."""
         with self.saved_files.changing(name) as file:
@@ -286,7 +310,7 @@ class ProgramModel:
 
     def start(self) -> None:
         if self.timeline is not None and self.can_run:
-            self.run = start_program(self._arms, self.timeline.rehearsal)
+            self.run = start_program(self._arms, self.timeline.rehearsal, speed=self.run_speed)
 
     def preview(self, t: float) -> None:
         self._playback.seek(t)
@@ -307,6 +331,11 @@ class ProgramModel:
     def sentence(self) -> Sentence:
         if self.run is not None:
             return words.running(self.run)
+        for name, each in self._arms.members.items():
+            blocked, mode = texts.blocked(each.arm.state), each.arm.state.mode
+            can_record = mode in (Mode.LIMP, Mode.GUIDING)
+            if blocked is not None and (not can_record or self._sentence is words.PRESS_PLAN):
+                return self._named(name, blocked)
         guided = self.guided
         if guided:
             left = [each.left for each in self._guiding.values() if each.left is not None]
@@ -350,6 +379,8 @@ class ProgramModel:
         self._collect_plan()
         self._watch_plan()
         self._collect_run()
+        if self._causes.have_changed() and self._sentence.tone is Tone.BAD:
+            self._sentence = words.PRESS_PLAN if self.program.steps else self.texts.welcome
         self._playback.advance(self._now())
         self.saved_files.look_again(self._now())
         seen = (
@@ -357,6 +388,7 @@ class ProgramModel:
             self.sentence,
             *(each.arm.state.mode for each in self._arms.members.values()),
             self.run and self.run.where,
+            self.run_speed,
             self.chosen,
             self.timeline,
             self.program,
@@ -459,16 +491,3 @@ def next_letter(taken: Iterable[str]) -> str:
     known = set(taken)
     names = (f"{letter}{lap if lap > 1 else ''}" for lap in count(1) for letter in ascii_uppercase)
     return next(name for name in names if name not in known)
-
-
-def things_around(arm: Arm) -> tuple[object, ...]:
-    """What an arm's plans depend on besides its position."""
-    return (arm.scene, arm.range, arm.speed, arm.acceleration)
-
-
-def same_things(things: tuple[object, ...], others: tuple[object, ...]) -> bool:
-    """Whether scenes and ranges are identical objects, and figures equal."""
-    return len(things) == len(others) and all(
-        one is other or (isinstance(one, float) and one == other)
-        for one, other in zip(things, others, strict=True)
-    )

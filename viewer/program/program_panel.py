@@ -64,26 +64,47 @@ class ProgramPart(Part):
         }
         self._fields: dict[str, WaypointFields] = {}
         self._chosen: list[viser.GuiButtonGroupHandle] = []  # for the chosen step
-        with context.tabs.add_tab(PROGRAM):  # nothing comes and goes, so nothing changes places
+        with context.tabs.add_tab(PROGRAM):
             self._build(context.gui)
 
     def _build(self, gui: viser.GuiApi) -> None:
         model, button = self.model, self._context.button
         self._sentence = gui.add_html("")
+        button(f"Record {model.texts.step}", model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
+        self._form = gui.add_folder(None)
+        with self._form:
+            self._build_form(gui)
+        self._undo = UndoButtons(self._context, model.history, model.saved_files)
+        self._files = FileFields(self._context, model)
+
+    def _build_form(self, gui: viser.GuiApi) -> None:
+        """What is of use once there is a step."""
+        model, button = self.model, self._context.button
         if self._is_one:
+            more = {"target": model.record_targets, "wait": model.wait}
             self._context.buttons(
-                "Record",
-                {"arm": model.record_arms, "target": model.record_targets},
-                "Where the arm is, or where the ghost is",
+                "Add",
+                more,
+                "A waypoint where the ghost is, or a wait of 1 s, which Pause (s) changes",
             )
         else:
             self._add_record("Record arm", model.record_arms, "they go to where they stand now")
             self._add_record("Record target", model.record_targets, "they go to their targets")
+            self._context.buttons("Add", {"wait": model.wait}, "A step in which they stay")
         self._rows = RowList(self._context, model.choose, model.reorder)
         # Above what is used less, for a phone shows little.
         self._plan = button("Plan program", model.plan, icon=viser.Icon.ROUTE)
         self._run = button("Run program", model.start, icon=viser.Icon.PLAYER_PLAY, color="green")
         self._progress = gui.add_progress_bar(0.0, color="green")
+        speed = gui.add_slider(
+            "Run speed (%)",
+            round(100.0 * SLOWEST),
+            100,
+            1,
+            100,
+            hint="Share of the planned speed. While the program runs: from the next stop on",
+        )
+        self._speed = SharedField(speed, model.set_run_speed, self._context, units.PERCENT)
         self._add_order()
         self._plan_part = self._context.buttons(
             "Plan only",
@@ -95,7 +116,6 @@ class ProgramPart(Part):
         self._add_arms(gui)
         self._loops = LoopFields(self._context, model)
         self._rounds = RoundsFields(self._context, model.set_rounds)
-        self._files = FileFields(self._context, model)
 
     def _add_record(
         self, label: str, record: Callable[[Sequence[str] | None], None], what: str
@@ -116,7 +136,6 @@ class ProgramPart(Part):
         does["delete"] = model.remove
         hint = "re-record: it moves to where the arm is now" if self._is_one else None
         self._chosen.append(self._context.buttons(model.texts.step.capitalize(), does, hint))
-        self._undo = UndoButtons(self._context, "Edits", model.history)
 
     def _add_arms(self, gui: viser.GuiApi) -> None:
         if self._is_one:
@@ -143,6 +162,8 @@ class ProgramPart(Part):
         model, program = self.model, self.model.program
         timeline, run, around = model.timeline, model.run, program.loops_around
         self._show_scene()
+        self._form.visible = bool(program.steps)
+        self._speed.show(model.run_speed)
         near = {} if timeline is None else timeline.nearest
         self._sentence.content = markup.sentence(model.sentence)
         index = None if run is not None else model.chosen
@@ -158,7 +179,7 @@ class ProgramPart(Part):
         self._loops.show(index, (program.steps, program.loops), loops)
         for group in self._chosen:
             grey(group, index is None)
-        self._undo.show(can=run is None)
+        self._undo.show(can=run is None, needed=bool(program.steps))
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
         grey(self._plan_part, not model.can_plan or model.chosen is None)
@@ -353,10 +374,12 @@ class FileFields:
             self._saved = saved = gui.add_dropdown("Saved", (_NONE,))
             uses = {
                 "load": lambda: model.load(saved.value),
+                "insert": lambda: model.insert(saved.value),
                 "delete": lambda: model.delete(saved.value),
             }
-            self._use = context.buttons("Saved one", uses)
-            self._undo = UndoButtons(context, "Files", model.saved_files)
+            self._use = context.buttons(
+                "Saved one", uses, "insert: all its steps and loops, after the chosen row"
+            )
         self._shelf = model.saved_files
 
     def show(self, name: str) -> None:
@@ -365,4 +388,3 @@ class FileFields:
         if self._saved.options != (saved or (_NONE,)):
             self._saved.options = saved or (_NONE,)
         grey(self._use, not saved)
-        self._undo.show()

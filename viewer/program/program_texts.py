@@ -85,13 +85,13 @@ ONE = Words(
     "waypoint",
     "arm",
     "The arm holds where it is",
-    Sentence("Record the arm or the target as the first waypoint."),
+    Sentence("Move the arm to where the program begins, then press Record waypoint."),
 )
 SEVERAL = Words(
     "step",
     "arms",
     "All arms hold where they are",
-    Sentence("Record where the arms stand, or the targets of the Move tab, as the first step."),
+    Sentence("Move the arms to where the program begins, then press Record step."),
 )
 
 
@@ -145,6 +145,8 @@ def timeline(timeline: RehearsalTime) -> markup.Timeline:
     whole = max(timeline.duration, 1e-9)
     parts, loops = [], []
     for visit, index, begins, ends in pieces:
+        if ends <= begins:
+            continue  # the arm is there already
         parts.append(markup.Span(_short(program, index), begins / whole, ends / whole))
         for depth, loop in enumerate(program.loops_around(index)):
             same = [

@@ -97,10 +97,14 @@ class ProgramView:
                 f"{self._root}/dots/{k}", radius=0.007, color=_COLOR, position=p, cast_shadow=False
             )
             self._on_pick(dot, k)
-        self._dots += [
-            self._scene.add_label(f"{self._root}/number{k}", f"{k + 1}", position=p + _ABOVE)
-            for k, p in points.items()
-        ]
+        numbers: dict[tuple[float, ...], list[int]] = {}  # of the steps at one place
+        for k, p in points.items():
+            numbers.setdefault(tuple(p.round(3)), []).append(k)
+        for steps in numbers.values():
+            text = ", ".join(f"{k + 1}" for k in steps)
+            place = points[steps[0]] + _ABOVE
+            label = self._scene.add_label(f"{self._root}/number{steps[0]}", text, position=place)
+            self._dots.append(label)
 
     def _draw_path(self, rehearsal: Rehearsal | None) -> None:
         legs = () if rehearsal is None else rehearsal.legs

@@ -13,6 +13,7 @@ import numpy as np
 
 from so101_motion.arm.stop_order import NUMBERS, refuse_older
 from so101_motion.common.errors import MachineUnavailable, So101Error
+from so101_motion.common.modes import Mode
 from so101_motion.common.operation import Operation, RemoteOperation, View
 from so101_motion.files import user_storage
 from so101_motion.rig.protocols import RigLike
@@ -50,7 +51,7 @@ class TeachPart(Part):
         self._opening: Future[Operation] | None = self._open(rig)
         self._leading = leading_of(rig, open_leader)
         self._drawn: tuple[tuple[float, ...], ...] = ()
-        self._was_impossible = False
+        self._was_impossible = self._was_faulty = False
         self._panel = OperationPanel(context, self._teaching, draw=self._draw)
         self._leads = OperationPanel(context, lambda: self._leading)
         if self._opening is None and self._leading is None:
@@ -93,6 +94,10 @@ class TeachPart(Part):
         return opening is not None and opening.done() and opening.exception() is not None
 
     def refresh(self) -> bool:
+        was_faulty, self._was_faulty = self._was_faulty, self._rig.arm.state.mode is Mode.FAULT
+        if was_faulty and not self._was_faulty:
+            self._panel.forget_trouble()
+            self._leads.forget_trouble()
         was_impossible, self._was_impossible = self._was_impossible, self._is_impossible
         is_news = self._panel.refresh() | self._leads.refresh()
         return is_news or was_impossible != self._was_impossible

@@ -108,7 +108,7 @@ class WorldPart(Part):
             hint="Which arm holds it",
             visible=len(self._tools) > 1,
         )
-        self._edits = UndoButtons(context, "Edits", world.history)
+        self._edits = UndoButtons(context, world.history, world.saved_files)
         gui.add_divider()
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),
@@ -153,7 +153,6 @@ class WorldPart(Part):
             else "so101 view --cell reads what save writes; download is the scene alone",
         )
         self._context.on_asked(self._files, self._download)
-        self._undo_save = UndoButtons(self._context, "Files", self.world.saved_files)
         self._for_viam = gui.add_html("", visible=False)
         self._viam_scene: Scene | None = None
         bring = gui.add_upload_button(
@@ -336,7 +335,6 @@ class WorldPart(Part):
             self._acts.options = acts
         grey(self._acts, thing is None)
         self._edits.show()
-        self._undo_save.show()
         self._gizmo.visible, self._gizmo.disable_rotations = pose is not None, not turns
         if pose is not None and not self.world.dragging:
             pose = self._T_of(thing) @ pose

@@ -159,6 +159,25 @@ class Program:
     def with_step(self, step: Step) -> Program:
         return replace(self, steps=(*self.steps, step))
 
+    def with_program(self, other: Program, at: int) -> Program:
+        """This program with the steps, loops and rounds of another before the step ``at``."""
+        if other.rounds is None:
+            raise ConfigError("program", "until stopped", "never ends; give it a number of rounds")
+        count = len(other)
+        around = [
+            replace(
+                each,
+                first=each.first + count * (each.first >= at),
+                last=each.last + count * (each.last >= at),
+            )
+            for each in self.loops
+        ]
+        inside = [replace(each, first=each.first + at, last=each.last + at) for each in other.loops]
+        if other.rounds > 1:
+            around.append(Loop(first=at, last=at + count - 1, times=other.rounds))
+        steps = (*self.steps[:at], *other.steps, *self.steps[at:])
+        return replace(self, steps=steps, loops=(*around, *inside))
+
     def without(self, index: int) -> Program:
         self._check(index)
         others = self.steps[:index] + self.steps[index + 1 :]

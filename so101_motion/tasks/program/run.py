@@ -17,11 +17,13 @@ import numpy as np
 from so101_motion.arm.gripper import move_jaw
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.team_motion import TeamStep
+from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import Interrupted, MotionError, PlanningError, So101Error
 from so101_motion.common.units import to_rad
 from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.torque import slowed
 from so101_motion.tasks.program.loops import Visit
-from so101_motion.tasks.program.program import ARM, Program, Waypoint
+from so101_motion.tasks.program.program import ARM, SLOWEST, Program, Waypoint
 from so101_motion.tasks.program.rehearsal import Leg, Rehearsal, plan_leg, stands_at
 from so101_motion.tasks.program.solo import Arms
 
@@ -54,11 +56,20 @@ class ProgramRun:
 
     ``planned`` plans it, with ``rehearse``, on the thread of an arm once the arms rest. ``future``
     completes after the last round, or raises what ended it; the message begins with the step.
-    ``motions`` are the run as a motion of each arm, to wait for or to interrupt.
+    ``motions`` are the run as a motion of each arm, to wait for or to interrupt. ``speed`` is a
+    share of the planned speed, up to 1; a change takes effect at the next stop.
     """
 
-    def __init__(self, arms: Arms, program: Program, planned: Callable[[], Rehearsal]) -> None:
+    def __init__(
+        self,
+        arms: Arms,
+        program: Program,
+        planned: Callable[[], Rehearsal],
+        *,
+        speed: float = 1.0,
+    ) -> None:
         program.refuse_empty()
+        self.speed = speed
         self.program = program
         self.rehearsal: Rehearsal | None = None
         self.future: Future[None] = Future()
@@ -117,7 +128,7 @@ class ProgramRun:
         except So101Error as error:
             self._error = error
             raise
-        leg = self._checked(self.rehearsal.leg_of(visit))
+        leg = _slowed(self._checked(self.rehearsal.leg_of(visit)), self.speed)
         plans = self._arms.check_again(leg.plans)
         self.leg, self._began = leg, self._now()
         return plans
@@ -177,6 +188,21 @@ class ProgramRun:
         self.future.set_exception(cause)
 
 
-def start_program(arms: Arms, rehearsal: Rehearsal) -> ProgramRun:
-    """Run a rehearsed program on its arms, which must be where the rehearsal begins."""
-    return ProgramRun(arms, rehearsal.program, lambda: rehearsal)
+def _slowed(leg: Leg, share: float) -> Leg:
+    """The leg at this share of its speed; the arms pass the same points together."""
+    checked_number("speed", share, lower=SLOWEST, upper=1.0, unit="of the planned speed")
+    if share == 1.0:
+        return leg
+    plans = {
+        name: replace(plan, trajectory=slowed(plan.trajectory, 1.0 / share))
+        for name, plan in leg.plans.items()
+    }
+    return replace(leg, plans=plans, at=tuple(t / share for t in leg.at))
+
+
+def start_program(arms: Arms, rehearsal: Rehearsal, *, speed: float = 1.0) -> ProgramRun:
+    """Run a rehearsed program on its arms, which must be where the rehearsal begins.
+
+    ``speed`` is a share of the planned speed, ``SLOWEST`` to 1.
+    """
+    return ProgramRun(arms, rehearsal.program, lambda: rehearsal, speed=speed)

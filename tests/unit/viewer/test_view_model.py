@@ -199,6 +199,11 @@ def test_a_plan_that_fails_is_reported_and_does_not_stop_the_page(page, arm, fai
     assert says in page.sentence.text
     assert page.sentence.tone is Tone.BAD
     assert page.can_plan
+    page.refresh()
+    assert page.sentence.tone is Tone.BAD
+    arm.scene = object()  # the cause may be gone
+    page.refresh()
+    assert page.sentence.text == "Reachable. Press Plan."
 
 
 def test_the_preview_moves_the_ghost_along_the_plan(page):

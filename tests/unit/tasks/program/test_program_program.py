@@ -64,6 +64,17 @@ def looped(names, *loops, passed=""):
     )
 
 
+def test_a_program_is_put_into_another_with_its_loops_and_rounds():
+    inner = looped("xy", (1, 1, 2)).with_rounds(3)
+    made = looped("abc", (0, 1, 2), (2, 2, 4)).with_program(inner, 2)
+    assert names(made) == "abxyc"
+    assert {(each.first, each.last, each.times) for each in made.loops} == {
+        (0, 1, 2), (2, 3, 3), (3, 3, 2), (4, 4, 4)
+    }  # fmt: skip
+    with pytest.raises(ConfigError, match="never ends"):
+        made.with_program(inner.with_rounds(None), 0)
+
+
 def order(made, most=None):
     """The waypoints as they are gone through; a comma where the arm stops."""
     legs = (made.waypoints[each.indices.start : each.indices.stop] for each in made.visits(most))

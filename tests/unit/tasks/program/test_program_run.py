@@ -162,6 +162,23 @@ def test_a_pause_lasts_as_long_as_it_should(rig, clock):
     assert clock.now() - begin == pytest.approx(3.0, abs=0.1)
 
 
+def test_a_run_is_slowed_from_its_next_stop_on(rig, clock):
+    rehearsal = rehearse(Solo.of(rig), program(at(A), at(B), at(A), at(B)))
+    run, began = start_program(Solo.of(rig), rehearsal, speed=0.5), clock.now()
+    until(rig, lambda: run.where.index == 1)
+    first = clock.now() - began
+    run.speed = 0.25  # for the third, since the second is under way
+    until(rig, lambda: run.where.index == 2)
+    second = clock.now() - began - first
+    until(rig, lambda: run.where.index == 3)
+    third = clock.now() - began - first - second
+    run.stop()
+    planned = [leg.at[-1] for leg in rehearsal.legs]
+    assert [first, second, third] == pytest.approx(
+        [2.0 * planned[0], 2.0 * planned[1], 4.0 * planned[2]], rel=0.15
+    )
+
+
 @pytest.mark.parametrize("doing", ["moving", "jaw", "pausing"])
 @pytest.mark.parametrize("how", ["run", "arm"])
 def test_stop_ends_a_run_whatever_it_is_doing(rig, clock, doing, how):

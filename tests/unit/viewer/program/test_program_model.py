@@ -165,6 +165,28 @@ def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab):
     assert (tab.names, tab.model.chosen, tab.model.history.can_undo) == ("", None, False)
 
 
+def test_a_wait_stays_where_the_step_before_it_stands_and_a_saved_program_is_inserted(tab):
+    tab.record(A, B)
+    tab.model.call("pick")
+    tab.model.save()
+    tab.model.choose(0)
+    tab.model.wait()
+    wait = tab.model.program.waypoints[1]
+    assert (wait.name, wait.pause, tab.model.chosen) == ("wait", 1.0, 1)
+    np.testing.assert_array_equal(wait.q, A)
+    tab.model.insert("pick")
+    assert (tab.names, tab.model.chosen) == ("AwaitABB", 3)
+    tab.model.delete("pick")
+    numbers = tab.model.history.undoes, tab.model.saved_files.undoes
+    assert 0 < numbers[0] < numbers[1]  # the newest is undone first: the file
+    tab.model.set_run_speed(0.5)
+    tab.plan()
+    tab.model.start()
+    assert tab.model.run.speed == 0.5
+    tab.model.run.stop()
+    tab.until(lambda: tab.model.run is None)
+
+
 def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(tab, clock):
     def change_all():
         for text in ("p", "pi", "pick"):
@@ -284,6 +306,10 @@ def test_a_program_is_planned_and_run_to_its_end_and_a_waypoint_out_of_reach_is_
     tab.until(lambda: tab.said.startswith("Waypoint 3 (C): "))
     assert tab.model.sentence.tone is Tone.BAD
     assert not tab.model.can_run
+    tab.rig.arm.set_torque(False)
+    tab.until(lambda: tab.rig.arm.state.mode is Mode.LIMP)
+    tab.rig.arm.set_torque(True)
+    tab.until(lambda: tab.said == "Press Plan program to check all of it; nothing moves.")
 
 
 @pytest.mark.parametrize("change", ["arm", "jaw", "speed", "scene", "program"])
