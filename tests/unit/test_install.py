@@ -141,6 +141,22 @@ def test_too_little_disk_space_is_said_before_anything_is_done(installer, capsys
     assert not installer.VENV.exists()
 
 
+def test_headers_and_second_copies_of_libraries_are_removed(installer):
+    packages = installer.VENV / "lib" / "python3.12" / "site-packages"
+    lib = packages / "cmeel.prefix" / "lib"
+    for gone in ("cmeel.prefix/include/a.h", "cmeel.prefix/lib/b.a", "scipy/io/tests/c.py"):
+        (packages / gone).parent.mkdir(parents=True, exist_ok=True)
+        (packages / gone).write_text("")
+    for name, content in (("libd.so", "d"), ("libd.so.1", "d"), ("libe.so", "e")):
+        (lib / name).write_text(content)
+    installer.slim(installer.VENV)
+    assert {path.name for path in packages.rglob("*") if not path.is_dir()} == {
+        *("libd.so", "libd.so.1", "libe.so")
+    }
+    assert (lib / "libd.so.1").is_symlink()
+    assert [(lib / name).read_text() for name in ("libd.so.1", "libe.so")] == ["d", "e"]
+
+
 @pytest.mark.parametrize(
     ("said", "then"),
     [
