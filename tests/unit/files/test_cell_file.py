@@ -68,32 +68,6 @@ def test_a_floor_needs_arms_that_stand_upright(tmp_path):
     np.testing.assert_allclose(free.arms[0].T_cell_base.R, rot_x(np.pi / 2), atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        ("{", "not JSON"),
-        ([], "must be an object"),
-        ({}, "at least one arm"),
-        ({"arms": [{"port": "/dev/x"}]}, "needs a name"),
-        ({"arms": [{"name": "a"}, {"name": "a"}]}, "twice"),
-        ({"arms": [{"name": "a", "port": "p"}, {"name": "b", "port": "p"}]}, "twice"),
-        ({"arms": [{"name": "a", "prot": "p"}]}, "port"),
-        ({"arms": [{"name": "a", "position_mm": [1, 2]}]}, "position_mm"),
-        ({"arms": [{"name": "a"}], "scenes": {}}, "scene"),
-        (
-            {
-                "arms": [{"name": "a"}],
-                "scene": {"attached": [{"name": "cube", "box_mm": [20, 20, 20]}]},
-            },
-            "held by an arm",
-        ),
-    ],
-)
-def test_invalid_input_is_refused_by_name(tmp_path, content, says):
-    with pytest.raises(ConfigError, match=says):
-        read_cell(written(tmp_path, content))
-
-
 def test_what_an_arm_holds_is_in_its_scene_and_written_again(tmp_path):
     stick = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
     content = {"arms": [{**CELL["arms"][0], "attached": [stick]}, CELL["arms"][1]]}

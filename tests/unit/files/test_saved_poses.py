@@ -85,17 +85,8 @@ def test_there_is_an_end_to_how_many_there_may_be(book, tmp_path):
     ("text", "reason"),
     [
         ("[", "is not JSON"),
-        ("[]", 'its "schema" must be'),
-        ('{"schema": "so101/poses/3"}', "this version cannot read"),
-        (KIND + "}", "must be a list"),
         (KIND + ', "poses": [], "poses": []}', "has poses twice"),
-        (KIND + ', "poses": [3]}', "pose 1"),
-        (KIND + ', "poses": [{"name": "a", "q_deg": [1]}]}', "five joint"),
-        (KIND + ', "poses": [{"name": "a", "q_deg": [NaN, 0, 0, 0, 0]}]}', "five joint"),
-        (KIND + ', "poses": [{"name": "", "q_deg": [0, 0, 0, 0, 0]}]}', "type a name first"),
-        (" " * (user_storage.LARGEST + 1), "more than"),
     ],
-    ids=lambda value: value[:60].strip(),
 )
 def test_a_broken_file_says_what_is_wrong_and_is_left_alone(tmp_path, text, reason):
     file = tmp_path / "poses.json"
