@@ -56,6 +56,7 @@ from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import Plan, PlanRequest
 
 LIFTS = (0.04, 0.02)  # how far the item is lifted, and lowered at its place [m]; chosen
+FINER = 3  # how many times more directions are tried if none of the first will do; chosen
 MOST = 12  # grasps that are planned for, unless the request says more; chosen
 DEEPEST = 0.001  # how deep an item may be in what it is put on [m]; chosen, the error of scenes
 SNAP = 0.003  # a place so little above the table is on it [m]; chosen: the base plate is 2.4 mm
@@ -184,22 +185,25 @@ class _Planning:
     def _picked(self, item: Obstacle) -> PickPlan:
         fingers = frozenset(frozenset((each, self._name)) for each in HOLDERS)
         touching = replace(self._scene, may_touch=self._scene.may_touch | fingers)
-        grasps, tally = self._search.find(
-            item, self._collision(touching), self._request.q_start, self._asked.wishes,
-            finer=self._asked.finer,
-        )  # fmt: skip
+        problems = list[PlanningError]()
+        for finer in (self._asked.finer, FINER * self._asked.finer):
+            grasps, tally = self._search.find(
+                item, self._collision(touching), self._request.q_start, self._asked.wishes,
+                finer=finer,
+            )  # fmt: skip
+            for tried, grasp in enumerate(grasps[: self._asked.most], 1):
+                if not self._search.clear_of_item(grasp, item, grasp.q_jaw_open):
+                    continue
+                try:
+                    return self._by(grasp, item, touching, tried)
+                except PlanningError as error:
+                    problems.append(error)
+                if time.monotonic() > self._deadline:
+                    raise self._no_plan(len(grasps), problems)
+            if tally.surfaces == 0 or self._asked.wishes.only:
+                break
         if not grasps:
             raise self._no_grasp(item, tally)
-        problems = list[PlanningError]()
-        for tried, grasp in enumerate(grasps[: self._asked.most], 1):
-            if not self._search.clear_of_item(grasp, item, grasp.q_jaw_open):
-                continue
-            try:
-                return self._by(grasp, item, touching, tried)
-            except PlanningError as error:
-                problems.append(error)
-            if time.monotonic() > self._deadline:
-                break
         raise self._no_plan(len(grasps), problems)
 
     def _by(self, grasp: Grasp, item: Obstacle, touching: Scene, tried: int) -> PickPlan:
