@@ -29,8 +29,8 @@ def things_in(scene: Scene, *, friction: float = FRICTION) -> Things:
 def keep_up(things: Things, before: Scene, now: Scene, *, friction: float = FRICTION) -> None:
     """Do to the things what a person does who edits a scene: add, move, take away.
 
-    What was held and is now an item is left where it truly is: the scene says where the arm
-    believes to have put it.
+    What was held is left where it truly is: the scene says where the arm believes to have put it,
+    or that it was lost.
     """
     known = {item.name: item for item in before.items}
     held = {each.name for each in before.attached}
@@ -40,7 +40,7 @@ def keep_up(things: Things, before: Scene, now: Scene, *, friction: float = FRIC
         ):
             things.put(_thing(item, friction))
     there = {item.name for item in now.items} | {each.name for each in now.attached}
-    for name in set(things.names) - there:
+    for name in known.keys() & set(things.names) - there:
         things.take_away(name)
     things.surround(
         now.floor_z,

@@ -150,7 +150,10 @@ def test_edits_of_a_scene_are_made_but_beliefs_of_an_arm_are_not():
     T_tool = RobotModel.load().frame(DOWN)
     edit(scene.taking("cube", T_tool))
     edit(scene.putting("cube", SE3.from_translation((0.1, 0.1, 0.0))))  # so the arm believes
+    edit(scene.taking("cube", T_tool))
+    edit(replace(scene, attached=()))  # so it lost it
     assert things.where("cube") is there
+    edit(around(cube(), *scene.obstacles))
     edit(Scene(obstacles=tuple(each for each in scene.obstacles if each.name == "other")))
     assert things.names == ("other",)
     moved = replace(scene.items[0], T_base_obstacle=SE3.from_translation((0.1, 0.1, 0.0)))
