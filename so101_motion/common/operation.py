@@ -47,7 +47,7 @@ class Input:
     """A value that a person gives with a command; its argument is what is shown at first."""
 
     label: str
-    choices: tuple[str, ...] = ()  # what may be chosen; empty to let it be typed
+    choices: tuple[str, ...] | None = None  # what may be chosen; None to let it be typed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

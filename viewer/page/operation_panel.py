@@ -270,7 +270,7 @@ class OperationPanel(Part):
             with self._folder:
                 widget = (
                     gui.add_dropdown(wanted.label, wanted.choices or (_NONE,))
-                    if wanted.choices or value
+                    if wanted.choices is not None
                     else gui.add_text(wanted.label, value)
                 )
             known = self._fields[wanted.label] = _Field(widget, self._context)
