@@ -164,7 +164,7 @@ class Preview(ServedPage):
             for name, each in self._tab_for_each("Teach", rigs)
         ]
         picks = [
-            PickPart(each, rigs[name], title=name or "Pick", node=move.nodes[name])
+            PickPart(each, rigs[name], source.place, title=name or "Pick", node=move.nodes[name])
             for name, each in self._tab_for_each("Pick", rigs)
         ]
         fade = {name: stage.fade for name, stage in move.stages.items()}

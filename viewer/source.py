@@ -38,6 +38,7 @@ class Source:
         camera: A camera's device or address, or a machine's name of it; or None.
         atlas: What a single arm reaches, to be shown, or None.
         open_leader: Opens the arm that a single one may follow; None if there is none.
+        place: Where the page proposes to put items.
     """
 
     title: str
@@ -47,6 +48,7 @@ class Source:
     camera: str | None = None
     atlas: Atlas | None = None
     open_leader: Callable[[], Rig] | None = None
+    place: str = ""
 
     @classmethod
     def given(cls, rig: RigLike, title: str) -> Source:

@@ -31,10 +31,10 @@ def pick(
     item: str = argument(),
     source: AnySource = paced(ANY_SOURCE),
     place: str = option(
-        "Where to put it: middle of its underside [mm], and how far to turn it [deg].",
+        "Where to put it: middle of its underside [mm], and how far to turn it [deg]; or on what.",
         str,
         "",
-        metavar="X,Y,Z[,TURN]",
+        metavar="X,Y,Z[,TURN]|NAME",
     ),
     approach: str = option("Approach it from there only.", click.Choice(["above", "side"])),
     tries: int = option("Grasps that are tried.", click.IntRange(1, 20), 3),
@@ -50,12 +50,13 @@ def pick(
     held stays held.
 
     \b
-    so101 pick cube --sim --scene examples/cube.json --place 200,120,0
+    so101 pick cube --sim --scene examples/cube.json --place tray
     so101 pick cube --port /dev/ttyACM0 --scene table.json --plan
     """  # noqa: D301
     from so101_motion.tasks.picking import place_from
 
-    place_from(place)  # refuses what is no place before the arm is opened
+    if scene is not None:
+        place_from(place, scene)  # refuses what is no place before the arm is opened
     opened = source.open_to_look() if only_plan else source.open()
     with quietly(), closing(opened) as rig:
         if scene is not None:

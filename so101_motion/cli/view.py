@@ -83,10 +83,11 @@ def demo(
         file = arms_in_a_circle(arms)
         show(CellSource(file=file, title=f"{arms} simulated arms"), page)
     else:
-        show(Source(port=None), page, scene=_cube_and_tray())
+        show(Source(port=None), page, scene=cube_and_tray(), place="tray")
 
 
-def _cube_and_tray() -> Scene:
+def cube_and_tray() -> Scene:
+    """What is around the demo's arm."""
     from so101_motion.common.geometry import SE3
     from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene
 
@@ -184,10 +185,12 @@ def show(
     leader: Source | None = None,
     camera: str | None = None,
     atlas: Path | None = None,
+    place: str = "",
 ) -> None:
     """Serve the page until Ctrl-C; it saves changes of scene or cell to ``scene_file``.
 
-    ``scene`` is around a single arm instead of what is in that file.
+    ``scene`` is around a single arm instead of what is in that file; ``place`` is where the page
+    proposes to put its items.
     """
     from so101_motion.arm.planning_worker import planner_started
 
@@ -212,6 +215,7 @@ def show(
             open_leader=None if leader is None else leader.open,
             camera=camera,
             atlas=reach,
+            place=place,
         )
         with in_lines(), viewer.serve_source(arm, **page.server(source.title)) as preview:
             aside(f"so101: {source.what}")

@@ -1,12 +1,14 @@
 """Pick and place as one operation: for the terminal, the page, DoCommands and other machines.
 
-Lengths are millimetres here. A place is text, ``"200,120,0"``: the middle of the item's underside,
-with a fourth number for how far it is turned from how it was picked, in degrees.
+Lengths are millimetres here. A place is text: ``"200,120,0"``, the middle of the item's underside,
+with a fourth number for how far it is turned from how it was picked, in degrees; or the name of
+what it is put on.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +18,11 @@ from so101_motion.common.errors import ConfigError, NotPossibleNow, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.operation import Input, LocalOperation, Offer, Picture, Row, Started, View
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.planning.collision.coal_shapes import held_shape
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.picking.grasps import Wishes
-from so101_motion.planning.picking.pick_plan import STAGES, PickPlan, Place
+from so101_motion.planning.picking.pick_plan import PickPlan, Place
 
 PICKED = ("list_items", "plan_pick", "pick", "place")
 """The commands that are DoCommands of an arm as well."""
@@ -27,31 +32,41 @@ _MOST_POINTS = 200  # of the drawn line
 _FROM = {"": ("above", "side"), "above": ("above",), "side": ("side",)}
 
 
-def place_from(text: str) -> Place | None:
-    """The place that a text means; None if it is empty, ``ConfigError`` if it means none."""
+def place_from(text: str, scene: Scene) -> Place | None:
+    """The place that a text means; None if it is empty, ``ConfigError`` if it means none.
+
+    The name of something in ``scene`` means the middle of its top, as far as that is known: of the
+    box around it.
+    """
     if not text:
         return None
+    for each in scene.obstacles:
+        if each.name == text and not each.keep_out:
+            T = each.T_base_obstacle
+            corners = held_shape(read_shape(each.shape))[1] @ T.R.T + T.p
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            return Place(p=np.append(0.5 * (low + high)[:2], high[2]))
     try:
         numbers = [float(each) for each in text.split(",")]
         if len(numbers) not in (3, 4):
             raise ValueError(text)
     except ValueError:
-        reason = 'must be "x,y,z" in mm, or "x,y,z,turn" with degrees'
+        reason = 'must be "x,y,z" in mm, "x,y,z,turn" with degrees, or the name of an obstacle'
         raise ConfigError("place", text, reason) from None
     yaw = to_rad(numbers[3]) if len(numbers) == 4 else None
     return Place(p=to_m(np.array(numbers[:3])), yaw=yaw)
 
 
 class PickOperation(LocalOperation):
-    """Picks the items of an arm's scene and places them."""
+    """Picks the items of an arm's scene and places them; ``place`` is proposed."""
 
     refuses = False
 
-    def __init__(self, picker: Picker) -> None:
+    def __init__(self, picker: Picker, place: str = "") -> None:
         super().__init__()
         self._picker = picker
         self._planned: tuple[str, str, PickPlan] | None = None
-        self._item, self._at = "", ""
+        self._item, self._at = "", place
         self._run: PickRun | None = None
         self._trouble = ""
         self.commands = {
@@ -72,11 +87,11 @@ class PickOperation(LocalOperation):
         return View(
             state=state,
             text=self._text(moving, run, planned),
-            rows=_rows(plan, run.stage if run is not None else "", moving),
+            rows=_rows(plan, run, moving),
             trouble="" if moving else self._trouble,
             offers=self._offers(moving),
             said=self.said,
-            picture=None if plan is None else _picture(plan),
+            picture=_picture(plan) if plan is not None and (moving or planned) else None,
             facts={"items": self._items, "held": self._held},
         )
 
@@ -99,7 +114,7 @@ class PickOperation(LocalOperation):
             return f"The gripper holds {self._held[-1]}; say where to put it."
         if not self._items:
             return "The scene has no item. Give an obstacle a mass to make it one."
-        return "Choose an item, and where to put it (x,y,z in mm; empty to hold it)."
+        return "Choose an item, and where to put it: x,y,z in mm, or on what; empty to hold it."
 
     def _offers(self, moving: bool) -> tuple[Offer, ...]:
         if moving:
@@ -112,13 +127,26 @@ class PickOperation(LocalOperation):
         given = {"item": chosen, "place": self._at}
         inputs = {
             "item": Input(label="Item", choices=names),
-            "place": Input(label="Place (x,y,z mm)"),
+            "place": Input(label="Place (mm or name)"),
         }
+        why_not, title = busy or nothing, "Pick and place"
+        at_once = Offer(
+            command="pick", title=title, arguments=given, inputs=inputs, key="n", why_not=why_not
+        )
+        if self._held:
+            at_once = replace(
+                at_once,
+                command="place",
+                title="Place",
+                arguments={"item": chosen, "at": self._at},
+                inputs={"item": inputs["item"], "at": inputs["place"]},
+            )
         unplanned = None if self._planned else "plan it first"
         return (
             Offer(command="plan_pick", title="Plan", arguments=given, inputs=inputs, key="p",
-                  why_not=busy or nothing),
+                  why_not=why_not),
             Offer(command="run", title="Go", why_not=busy or unplanned, key="g"),
+            at_once,
         )  # fmt: skip
 
     # Commands
@@ -140,7 +168,7 @@ class PickOperation(LocalOperation):
         """Plan to pick an item, or to place what is held; moves nothing."""
         self._item, self._at, self._planned, self._run = item, place, None, None
         self._trouble = ""
-        plan = self._picker.plan(item, place_from(place), _wishes(approach))
+        plan = self._picker.plan(item, self._place_from(place), _wishes(approach))
         self._planned = item, place, plan
         return _facts(plan)
 
@@ -159,6 +187,9 @@ class PickOperation(LocalOperation):
             raise ConfigError("at", at, 'is missing; "x,y,z" in mm')
         return self._begin(item, at, Wishes(), 1)
 
+    def _place_from(self, text: str) -> Place | None:
+        return place_from(text, self._picker.arm.scene)
+
     def _go(self) -> Started:
         if self._planned is None:
             raise NotPossibleNow("run", "nothing is planned")
@@ -175,7 +206,7 @@ class PickOperation(LocalOperation):
     ) -> Started:
         self._item, self._at, self._planned, self._trouble = item, place, None, ""
         run = self._run = self._picker.start(
-            item, place_from(place), wishes, tries=tries, planned=plan, tell=self.say
+            item, self._place_from(place), wishes, tries=tries, planned=plan, tell=self.say
         )
         run.future.add_done_callback(self._ended)
 
@@ -213,11 +244,13 @@ def _facts(plan: PickPlan) -> dict[str, Any]:
     return facts
 
 
-def _rows(plan: PickPlan | None, stage: str, moving: bool) -> tuple[Row, ...]:
+def _rows(plan: PickPlan | None, run: PickRun | None, moving: bool) -> tuple[Row, ...]:
     if plan is None:
         return ()
-    order = [name for name in STAGES if name in plan.plans]
-    reached = order.index(stage) if stage in order else -1
+    order = list(DOING)
+    reached = order.index(run.stage) if run is not None else -1
+    if run is not None and not moving and run.future.exception() is None:
+        reached = len(order)
     return tuple(
         Row(
             label=name,
@@ -226,6 +259,7 @@ def _rows(plan: PickPlan | None, stage: str, moving: bool) -> tuple[Row, ...]:
             tone="good" if k < reached else "busy" if k == reached and moving else "dim",
         )
         for k, name in enumerate(order)
+        if name in plan.plans
     )
 
 

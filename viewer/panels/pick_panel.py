@@ -21,10 +21,16 @@ _COLOR = (140, 95, 200)
 
 
 class PickPart(Part):
-    """The widgets of the Pick tab."""
+    """The widgets of the Pick tab; ``place`` is proposed."""
 
     def __init__(
-        self, context: PageContext, rig: RigLike, *, title: str = "Pick", node: str = ""
+        self,
+        context: PageContext,
+        rig: RigLike,
+        place: str = "",
+        *,
+        title: str = "Pick",
+        node: str = "",
     ) -> None:
         self._rig = rig
         self._line = Line(context.server.scene, f"{node}/pick/path")
@@ -36,7 +42,7 @@ class PickPart(Part):
             self._opening = context.in_background(partial(rig.operation, "picking", moves))
         elif isinstance(rig, Rig):
             self._opening = Future()
-            self._opening.set_result(PickOperation(rig.picker))
+            self._opening.set_result(PickOperation(rig.picker, place))
         self._panel = OperationPanel(context, self._operation, draw=self._draw)
         with context.tabs.add_tab(title):
             self._panel.build(context.gui)
