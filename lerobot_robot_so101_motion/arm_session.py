@@ -8,10 +8,6 @@ is near. If it cannot be reached or has a fault, an error is raised.
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Callable
-from concurrent.futures import Future, wait
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,17 +17,22 @@ from lerobot_robot_so101_motion.units import JointUnits
 from so101_motion.arm.arm import SCENE
 from so101_motion.arm.gripper import JawFollowing
 from so101_motion.arm.joint_caps import JointCaps
-from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import FollowingError, MotionError, PlanningError, So101Error
+from so101_motion.common.errors import MotionError, PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
-from so101_motion.common.realtime import LOOK_FOR_SIGNALS
-from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.state import JointState
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.following import APPROACH, GATE, Following
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.session_end import (
+    REST_WITHIN,
+    Waiter,
+    release_where_it_lies,
+    wait_for,
+    wait_in_real_time,
+)
 from so101_motion.tasks.teleop.pilot import FULL_JERK
 from so101_motion.tasks.teleop.sides import JAW_APPROACH
 
@@ -42,23 +43,7 @@ _log = logging.getLogger(__name__)
 
 SILENT_AFTER = 0.5  # how old a measurement may be [s], as for the driver
 
-LIES_WITHIN = to_rad(6.0)
-"""Largest distance from a lying pose at which an arm is released [rad]; chosen."""
-
-LOWERED_BY, LOWERING = (
-    to_rad(25.0),
-    MotionLimits.uniform(velocity=to_rad(15.0), acceleration=to_rad(50.0), jerk=20.0),
-)
-"""How far and how fast an arm is lowered until it lies on something [rad]; chosen: from ``rest``
-the forearm sinks by 18 deg."""
-
-BEARS = 0.1
-"""A joint that carries less torque than this stays in place when it is released [N m]; chosen,
-below the friction of a servo."""
-
-REST_WITHIN = 10.0  # how long to wait for a stop [s]; it takes less than a second
 PARKED_WITHIN = 60.0  # how long to wait for the motion to the park pose [s]; chosen
-Waiter = Callable[["Future[None]", float], None]  # waits at most so long [s]; raises the error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,35 +154,11 @@ class ArmSession:
     def go(self, q: Array, *, within: float = PARKED_WITHIN) -> None:
         """Move along a plan to joint angles, shape (5,), [rad], with the approach caps; wait."""
         motion = self.rig.arm.move(JointGoal(q=q), limits=self._pace.approach, wait=False)
-        self._await(motion, within)
+        wait_for(motion, within, self.wait)
 
     def release_where_it_lies(self, poses: tuple[Array, ...]) -> bool:
-        """Lower and release the arm if it is at one of ``poses``, each (5,), [rad]; says whether.
-
-        It is lowered slowly in the direction of its weight until it lies on something: in the pose
-        ``rest`` there are some millimetres left under the forearm.
-        """
-        arm = self.rig.arm
-        q = arm.state.q
-        if not any(float(np.max(np.abs(q - pose))) <= LIES_WITHIN for pose in poses):
-            return False
-        self._lower()
-        arm.set_torque(False)
-        return True
-
-    def _lower(self) -> None:
-        arm = self.rig.arm
-        for i in range(len(ARM_JOINTS)):
-            q = np.append(arm.state.q_ref, self.rig.gripper.q_jaw)
-            torque = float(arm.model.gravity_torque(q)[i])
-            if abs(torque) < BEARS:
-                continue
-            lying = q[:5]
-            lying[i] -= np.sign(torque) * LOWERED_BY
-            lying = np.clip(lying, *arm.range)
-            with suppress(FollowingError):  # the arm lies on something
-                motion = arm.retarget(lying, limits=LOWERING, guard=None)
-                self._await(motion, REST_WITHIN)
+        """As ``session_end.release_where_it_lies``."""
+        return release_where_it_lies(self.rig, poses, self.wait)
 
     def _begin(self, q: Array) -> Following | None:
         """Open a following, after a planned move to a far target; None while the arm waits."""
@@ -247,23 +208,3 @@ class ArmSession:
                 approach=slow, stale_after=self._pace.stale_after
             )
         return jaw.aim(aperture)
-
-    def _await(self, motion: Motion, within: float) -> None:
-        try:
-            self.wait(motion.future, within)
-        except BaseException:
-            motion.interrupt("stop")  # nothing if it is over
-            with suppress(So101Error, TimeoutError):
-                self.wait(motion.future, REST_WITHIN)
-            raise
-
-
-def wait_in_real_time(future: Future[None], seconds: float) -> None:
-    """Wait until ``future`` is done; ``MotionError`` if it is not in time. Signals are handled."""
-    end = time.monotonic() + seconds
-    while not future.done():
-        left = end - time.monotonic()
-        if left <= 0.0:
-            raise MotionError(f"the arm's motion did not end within {seconds:g} s")
-        wait((future,), min(left, LOOK_FOR_SIGNALS))
-    future.result()

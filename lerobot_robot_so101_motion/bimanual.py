@@ -13,7 +13,6 @@ from typing import Any
 
 from lerobot.robots import Robot
 
-from lerobot_robot_so101_motion.arm_session import Waiter
 from lerobot_robot_so101_motion.config import (
     BiSO101MotionConfig,
     SO101MotionArmConfig,
@@ -26,6 +25,7 @@ from so101_motion.drivers.port.port_list import device_of
 from so101_motion.files.cell_file import read_cell
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.session_end import Waiter
 
 SIDES = ("left", "right")
 

@@ -15,7 +15,7 @@ from typing import Any
 from lerobot.teleoperators import Teleoperator
 from lerobot.utils.constants import TELEOPERATORS
 
-from lerobot_robot_so101_motion.arm_session import REST_WITHIN, Pace
+from lerobot_robot_so101_motion.arm_session import Pace
 from lerobot_robot_so101_motion.config import SO101MotionLeaderConfig
 from lerobot_robot_so101_motion.so101_device import SO101Device, open_arms
 from lerobot_robot_so101_motion.units import KEYS, is_number
@@ -24,6 +24,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.planning.collision.scene import Scene
+from so101_motion.rig.session_end import REST_WITHIN
 
 HANDED_OVER = 100.0  # cap on its acceleration while it moves by itself [deg/s^2]; chosen for a hand
 DRIVEN_ON = 2.0  # it goes on moving to the last feedback for so long [s]; chosen: that may lag

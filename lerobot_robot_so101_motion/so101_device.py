@@ -21,13 +21,14 @@ from lerobot.utils.constants import HF_LEROBOT_CALIBRATION
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from lerobot_robot_so101_motion import calibration
-from lerobot_robot_so101_motion.arm_session import ArmSession, Pace, Waiter
+from lerobot_robot_so101_motion.arm_session import ArmSession, Pace
 from lerobot_robot_so101_motion.units import JOINTS, KEYS
 from so101_motion.common.errors import So101Error
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.session_end import Waiter
 
 _log = logging.getLogger(__name__)
 

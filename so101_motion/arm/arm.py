@@ -636,6 +636,10 @@ class Arm(CappedJoints):
             route_effort=search.route_effort,
         )
 
+    def search_among_known(self) -> Search:
+        """Options of a search among all that is known: its scene, and what ``keep_off`` adds."""
+        return Search(scene=self._situation.scene)
+
     def _with_surroundings(self, scene: Scene) -> Scene:
         """The scene of a plan: ``scene`` and what else is known to be around the arm."""
         return scene

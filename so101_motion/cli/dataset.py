@@ -20,7 +20,7 @@ from so101_motion.cli.shared import (
     stops_on_ctrl_c,
     write_report,
 )
-from so101_motion.cli.sources import SOURCE, Source, paced
+from so101_motion.cli.sources import SOURCE, Source, end_as_asked, ending, paced
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
 
@@ -147,7 +147,7 @@ def convert(
 def replay(
     path: Path = _PATH,
     episode: int = option("Which one.", click.IntRange(0), required=True),
-    source: Source = paced(SOURCE),
+    source: Source = ending(paced(SOURCE)),
     side: str | None = _SIDE,
     units: str | None = _UNITS,
     recorded_with: Path | None = option(
@@ -204,6 +204,7 @@ def replay(
                     f"{joint} is beyond this arm's range in {count} frames; it waits at its limit"
                 )
         have_agreed(f"Move the {source.what}?", yes)
+        end_as_asked(source.at_end, rig)
         with stops_on_ctrl_c(rig.arm):
             outcome = replay_episode(rig, planned)
     if as_json:

@@ -19,7 +19,7 @@ from so101_motion.cli.shared import (
     quietly,
     stops_on_ctrl_c,
 )
-from so101_motion.cli.sources import SOURCE, Source, paced
+from so101_motion.cli.sources import SOURCE, Source, end_as_asked, ending, paced
 from so101_motion.common import interrupts
 from so101_motion.common.units import to_deg, to_rad
 
@@ -116,7 +116,7 @@ def _run_keys(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: flo
 @verb(guide)
 def replay(
     file: Path = argument(IN_FILE),
-    source: Source = paced(SOURCE),
+    source: Source = ending(paced(SOURCE)),
     tolerance: float = option(
         "How far a joint may be from the path.", Finite(), 2.0, metavar="DEG"
     ),
@@ -146,6 +146,7 @@ def replay(
                 aside(f"{file}: {_in_words(path)}, recorded")
                 aside(_planned(found))
             have_agreed(f"Move the {source.what}?", yes or number > 0)
+            end_as_asked(source.at_end, rig)
             with stops_on_ctrl_c(rig.arm):
                 start_replay(rig.arm, gripper, found).result()
         off_deg = float(to_deg(abs(rig.arm.state.q - found.plans[-1].q_goal).max()))

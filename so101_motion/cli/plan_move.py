@@ -26,7 +26,7 @@ from so101_motion.cli.shared import (
     quietly,
     stops_on_ctrl_c,
 )
-from so101_motion.cli.sources import ANY_SOURCE, AnySource, Source, paced
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, Source, end_as_asked, ending, paced
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.state import ARM_JOINTS
@@ -175,7 +175,7 @@ def plan(
 
 @verb()
 def move(
-    source: AnySource = paced(ANY_SOURCE),
+    source: AnySource = ending(paced(ANY_SOURCE)),
     goal: Goal | str = _GOAL,
     scene: Scene | None = SCENE,
     route_effort: int = _EFFORT,
@@ -194,6 +194,7 @@ def move(
         if not as_json:
             click.echo(plan_table(found))
         have_agreed(f"Move the {source.what} for {found.duration:.1f} s?", yes)
+        end_as_asked(source.at_end, rig)
         _wait(rig, rig.arm.move(found, wait=False), found)
         state = rig.arm.state
         off_deg = float(to_deg(np.max(np.abs(state.q - found.q_goal))))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from concurrent.futures import wait
 from contextlib import closing
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -20,11 +21,11 @@ from so101_motion.cli.shared import (
     quietly,
     stops_on_ctrl_c,
 )
-from so101_motion.cli.sources import ANY_SOURCE, AnySource, paced
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, end_as_asked, ending, paced
 from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.planning.request import Plan
@@ -37,7 +38,7 @@ ROUNDS = option("Number of rounds; by default as saved.", click.IntRange(1, 10_0
 @verb()
 def run(
     program: str = argument(metavar="PROGRAM", shell_complete=completed_programs),
-    source: AnySource = paced(ANY_SOURCE),
+    source: AnySource = ending(paced(ANY_SOURCE)),
     rounds: int | None = ROUNDS,
     scene: Scene | None = SCENE,
     yes: bool = YES,
@@ -61,7 +62,8 @@ def run(
         if scene is not None:
             rig.arm.scene = scene
         made = made if rounds is None else made.with_rounds(rounds)
-        carry_out(Solo.of(rig), made, f"Move the {source.what}?", yes, quiet=as_json)
+        agreed = partial(end_as_asked, source.at_end, rig)
+        carry_out(Solo.of(rig), made, f"Move the {source.what}?", yes, agreed, quiet=as_json)
         facts = {
             "source": source.what,
             "waypoints": [each.name for each in made.waypoints],
@@ -73,11 +75,17 @@ def run(
 
 
 def carry_out(
-    arms: Arms, program: Program, question: str, yes: bool, *, quiet: bool = False
+    arms: Arms,
+    program: Program,
+    question: str,
+    yes: bool,
+    agreed: Callable[[], None] = lambda: None,
+    *,
+    quiet: bool = False,
 ) -> None:
     """Plan a program as a whole, print the plan unless ``quiet``, ask, and run it.
 
-    Ctrl-C stops all arms.
+    ``agreed`` is called once a person has agreed. Ctrl-C stops all arms.
     """
     from so101_motion.tasks.program import rehearse, start_program
 
@@ -86,6 +94,7 @@ def carry_out(
     if not quiet:
         aside(_planned(rehearsal))
     have_agreed(question, yes)
+    agreed()
     with stops_on_ctrl_c(arms):
         await_end(start_program(arms, rehearsal))
 

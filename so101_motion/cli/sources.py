@@ -39,6 +39,7 @@ class _SourceWithCaps:
 
     speed: float | None = None  # joint speed cap [rad/s]
     acceleration: float | None = None  # joint acceleration cap [rad/s^2]
+    at_end: str = "hold"  # how it is left, see ``end_as_asked``
 
     @property
     def what(self) -> str:
@@ -198,6 +199,27 @@ AnySource = Source | MachineSource  # both open a rig that fits ``RigLike``
 S = TypeVar("S", bound=AnySource)
 
 
+def end_as_asked(at_end: str, rig: RigLike) -> None:
+    """Leave ``rig`` so when it is closed; called once a person has agreed to a motion."""
+    from so101_motion.rig.rig import Rig
+
+    if at_end != "hold" and isinstance(rig, Rig):
+        rig.at_end, rig.on_left = at_end, aside
+
+
+def ending(source: Any) -> Any:
+    """The options of ``source`` with ``--at-end``."""
+    return together(_with_end, source=source, at_end=AT_END)
+
+
+def _with_end(source: Any, at_end: str) -> Any:
+    if at_end == "hold":
+        return source
+    if not isinstance(source, Source):
+        raise click.UsageError("--at-end works only with --sim or --port; leave it out")
+    return replace(source, at_end=at_end)
+
+
 def with_caps(source: S, speed_deg: float | None, acceleration_deg: float | None) -> S:
     """The same source with caps on joint speed [deg/s] and acceleration [deg/s^2]."""
     from so101_motion.common.units import to_rad
@@ -301,6 +323,13 @@ _LOCAL = {
     "calibration": CALIBRATION,
 }
 _CELL = option("Several arms that share a space: a cell file, as for so101 cell.", IN_FILE)
+
+AT_END = option(
+    "How the arm is left: it holds, is let go of, goes home by a plan, or goes to the pose"
+    " 'park' (else 'rest'), where it lies and is let go of.",
+    click.Choice(("hold", "release", "home", "park")),
+    "hold",
+)
 
 SOURCE = together(_source, **_LOCAL)  # a ``Source``, for verbs that work on servos
 ANY_SOURCE = together(_source, **_LOCAL, machine=MACHINE)

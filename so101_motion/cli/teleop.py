@@ -12,7 +12,7 @@ import click
 from so101_motion.cli.options import JSON, START, flag, option, verb
 from so101_motion.cli.param_types import PER_JOINT, PORT, SCENE, SECONDS, Finite, OutFile
 from so101_motion.cli.shared import STOPPED, aside, have_agreed, print_json
-from so101_motion.cli.sources import Source
+from so101_motion.cli.sources import AT_END, Source, end_as_asked
 from so101_motion.common import interrupts
 from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import ARM_JOINTS
@@ -57,10 +57,13 @@ def teleop(
     ),
     fps: float = option("Rows a second.", Finite(0.1, 1000.0), 100.0),
     seconds: float | None = option("Stop after this time.", SECONDS),
+    at_end: str = AT_END,
     yes: bool = START,
     as_json: bool = JSON,
 ) -> None:
     """Guide one arm by hand and let another follow. Ctrl-C ends it; then both arms hold.
+
+    --at-end is for the follower.
 
     The leader goes limp, so have a hand on it. The follower moves slowly to the leader's pose, and
     mirrors it once it is within 5 deg. When one of the two is lost, the follower holds until you
@@ -96,6 +99,7 @@ def teleop(
         if scene is not None:
             following.arm.scene = scene
         have_agreed("The leader goes limp now. Are you holding it?", yes)
+        end_as_asked(at_end, following)
         leads, follows = (
             LocalArm(station=rig, jaw=None if no_gripper else rig) for rig in (leading, following)
         )

@@ -45,6 +45,7 @@ class _Interrupts:
 
     def __init__(self) -> None:
         self.first = ""
+        self.heard = 0
         self.since = 0.0
         self.holds = 0
         self.is_taken = False
@@ -52,6 +53,7 @@ class _Interrupts:
         self.on_import: Callable[[str], None] = lambda name: None
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
+        self.heard += 1
         if not self.first:
             self.first = _NAMES[signal.Signals(number).name]
             self.since = time.monotonic()
@@ -99,6 +101,16 @@ def _unraisable(lost: sys.UnraisableHookArgs) -> None:
 def first() -> str:
     """The name of the first signal, for people; empty if none has come."""
     return _this.first
+
+
+def heard() -> int:
+    """How many signals have come."""
+    return _this.heard
+
+
+def prolong() -> None:
+    """Count the time to the end of the program from now on: an arm is on its way to rest."""
+    _this.since = time.monotonic()
 
 
 def taken() -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import atexit
 import logging
 import threading
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -175,8 +175,10 @@ class HardwareRig(Rig):
         """Give up this share; the last one closes the port. May be called twice.
 
         A bus lent by this share goes back first. If it is the last share, the servos stay as the
-        borrower left them.
+        borrower left them, and else it does as ``at_end`` says.
         """
+        if not self._closed and self.users == 1 and self._lease is None:
+            self.leave()
         with _hardware_lock:
             if self._closed:
                 return
@@ -298,17 +300,19 @@ _hardware_lock = threading.Condition()
 _hardware: list[SharedPort] = []
 
 
-def release_arms_at_end() -> None:
-    """Stop and release every arm that is configured to be released when the process ends.
+def leave_arms_at_end() -> None:
+    """Leave every arm as it is configured to be left when the process ends, all at once.
 
-    An arm that cannot be reached stays as it is; the log says so.
+    An arm that cannot be reached, or cannot go where it should, holds; the log says so.
     """
-    for live in tuple(_hardware):
-        live.release_if_configured()
+    with ThreadPoolExecutor(thread_name_prefix="so101-end") as beside:
+        wait([beside.submit(live.leave_as_configured) for live in tuple(_hardware)])
 
 
 @atexit.register
 def _close_all() -> None:
-    release_arms_at_end()
+    for live in tuple(_hardware):
+        if live.servos.settings.at_end == "release":  # no thread can be started for a motion now
+            live.leave_as_configured()
     for live in tuple(_hardware):
         live.close()

@@ -33,8 +33,8 @@ class ServoSettings:
             told where they differ.
         rate: Setpoints a second [1/s]; None from components that do not care.
         fallback_file: Where a calibration of this arm is saved unless a component names a file.
-        releases_at_end: Whether the joints are released, instead of held, when the process ends in
-            order; None from components that do not care.
+        at_end: How the arm is left when the process ends in order, one of ``session_end.ENDS``;
+            None from components that do not care.
         compensates: Whether weight, friction and lag are compensated; None from components that do
             not care: they are compensated then.
         finds_file: Whether the saved calibration that agrees with the servos is used if none is
@@ -53,7 +53,7 @@ class ServoSettings:
     joint_zero: str | None = None
     rate: float | None = None
     fallback_file: Path | None = None
-    releases_at_end: bool | None = None
+    at_end: str | None = None
     compensates: bool | None = None
     finds_file: bool = False
     goes_with_arm: bool = False
@@ -177,7 +177,7 @@ _ATTRIBUTES = {
     "zero_offsets": "joint_zero_offsets_deg",
     "joint_zero": "joint_zero",
     "rate": "control_rate_hz",
-    "releases_at_end": "at_end",
+    "at_end": "at_end",
     "compensates": "compensates",
 }
 """The settings that components must agree on, by name, as a configuration calls them."""
@@ -186,8 +186,6 @@ _AGREED = tuple(name for name in _ATTRIBUTES if name != "baudrate")
 
 
 def _plain(name: str, value: object) -> str:
-    if name == "releases_at_end":
-        return "release" if value else "hold"
     if isinstance(value, Mapping):
         return ", ".join(f"{joint} {to_deg(angle):g} deg" for joint, angle in value.items())
     if isinstance(value, float):

@@ -7,6 +7,8 @@ planning process, which ends with the last of them.
 from __future__ import annotations
 
 import itertools
+import logging
+import sys
 from collections.abc import Callable
 from functools import cached_property, partial
 
@@ -19,6 +21,7 @@ from so101_motion.arm.picking import TRIES, Picker, PickRun
 from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
+from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.control.joint_group import JointDriver
@@ -29,6 +32,9 @@ from so101_motion.planning.picking.grasps import Wishes
 from so101_motion.planning.picking.pick_plan import Place
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import ArmConnection
+from so101_motion.rig.session_end import leave
+
+_log = logging.getLogger(__name__)
 
 TICK = 0.01
 """Period of the control loop [s]."""
@@ -61,7 +67,12 @@ class Rig:
     Attributes:
         planner: The planning process, shared by all rigs.
         things: What is truly around a simulated arm; None on servos.
+        at_end: What ``close`` does first, one of ``session_end.ENDS``; it moves nothing unasked.
+        on_left: Told why the arm holds although it was to go somewhere; the log by default.
     """
+
+    at_end = "hold"
+    on_left: Callable[[str], None] = staticmethod(_log.warning)
 
     def __init__(
         self,
@@ -112,6 +123,20 @@ class Rig:
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.connection.to}, {self.arm.state.mode.value}>"
+
+    def leave(self) -> None:
+        """Carry out ``at_end``, once; after an error, and if there is no way, the arm holds."""
+        how, self.at_end = self.at_end, "hold"
+        error = sys.exc_info()[1]
+        if how == "hold":
+            return
+        try:
+            if not isinstance(error, KeyboardInterrupt | None):
+                raise MotionError("something went wrong before, or it was stopped")
+            leave(self, how, self.connection.encoder_zeros)
+        except (So101Error, KeyboardInterrupt) as failed:
+            why = "it was stopped" if isinstance(failed, KeyboardInterrupt) else str(failed)
+            self.on_left(f"{how} at the end: {why}; the arm holds")
 
     @property
     def connection(self) -> ArmConnection:
@@ -171,9 +196,10 @@ class Rig:
 
     @interrupts.held()
     def close(self) -> None:
-        """Stop, end all threads, close the driver. May be called twice."""
+        """Stop, do as ``at_end`` says, end all threads, close the driver. May be called twice."""
         if self._closed:
             return
+        self.leave()
         self._closed = True
         self.executor.close()  # first: it waits until its motions have come to rest
         self.arm.close()

@@ -46,6 +46,7 @@ from so101_motion.planning.timing.torque import gravity_per_kg
 from so101_motion.rig.port_settings import about_unused_file, combined
 from so101_motion.rig.rig import HARD_STOP, TICK, Rig
 from so101_motion.rig.servo_driver import ServoDriver, ServoSettings
+from so101_motion.rig.session_end import leave
 
 _log = logging.getLogger(__name__)
 
@@ -95,6 +96,10 @@ KEPT_UP = 0.93
 """Share of a servo's acceleration that motions may use. Chosen: the rest is for catching up, and
 the shoulder, the slowest by measurement, keeps 430 deg/s^2."""
 
+WAY_WITHIN = 5.0
+"""How long the way home or to the park pose may take when the process ends [s]. Chosen: viam-server
+kills a module after 10 s, and planning, lowering and closing take their part."""
+
 _CALM = (Mode.HOLDING, Mode.LIMP, Mode.FAULT)
 """Modes in which servos may be set up again unasked: never while the arm is guided by hand."""
 
@@ -121,6 +126,7 @@ class SharedPort:
     ) -> None:
         self.shares: list[ServoSettings] = []
         self.is_closing = False
+        self._has_left = False
         self._holding: Future[None] = Future()  # of servos that have just been found
         self._holding.set_result(None)
         self._trouble: str | None = None  # why what is asked for is not in force
@@ -164,13 +170,18 @@ class SharedPort:
         self.rig.arm.slowdown = lambda: share_of_speed(self.servos.health)
         self.take_ranges()
 
-    def release_if_configured(self) -> None:
-        if not self.servos.settings.releases_at_end:
+    def leave_as_configured(self) -> None:
+        settings = self.servos.settings
+        if settings.at_end is None or self._has_left:
             return
+        self._has_left = True
         try:
-            self.rig.arm.set_torque(False)
+            leave(self.rig, settings.at_end, self.servos.encoder_zeros, within=WAY_WITHIN)
         except So101Error as error:
-            _log.warning("the arm on %s was not released: %s", self.servos.settings.port, error)
+            _log.warning(
+                "the arm on %s holds at the end instead of %s: %s",
+                *(settings.port, settings.at_end, error),
+            )
 
     def is_on(self, port: str) -> bool:
         device = os.path.realpath(port)

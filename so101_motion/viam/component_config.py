@@ -34,6 +34,7 @@ from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.drivers.bus.defaults import BAUDRATE, GRIPPER_ID, SERVO_IDS, TIMEOUT
 from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.session_end import ENDS
 
 CALIBRATION_FILE = "so101_calibration.json"
 """Where a calibration is saved by default; the published module's default."""
@@ -367,13 +368,7 @@ class HardwareArmConfig(ArmConfig):
         ours=True,
         by=lambda given, key: given.value(key) if given.given(key) else None,
     )
-    releases_at_end: bool = attribute(
-        "at_end",
-        kind="choice",
-        options=("hold", "release"),
-        ours=True,
-        by=lambda given, key: given.value(key) == "release",
-    )
+    at_end: str = attribute("at_end", kind="choice", options=ENDS, ours=True)
     compliance: Compliance = attribute("manual_mode", kind="own", by=_compliance)
     unused: tuple[str, ...] = derived(
         lambda given, _: (

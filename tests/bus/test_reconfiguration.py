@@ -116,8 +116,8 @@ async def test_a_file_that_the_arm_no_longer_names_is_not_in_force(bench, form):
 @pytest.mark.parametrize(
     ("before", "after", "name", "asked"),
     [
-        ({"at_end": "release"}, {}, "releases_at_end", False),
-        ({}, {"at_end": "release"}, "releases_at_end", True),
+        ({"at_end": "release"}, {}, "at_end", "hold"),
+        ({}, {"at_end": "release"}, "at_end", "release"),
         ({"timeout": "5s"}, {"timeout": "2s"}, "timeout", 2.0),
         (
             {"joint_zero_offsets_deg": {"elbow_flex": 1.0}},
@@ -203,7 +203,7 @@ async def test_what_leaves_asks_for_nothing_any_more(bench):
     await bench.in_time(arm.close())
 
     settings = gripper.rig.settings
-    assert settings.servo_ids is settings.calibration_file is settings.releases_at_end is None
+    assert settings.servo_ids is settings.calibration_file is settings.at_end is None
     assert settings.port == str(bench.port)
 
 

@@ -79,7 +79,7 @@ class HardwareArm(ArmResource):
         scene = scene_of(wanted)
         asked = replace(
             wanted.connection.servo_settings(),
-            releases_at_end=wanted.releases_at_end,
+            at_end=wanted.at_end,
             joint_zero=wanted.joint_zero,
         )
         rig = open_without_waiting(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))

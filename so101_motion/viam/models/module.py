@@ -150,7 +150,7 @@ async def run() -> None:
     await asyncio.to_thread(user_storage.remove_old_leftovers)
     guard(module.server)
     _end_before_clients(module.server)
-    _release_before_closing(module.server)
+    _leave_before_closing(module.server)
     reduce_jitter()
     if sys.platform != "win32":
         hung_up = partial(os.kill, os.getpid(), signal.SIGTERM)
@@ -191,20 +191,20 @@ def _end_before_clients(server: Server) -> None:
     grpc.wait_closed = wait_closed  # type: ignore[method-assign]  # less one wait, else grpclib's
 
 
-def _release_before_closing(server: Server) -> None:
+def _leave_before_closing(server: Server) -> None:
     close = server.close
 
-    async def release_and_close() -> None:
-        release = _if_imported(_HARDWARE, "release_arms_at_end")  # else there is no real arm
+    async def leave_and_close() -> None:
+        leave = _if_imported(_HARDWARE, "leave_arms_at_end")  # else there is no real arm
         try:
-            if release is not None:
+            if leave is not None:
                 from so101_motion.viam.requests.await_motion import in_own_thread
 
-                await in_own_thread(release)
+                await in_own_thread(leave)
         finally:
             await close()  # type: ignore[no-untyped-call]  # the SDK left it unannotated
 
-    server.close = release_and_close  # type: ignore[method-assign]  # the SDK has no hook for it
+    server.close = leave_and_close  # type: ignore[method-assign]  # the SDK has no hook for it
 
 
 async def _end_with_parent(parent: int) -> None:

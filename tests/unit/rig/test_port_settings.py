@@ -36,11 +36,11 @@ def test_what_only_one_says_holds_for_both():
 def test_every_contradiction_is_named():
     other = ServoSettings(
         port="/dev/ttyACM0", baudrate=500_000, servo_ids=(2, 1, 3, 4, 5), gripper_id=7, rate=200.0,
-        zero_offsets={"elbow_flex": math.radians(2.0)}, releases_at_end=True, compensates=True,
+        zero_offsets={"elbow_flex": math.radians(2.0)}, at_end="release", compensates=True,
     )  # fmt: skip
     mine = ServoSettings(
         port="/dev/ttyACM0", servo_ids=(1, 2, 3, 4, 5), gripper_id=6, rate=100.0,
-        zero_offsets={"elbow_flex": math.radians(1.0)}, releases_at_end=False, compensates=False,
+        zero_offsets={"elbow_flex": math.radians(1.0)}, at_end="hold", compensates=False,
     )  # fmt: skip
     with pytest.raises(ConfigError) as caught:
         combined([mine, other])
