@@ -44,6 +44,8 @@ class SO101MotionArmConfig:
     """Whether the arm keeps clear of itself, of the table and of the scene's obstacles."""
     scene: Path | None = None
     """A scene file with the obstacles around the arm; none for just the table."""
+    tool: str | None = None
+    """What is fixed to the gripper: a tool's name, or its .json file."""
     park: str | None = None
     """The pose to move to at the end, along a plan: "rest" or another by name; none to stay."""
     stock_droop: bool = False

@@ -23,6 +23,7 @@ from so101_motion.common.errors import So101Error
 from so101_motion.common.units import to_rad
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.files.scene_file import read_scene
+from so101_motion.files.tool_file import find_tool
 from so101_motion.planning.collision.scene import Scene
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ class SO101Motion(SO101Device, Robot):
     def __init__(self, config: SO101MotionConfig, **options: Any) -> None:
         super().__init__(config, **options)
         self.scene = Scene() if config.scene is None else read_scene(config.scene)
+        self._tool = None if config.tool is None else find_tool(config.tool)
         self._park = None if config.park is None else SavedPoses().find(config.park).q
         self.cameras: dict[str, Camera] = make_cameras_from_configs(config.cameras)
         self._wanted: dict[str, float] = {}
@@ -88,6 +90,7 @@ class SO101Motion(SO101Device, Robot):
 
     def _begin(self) -> None:
         self._wanted = {}
+        self.session.rig.arm.set_tool(self._tool)
         if self.config.park is not None:
             zeros = self.session.rig.connection.encoder_zeros
             self._park = SavedPoses(zeros=lambda: zeros).find(self.config.park).q

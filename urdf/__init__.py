@@ -21,6 +21,7 @@ __all__ = [
     "MESH_DIR",
     "PARTS",
     "ROBOT",
+    "TOOLS_PATH",
     "URDF_PATH",
     "Robot",
     "RobotFileError",
@@ -39,6 +40,7 @@ ROBOT: Final = chosen_robot()
 
 URDF_PATH: Final = ROBOT.urdf
 MESH_DIR: Final = _HERE / "meshes"
+TOOLS_PATH: Final = _HERE / "tools.json"
 
 PARTS: Final[dict[str, str]] = {
     "base_link": "base",

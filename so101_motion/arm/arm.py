@@ -46,7 +46,7 @@ from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.scene import Scene, Tool
 from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
 from so101_motion.planning.request import Plan, PlanRequest, Search
 from so101_motion.planning.timing.limits import MotionLimits
@@ -115,7 +115,9 @@ class Arm(CappedJoints):
         scene: Scene,
     ) -> None:
         super().__init__(JointCaps(speed=speed, acceleration=acceleration))
-        self.model, self._scene, self._clock = model, scene, clock
+        self.model = self._bare = model
+        self._tool: Tool | None = None
+        self._scene, self._clock = scene, clock
         self._executor, self._planner = executor, planner
         self._range = JointRange(self.model.lower, self.model.upper)
         self._strength = Strength.of_servos(LoadConfig().servo_voltage)
@@ -153,10 +155,34 @@ class Arm(CappedJoints):
 
     @scene.setter
     def scene(self, scene: Scene) -> None:
-        before, self._scene = self._scene, scene
+        before, self._scene = self._scene, self._tooled(scene)
         if self.on_scene is not None:
-            self.on_scene(before, scene)
+            self.on_scene(before, self._scene)
         self._motions.current.wake()
+
+    @property
+    def tool(self) -> Tool | None:
+        """What is fixed to the gripper for good; None for nothing."""
+        return self._tool
+
+    def set_tool(self, tool: Tool | None) -> None:
+        """Fix a tool to the gripper, for plans and motions from now on; it is in every scene.
+
+        Goals may name its frames, of which ``"tcp"`` is its point. Its mass counts besides the
+        payload.
+        """
+        scene = self._scene if self._tool is None else self._tool.off(self._scene)
+        checked = scene if tool is None else tool.on(scene)
+        model = self._bare
+        for name, T_tool_frame in ({} if tool is None else tool.frames).items():
+            model = model.with_frame(name, T_tool_frame)
+        with self._kinematics, self._looking:
+            self._tool, self.model, self._looked_with = tool, model, None
+        self._open_ended.model = model
+        self.scene = checked
+
+    def _tooled(self, scene: Scene) -> Scene:
+        return scene if self._tool is None else self._tool.on(scene)
 
     @property
     def state(self) -> JointState:
@@ -623,11 +649,11 @@ class Arm(CappedJoints):
             goal=goal,
             limits=self.effective_limits(limits),
             q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
-            scene=self._with_surroundings(search.scene or self.scene),
+            scene=self._with_surroundings(self._tooled(search.scene or self.scene)),
             others=() if self.cell_member is None else self.cell_member.others(),
             payload=self._payload,
             strength=self._strength,
-            frames=search.frames,
+            frames={**({} if self._tool is None else self._tool.frames), **search.frames},
             lower=lower,
             upper=upper,
             dt=self._executor.dt,
@@ -653,7 +679,7 @@ class Arm(CappedJoints):
         return self._situation_in(scene)
 
     def _situation_in(self, scene: Scene) -> Situation:
-        return Situation(scene, self._range, self._payload, self._strength)
+        return Situation(self._tooled(scene), self._range, self._payload, self._strength)
 
     def _execute(self, motion: Motion, plan: Plan) -> None:
         self._leave_manual(motion)

@@ -58,7 +58,7 @@ class OpenEndedMotions:
     """
 
     def __init__(self, model: RobotModel, executor: ArmExecutor) -> None:
-        self._model, self._executor = model, executor
+        self.model, self._executor = model, executor
         self._lock = threading.Lock()
         self._made: tuple[Situation, Guard] | None = None
         # Of those that are guarded.
@@ -172,7 +172,7 @@ class OpenEndedMotions:
 
     def _checks(self, now: Situation) -> tuple[RobotModel, CollisionModel, Load]:
         """The I/O thread's own model, and checks for contact and load."""
-        model = self._model.narrowed(*now.range)
+        model = self.model.narrowed(*now.range)
         load = now.load(model, self._executor.state.q_ref)
         return model, CollisionModel(model, now.scene), load
 

@@ -87,8 +87,9 @@ _GOAL = together(
     approach=option("With --xyz: direction of the tool's z axis, such as 0,0,-1.", POINT),
     line=flag("With --xyz: move the tool along a straight line."),
     frame=option(
-        "With --xyz: the frame of the gripper that moves to the point.",
-        click.Choice(["tool", "jaw_tip"]), "tool",
+        "With --xyz: the frame of the gripper that moves to the point: tool, jaw_tip, or one of the"
+        " --tool, such as tcp.",
+        str, "tool", metavar="NAME",
     ),
     joints=option("Move the joints to these angles [deg].", JOINTS),
     pose=option(

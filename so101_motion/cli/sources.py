@@ -25,6 +25,7 @@ from so101_motion.common.state import ARM_JOINTS
 if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.files.cell_file import CellFile
+    from so101_motion.planning.collision.scene import Tool
     from so101_motion.rig.cell_rigs import CellRigs
     from so101_motion.rig.protocols import RigLike
     from so101_motion.rig.rig import Rig
@@ -39,6 +40,7 @@ class _SourceWithCaps:
 
     speed: float | None = None  # joint speed cap [rad/s]
     acceleration: float | None = None  # joint acceleration cap [rad/s^2]
+    tool: Tool | None = None  # what is fixed to its gripper
     at_end: str = "hold"  # how it is left, see ``end_as_asked``
 
     @property
@@ -56,6 +58,8 @@ class _SourceWithCaps:
                 rig.arm.set_speed(self.speed)
             if self.acceleration is not None:
                 rig.arm.set_acceleration(self.acceleration)
+            if self.tool is not None:
+                rig.arm.set_tool(self.tool)
         except BaseException:
             rig.close()
             raise
@@ -261,6 +265,7 @@ def _source(
     sim: bool,
     port: str | None,
     calibration: Path | None,
+    tool: str | None = None,
     machine: MachineSource | None = None,
     cell: Path | None = None,
 ) -> AnySource | CellSource:
@@ -275,13 +280,25 @@ def _source(
         raise click.UsageError(f"which arm? give --sim, or --port and its serial port{others}")
     if calibration is not None and chosen != "--port":
         raise click.UsageError("--calibration works only with --port; leave it out")
+    if tool is not None and chosen not in ("--sim", "--port"):
+        raise click.UsageError("--tool works only with --sim or --port; leave it out")
     if chosen == "--machine" and machine is not None:
         return machine
     if chosen == "--cell" and cell is not None:
         from so101_motion.files.cell_file import read_cell
 
         return CellSource(file=read_cell(cell), title=f"Arms of {cell.name}", path=cell)
-    return Source(port=port if chosen == "--port" else None, calibration_file=calibration)
+    return Source(
+        port=port if chosen == "--port" else None,
+        calibration_file=calibration,
+        tool=None if tool is None else _tool(tool),
+    )
+
+
+def _tool(which: str) -> Tool:
+    from so101_motion.files.tool_file import find_tool
+
+    return find_tool(which)
 
 
 def _machine(
@@ -321,6 +338,7 @@ _LOCAL = {
     "sim": flag("The simulated arm; needs no hardware."),
     "port": port_option("Serial port of the arm, such as /dev/ttyACM0"),
     "calibration": CALIBRATION,
+    "tool": option("What is fixed to the gripper: a tool's name, or its .json file."),
 }
 _CELL = option("Several arms that share a space: a cell file, as for so101 cell.", IN_FILE)
 

@@ -33,6 +33,8 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.drivers.bus.defaults import BAUDRATE, GRIPPER_ID, SERVO_IDS, TIMEOUT
+from so101_motion.files.tool_file import find_tool
+from so101_motion.planning.collision.scene import Tool
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.rig.session_end import ENDS
 
@@ -307,6 +309,12 @@ class ArmConfig(Config):
         ours=True,
     )
     motion: str | None = attribute("motion", kind="text")
+    tool: Tool | None = attribute(
+        "tool",
+        kind="own",
+        ours=True,
+        by=lambda given, key: find_tool(given.raw(key)) if given.given(key) else None,
+    )
     floor_z: float = attribute(
         "floor_z_mm", unit="mm", range=(-2000.0, 500.0), default=-2.4, ours=True
     )

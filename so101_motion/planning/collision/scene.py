@@ -11,7 +11,7 @@ which two bodies would touch, and a scene which two may.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
@@ -286,6 +286,41 @@ class Attached:
         in_metres("T_tool_object", self.T_tool_object.p, 2.0)
         refuse_odd_size(self.name, self.shape)
         _weighed(self.name, self.mass)
+
+
+TCP_FRAME = "tcp"
+"""The name of the frame at a tool's point, also in goals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tool:
+    """What is fixed to the gripper for good: a camera on its mount, a pen, a longer finger.
+
+    Attributes:
+        name: What people call it.
+        parts: Its bodies, as if they were held; they move with the tool frame, not with the jaw.
+        frames: Its frames by name, in the tool frame; its point is ``TCP_FRAME``.
+        source: Where its figures come from; empty if that is not told.
+    """
+
+    name: str
+    parts: tuple[Attached, ...] = ()
+    frames: Mapping[str, SE3]
+    source: str = ""
+
+    def on(self, scene: Scene) -> Scene:
+        """``scene`` with this tool's parts; the same if it has them."""
+        count = len(self.parts)
+        if scene.attached[:count] == self.parts:
+            return scene
+        names = {part.name for part in self.parts}
+        others = (each for each in scene.attached if each.name not in names)
+        return replace(scene, attached=(*self.parts, *others))
+
+    def off(self, scene: Scene) -> Scene:
+        """``scene`` without this tool's parts."""
+        left = tuple(each for each in scene.attached if each not in self.parts)
+        return replace(scene, attached=left)
 
 
 def as_seen_by(name: str, attached: tuple[Attached, ...]) -> tuple[Attached, ...]:

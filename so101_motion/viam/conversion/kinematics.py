@@ -136,14 +136,20 @@ def arm_sva(name: str) -> bytes:
     return _sva(name, links, joints)
 
 
-def gripper_sva(name: str, kind: str, parts: Iterable[tuple[str, SE3, Box]]) -> bytes:
-    """A gripper, from label, placement in the tool frame, and box of each part."""
+def gripper_sva(
+    name: str, kind: str, parts: Iterable[tuple[str, SE3, Box]], T_tool_tcp: SE3 | None = None
+) -> bytes:
+    """A gripper, from label, placement in the tool frame, and box of each part.
+
+    ``T_tool_tcp`` is its point; None for that between the jaws.
+    """
     links: list[dict[str, Any]] = []
     parent = "world"
     for label, T_tool_part, box in parts:
         links.append(_link(label, parent, np.zeros(3)) | {"geometry": _sva_box(box, T_tool_part)})
         parent = label
-    return _sva(name, [*links, _link("tcp", parent, TCP[kind])], [])
+    tcp = SE3.from_translation(TCP[kind]) if T_tool_tcp is None else T_tool_tcp
+    return _sva(name, [*links, _link("tcp", parent, tcp.p, tcp.rpy.tolist())], [])
 
 
 def _sva(name: str, links: list[dict[str, Any]], joints: list[dict[str, Any]]) -> bytes:

@@ -22,9 +22,12 @@ from viam.proto.common import Geometry, Mesh, RectangularPrism, Vector3
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_mm
-from so101_motion.planning.collision.shape_files import coarse
+from so101_motion.planning.collision.coal_shapes import held_shape
+from so101_motion.planning.collision.scene import Attached, Tool
+from so101_motion.planning.collision.shape_files import coarse, read_shape
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.geometries import to_geometry
 from so101_motion.viam.conversion.kinematics import LINKS, Box, link_box, part_boxes
 from so101_motion.viam.conversion.world_state_json import ply
 
@@ -144,6 +147,21 @@ def _ply(surfaces: Sequence[Surface], grid: float) -> Mesh:
     meshes = [surface.mesh for surface in surfaces]
     vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in meshes], grid)
     return Mesh(content_type="ply", mesh=ply(vertices, faces, digits=5))
+
+
+def tool_geometries(tool: Tool) -> list[Geometry]:
+    """The bodies of what is fixed to the gripper, in the tool frame."""
+    made = [(each, to_geometry(each.shape, each.name)) for each in tool.parts]
+    for part, geometry in made:
+        geometry.center.CopyFrom(convert.to_pose(part.T_tool_object))
+    return [geometry for _, geometry in made]
+
+
+def box_around(part: Attached) -> Box:
+    """The box around a part of a tool, in the part's own frame."""
+    _, corners = held_shape(read_shape(part.shape))
+    lower, upper = corners.min(axis=0), corners.max(axis=0)
+    return Box(center=(lower + upper) / 2, size=upper - lower)
 
 
 def gripper_placements(model: RobotModel, q_jaw: float) -> tuple[SE3, SE3]:

@@ -135,6 +135,7 @@ class ArmResource(Configured, Arm):
         self.config, arm = config, rig.arm
         arm.set_ceiling(JointCaps(speed=config.max_speed, acceleration=config.max_acceleration))
         arm.set_load(config.load)
+        arm.set_tool(config.tool)
         guard = SCENE if config.guarded else None
         self._retarget = partial(arm.retarget, guard=guard)
         self._start_stream = partial(arm.start_stream, guard=guard)

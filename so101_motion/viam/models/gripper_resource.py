@@ -13,6 +13,7 @@ from viam.proto.common import Geometry, KinematicsFileFormat
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import checked_number
+from so101_motion.planning.collision.scene import TCP_FRAME
 from so101_motion.rig.rig import Rig
 from so101_motion.viam.component_config import SimulatedGripperConfig
 from so101_motion.viam.conversion import convert, kinematics, meshes
@@ -69,7 +70,11 @@ class GripperResource(Configured, Gripper):
         """The parts as meshes, the jaw where it is now, in the arm's tool frame."""
         await self.found()
         body, moving = meshes.gripper_placements(self.rig.arm.model, self._gripper.q_jaw)
-        return meshes.gripper_geometries(self._type, self._detail, body, moving)
+        tool = self.rig.arm.tool
+        return [
+            *meshes.gripper_geometries(self._type, self._detail, body, moving),
+            *(() if tool is None else meshes.tool_geometries(tool)),
+        ]
 
     async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
         """Boxes around the closed gripper, and the tool centre point as the leaf; no joints."""
@@ -78,7 +83,13 @@ class GripperResource(Configured, Gripper):
             (label, moving if label.startswith("gripper_moving") else body, box)
             for label, box in meshes.gripper_boxes(self._type)
         ]
-        sva = kinematics.gripper_sva(self.short_name, self._type, parts)
+        tool, T_tool_tcp = self.rig.arm.tool, None
+        if tool is not None:
+            parts += [
+                (each.name, each.T_tool_object, meshes.box_around(each)) for each in tool.parts
+            ]
+            T_tool_tcp = tool.frames[TCP_FRAME]
+        sva = kinematics.gripper_sva(self.short_name, self._type, parts, T_tool_tcp)
         return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, sva
 
     async def get_current_inputs(self, **kwargs: Any) -> list[float]:
