@@ -84,3 +84,48 @@ def test_beside_other_arms_one_that_missed_its_goals_stops_and_says_so(bench):
     bench.emulator.bus.faults.request_loss = 0.0
     bench.advance(0.5)
     assert not rig.arm.is_moving
+
+
+def pushes(bench, joint):
+    """How hard the servo of ``joint`` pushes, in thousandths of its drive; its torque is on."""
+    drive = bench.world.servo(joint).drive
+    assert drive.torque == 1
+    return abs(drive.demand)
+
+
+@pytest.mark.parametrize("joint", ["shoulder_pan", "gripper"])
+def test_what_follows_into_something_yields_and_keeps_its_torque(bench, joint):
+    rig = bench.open()
+    bench.advance(1.0)
+    i, way = (0, -0.4) if joint == "shoulder_pan" else (5, 0.3)
+    at = bench.world.q[i] + way
+    bench.world.put_wall(joint, *((at, math.inf) if way < 0.0 else (-math.inf, at)))
+    following = rig.arm.follow() if i == 0 else rig.gripper.follow()
+    target = rig.arm.q - [1.0, 0.0, 0.0, 0.0, 0.0] if i == 0 else 1.0
+    blocked = 0
+    for _ in range(500):
+        if not following.future.done():
+            following.aim(target)
+        bench.advance(0.01)
+        blocked += pushes(bench, joint) > 400
+    assert isinstance(following.future.exception(), FollowingError)
+    assert blocked < 80, "an overload is 80 % of the drive for 2 s"
+    assert pushes(bench, joint) < 150
+    assert rig.arm.state.fault is None
+
+
+@pytest.mark.emulated(q_start=(0.0, -1.6057, 1.3614, 1.0472, 0.0, 0.0), held_kg=0.0)
+def test_a_limp_arm_that_is_switched_on_starts_from_where_it_is(bench):
+    rig = bench.open()
+    rig.arm.set_torque(False)
+    bench.advance(3.0)
+    here = bench.q_deg
+    bench.finish(rig.executor.hold())
+    most = 0.0
+    for _ in range(100):
+        bench.advance(0.01)
+        most = max(most, float(abs(bench.q_deg - here).max()))
+    assert most < 1.5, "it takes up its weight"
+    plan = rig.arm.plan([0.0, -0.8, 0.8, 1.0, 0.0])
+    assert abs(plan.q_start - rig.arm.q).max() < math.radians(1.5)
+    bench.finish(rig.arm.move(plan, wait=False))

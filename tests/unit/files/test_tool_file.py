@@ -71,7 +71,8 @@ def test_it_is_kept_off_obstacles_in_whatever_scene_and_leaves_with_the_tool(rig
         name="cube", shape=Box(size=(0.02,) * 3), T_tool_object=SE3.from_translation([0, 0, 0.1])
     )
     arm.scene = Scene(obstacles=(box,), attached=(cube,))
-    assert [each.name for each in arm.scene.attached] == [*(part.name for part in arm.tool.parts), "cube"]
+    parts = [part.name for part in arm.tool.parts]
+    assert [each.name for each in arm.scene.attached] == [*parts, "cube"]
     same = arm.scene
     arm.scene = same
     assert arm.scene is same
