@@ -52,7 +52,7 @@ _CHECK = (
     ("Power", "the arm's own supply is switched on: USB does not feed the motors"),
     ("Cable", "the USB cable is plugged in at both ends"),
     ("Port", "no other program has it open"),
-    ("Machine", "if the arm is one of a machine: it runs, and its address is right"),
+    ("Machine", "for the arm of a Viam machine: the machine runs, and its address is right"),
 )
 
 

@@ -66,7 +66,7 @@ def teleop(
     --at-end is for the follower.
 
     The leader goes limp, so have a hand on it. The follower moves slowly to the leader's pose, and
-    mirrors it once it is within 5 deg. When one of the two is lost, the follower holds until you
+    mirrors it once it is within 5 deg. If either arm stops answering, the follower holds until you
     move the leader back to the follower's pose.
 
     \b

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Self
 
@@ -33,6 +33,12 @@ def clipped(text: str, most: int) -> str:
         return text
     tail = most // 4
     return f"{text[: most - tail - 3]}...{text[len(text) - tail :]}"
+
+
+def in_series(names: Iterable[object]) -> str:
+    """The names as a series: "a", "a and b", "a, b and c"."""
+    *first, last = [str(name) for name in names] or [""]
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def quoted(value: object) -> str:

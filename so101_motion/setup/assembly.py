@@ -27,7 +27,7 @@ _BY_HAND = (
 )
 _SPECIAL = {
     "shoulder_pan": "This motor sits in the base; it is the first on the cable, at the adapter.",
-    "wrist_roll": "Lead the cable so that it does not wind itself up when the gripper turns.",
+    "wrist_roll": "Route the cable so that it does not wind up when the gripper turns.",
     "gripper": "The jaw closes onto the fixed one without sliding past it.",
 }
 

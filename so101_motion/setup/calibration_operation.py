@@ -15,7 +15,7 @@ from so101_motion.calib.procedure.view import JointView
 from so101_motion.calib.record import zero_report
 from so101_motion.calib.record.record import JOINTS, Calibration
 from so101_motion.calib.record.store import Stored
-from so101_motion.common.errors import CalibrationError, So101Error
+from so101_motion.common.errors import CalibrationError, So101Error, in_series
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.operation import LocalOperation, Offer, Picture, Row, View
 from so101_motion.common.units import to_deg
@@ -178,7 +178,7 @@ class CalibrationOperation(LocalOperation):
         state, ended = now.view.state, self.ended
         notes = [] if now.view.note is None else [now.view.note]
         if state is State.RECORDING and (blocked := summary.acceptable(now.joints)):
-            names = " and ".join(blocked)
+            names = in_series(blocked)
             notes.append(f"Is something on the arm blocking {names}? Then accept it as it is.")
         if state is State.COMPLETED:
             notes.append(f"It will be stored in the motors and in {now.calibration_file}.")

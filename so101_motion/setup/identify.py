@@ -34,7 +34,7 @@ from so101_motion.calib.procedure.servo_fit import (
 from so101_motion.calib.record import servo_file
 from so101_motion.calib.record.servo_file import HandLoad, ServoRecord
 from so101_motion.common.child_process import OwnProcess
-from so101_motion.common.errors import CalibrationError, MotionError, PlanningError
+from so101_motion.common.errors import CalibrationError, MotionError, PlanningError, in_series
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_mm, to_rad
@@ -241,7 +241,7 @@ class Sweep:
     duration: float  # how long that takes, roughly [s]
 
     def __str__(self) -> str:
-        folds = " and ".join(f"{to_deg(fold):.0f}°" for fold in self.folds)
+        folds = in_series(f"{to_deg(fold):.0f}°" for fold in self.folds)
         far = f"{self.joint} from {to_deg(self.ends[0]):.0f}° to {to_deg(self.ends[1]):.0f}°"
         return f"{far}, also with the wrist at {folds}" if folds else far
 

@@ -66,6 +66,7 @@ _LOOKING = (
     "Watching the cable; nothing to press yet. The six motors of a follower's kit are alike: take"
     " any. Those of a leader differ: see its guide for which goes where."
 )
+_WRITING = "writing to"
 _NOBODY, _UNKNOWN = "no servo answers", "unknown"
 _SILENT = (
     "No motor has answered for a while. Is the power supply on, and the motor's cable plugged into"
@@ -148,6 +149,7 @@ class MotorOperation(LocalOperation):
             trouble=trouble,
             fix=fix,
             note="" if motor is None else self._note(setup, motor),
+            doing=setup.doing if setup.doing.startswith(_WRITING) else "",
             offers=(() if motor is None else self._offers(setup, motor)) + _once_more(setup),
             said=self.said,
             picture=Picture(
@@ -192,6 +194,8 @@ class MotorOperation(LocalOperation):
         return "", ""
 
     def _note(self, setup: SetupView, motor: MotorView) -> str:
+        if setup.doing.startswith(_WRITING):
+            return ""
         if doubt := _doubt(setup, motor):
             return doubt
         if self._is_ready(setup, motor):
@@ -274,16 +278,21 @@ class MotorOperation(LocalOperation):
             self._admit(motor_name, old_id, current_id)
             require_alone(tuner, motor_name)
             self.checked = None
+            writing = f"{_WRITING} the motor of {motor_name}: do not unplug it yet"
+            self.state = replace(self.state, doing=writing)
             wanted = single_servo.settings(motor_name, facts, moved=old_id != new_id)
             # Settings first: with the new id it would look finished if this ended half-way.
             changed = tuner.call(lambda bus: single_servo.program(bus, old_id, wanted))
             if old_id != new_id:
                 tuner.call(lambda bus: bus.change_id(old_id, new_id))
             single_servo.change_rate(tuner, new_id, tuner.home)
-            status = (
-                f"{motor_name}: servo {old_id} at {old_baud} baud is now servo {new_id} at"
-                f" {tuner.baud} baud, read back and locked"
+            is_same = (old_id, old_baud) == (new_id, tuner.baud)
+            became = (
+                f"id {new_id} kept"
+                if is_same
+                else f"servo {old_id} at {old_baud} baud is now servo {new_id} at {tuner.baud} baud"
             )
+            status = f"{motor_name}: {became}, checked and locked"
             motor = motor.with_facts(read_back(tuner, motor_name), tuner.baud)
             self._show(replace(motor, state="configured", sentence=status, fix=""))
         _log.info("%s", status)
@@ -508,7 +517,7 @@ def _doubt(setup: SetupView, motor: MotorView) -> str:
     for other in setup.motors.values():
         if motor.state == "found" and other is not motor and other.target_id == motor.found_id:
             return "" if motor.found_id == AS_NEW else (
-                f"This motor was set up before as the motor of {other.joint}; make sure that it is"
+                f"This motor was set up as the motor of {other.joint}; make sure that it is"
                 f" the right one for {motor.joint}."
             )  # fmt: skip
     return ""

@@ -26,7 +26,13 @@ import numpy as np
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import move_jaw
 from so101_motion.arm.motion_handle import Motion, Step
-from so101_motion.common.errors import Interrupted, NotPossibleNow, PlanningError, So101Error
+from so101_motion.common.errors import (
+    Interrupted,
+    NotPossibleNow,
+    PlanningError,
+    So101Error,
+    in_series,
+)
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.operation import LocalOperation, Offer, Picture, Row, Tone, View
@@ -377,12 +383,12 @@ class Outline:
     def left_out(self) -> str:
         if not self.obstacles:
             return ""
-        joints = " and ".join(joint for joint, _ in self.obstacles)
+        joints = in_series(joint for joint, _ in self.obstacles)
         if self.obstacles[0][0] == GRIPPER_JOINT:
             return f"The {joints} is left out: {self.obstacles[0][1]}."
         return (
             f"Too little room to test: {joints}. To test them too, let go, move the arm to a more"
-            " open pose, and have it held again."
+            " open pose, then press Hold."
         )
 
     @property
@@ -711,7 +717,7 @@ class _Run:
         if not isinstance(error, So101Error):
             raise error
         self._trouble[self._joint] = str(error)
-        return f"{self._joint} is in trouble" if self._joint else str(error)
+        return f"{self._joint} did not follow" if self._joint else str(error)
 
     def results(self) -> tuple[JointAccuracy, ...]:
         asked = {swing.joint for swing in self._outline.swings} | set(self._trouble)

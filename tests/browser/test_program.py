@@ -24,6 +24,7 @@ def program(guest, preview):
     guest.page.locator(".so101-steps button").first.click()
     guest.press("delete")
     guest.until(lambda: guest.page.locator(".so101-steps button").count() == 2)
+    guest.page.locator(".so101-steps button").first.click()  # the target stands there again
     yield guest
     guest.page.get_by_role("tab", name="Program").click()
     guest.page.get_by_text("Save and load").click()

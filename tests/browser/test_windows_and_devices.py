@@ -393,5 +393,5 @@ def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(rig, visit)
         window.until(lambda: window.page.locator("#so101-state b").is_visible())
         window.until(lambda: window.page.get_by_role("tab", name="Move").count() == 1)
     with serve(rig, port=port):  # another page
-        window.until(lambda: window.says("this link has expired. Copy the new one"))
+        window.until(lambda: window.says("Another page runs here now. Copy its new link"))
     window.leave()

@@ -77,7 +77,7 @@ def test_servos_as_they_are_sold_are_told_of_in_one_sentence(bench):
     new, jaw = bench.open().servos.notes
 
     assert new.startswith(
-        "shoulder_pan, shoulder_lift, elbow_flex, wrist_flex: the servo looks new"
+        "shoulder_pan, shoulder_lift, elbow_flex, wrist_flex: new servo, not calibrated yet"
     )
     assert jaw.startswith("gripper: the limits in the servo (0 to 4095) are wider")
 

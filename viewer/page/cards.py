@@ -48,6 +48,11 @@ def note(text: str) -> str:
     )
 
 
+def enter(press: str) -> str:
+    """Tell that Enter presses the button ``press``, which the front end then does."""
+    return f'<div data-enter="{escape(press)}">{note("Enter does the same.")}</div>'
+
+
 def marked(mark: str, colour: str, sentence: str, fix: str) -> str:
     todo = (
         f'<div style="margin-top:.15em"><b>Do this:</b> {escape(capital(fix))}</div>' if fix else ""

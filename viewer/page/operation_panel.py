@@ -21,6 +21,7 @@ from so101_motion.common.errors import So101Error
 from so101_motion.common.operation import Input, Offer, Operation, View
 
 from . import cards, texts
+from .bar import uuid_of
 from .page_context import PageContext, Part
 from .shared_fields import AskingButton, SharedField
 
@@ -129,6 +130,7 @@ class OperationPanel(Part):
         worker: Runs its commands; one of its own if not given, closed with the panel.
         draw: Draws the view's picture.
         hides_cancel: Whether the page has a button of its own that undoes everything.
+        by_enter: Whether Enter presses the usual button, where none has the focus.
     """
 
     def __init__(
@@ -139,9 +141,10 @@ class OperationPanel(Part):
         worker: Worker | None = None,
         draw: Callable[[View], None] = lambda _view: None,
         hides_cancel: bool = False,
+        by_enter: bool = False,
     ) -> None:
         self._context, self._operation, self._draw = context, operation, draw
-        self._hides_cancel = hides_cancel
+        self._hides_cancel, self._by_enter = hides_cancel, by_enter
         self._worker = worker or Worker()
         self._own = self._worker if worker is None else None
         self._view: View | None = None
@@ -180,8 +183,8 @@ class OperationPanel(Part):
             return
         self._trouble.content = self._wrong(view)
         self._rows.content = cards.rows(view.columns, view.rows) if view.rows else ""
-        self._foot.content = self._words(view)
         self._show_buttons(view)
+        self._foot.content = self._words(view)
         self._draw(view)
         self._head.content = cards.instruction(view.title, texts.capital(view.text))
 
@@ -213,7 +216,8 @@ class OperationPanel(Part):
         first = next((o for o in view.offers if not o.is_look), None)
         if first is not None and first.why_not and not view.trouble:
             html += cards.note(f"{first.title}: {texts.capital(first.why_not)}")
-        return html
+        lit = next((b for b in self._buttons.values() if _is_lit(b)), None)
+        return html + (cards.enter(uuid_of(lit) or "") if lit and self._by_enter else "")
 
     def _wrong(self, view: View) -> str:
         """What is wrong, above the rows, so that it is seen on a phone as well."""
@@ -301,3 +305,10 @@ class OperationPanel(Part):
             self._worker.watch(ask)
         else:
             self._worker.do(offer.title, ask)
+
+
+def _is_lit(button: viser.GuiButtonHandle | AskingButton) -> bool:
+    """Whether it is the usual button of the view, and can be pressed."""
+    if isinstance(button, AskingButton):
+        return False
+    return button.visible and button.color == "green" and not button.disabled

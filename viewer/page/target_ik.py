@@ -199,4 +199,4 @@ def _beyond(error: OutsideLimits) -> str:
 
 def _collides(pair: tuple[str, str]) -> str:
     first, second = map(Scene().called, pair)
-    return f"{first[:1].upper()}{first[1:]} would hit {second}."
+    return f"Target: {first} would hit {second}."

@@ -126,7 +126,7 @@ class CameraFeed:
     def _take(self, data: bytes) -> None:
         kind = _KINDS.get(data[:2])
         if kind is None or len(data) > LARGEST:
-            raise ValueError("what it sends is no picture (JPEG or PNG)")
+            raise ValueError("it sends no picture (JPEG or PNG)")
         now = time.monotonic()
         if self.picture is None or now - self.picture.t >= PERIOD:
             self.picture = Picture(data=data, kind=kind, t=now)
@@ -159,7 +159,7 @@ def _jpegs(stream: BinaryIO) -> Iterator[bytes]:
             yield buffer[begin : end + 2]
             buffer = buffer[end + 2 :]
         if len(buffer) > LARGEST:
-            raise ValueError("what it sends is no stream of JPEG")
+            raise ValueError("it sends no JPEG stream")
 
 
 OLD = 2.0  # a picture older than this is grey, and says so [s]; chosen

@@ -10,6 +10,7 @@ from typing import Any
 
 import viser
 
+from so101_motion.common.errors import in_series
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_deg
@@ -82,7 +83,7 @@ def read_health(rig: RigLike) -> Health:
     servos = tuple(_from_status(reported)) if isinstance(reported, Mapping) else ()
     return Health(
         servos=servos,
-        silence=None if servos else "The machine's arm reports no servo health.",
+        silence=None if servos else "This arm does not report the health of its servos.",
         late_ticks=late_ticks,
         uncalibrated=tuple(map(str, unknown)) if isinstance(unknown, list) else (),
         not_ready=str(status.get("not_ready") or ""),
@@ -294,8 +295,8 @@ def _warm(cause: str, joints: tuple[str, ...], text: str) -> Alarm:
 
 
 def _listed(joints: tuple[str, ...]) -> str:
-    if len(joints) < 3:
-        return " and ".join(joints)
+    if len(joints) <= 4:
+        return in_series(joints)
     return f"{joints[0]} and {len(joints) - 1} other joints"
 
 

@@ -35,7 +35,7 @@ _ARROWS = Sentence(
     "Drag the target's arrows in the picture: the arm follows while you drag.", Tone.GOOD
 )
 _FAR = Sentence(
-    "The arm of a machine cannot be jogged: over a network it may be heard too late that you"
+    "The arm of a machine cannot be jogged: over a network the arm may learn too late that you"
     " let go. Plan a motion on the Move tab, or guide the arm by hand."
 )
 _STOPPED = Sentence("Stopped. Start jogging to go on.")

@@ -71,10 +71,10 @@ class ProgramPart(Part):
         model, button = self.model, self._context.button
         self._sentence = gui.add_html("")
         button(f"Record {model.texts.step}", model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
+        self._undo = UndoButtons(self._context, model.history, model.saved_files)
         self._form = gui.add_folder(None)
         with self._form:
             self._build_form(gui)
-        self._undo = UndoButtons(self._context, model.history, model.saved_files)
         self._files = FileFields(self._context, model)
 
     def _build_form(self, gui: viser.GuiApi) -> None:
@@ -88,9 +88,13 @@ class ProgramPart(Part):
                 "A waypoint where the ghost is, or a wait of 1 s, which Pause (s) changes",
             )
         else:
-            self._add_record("Record arm", model.record_arms, "they go to where they stand now")
-            self._add_record("Record target", model.record_targets, "they go to their targets")
-            self._context.buttons("Add", {"wait": model.wait}, "A step in which they stay")
+            self._add_record(
+                "Record arm", model.record_arms, "these arms go to where they stand now"
+            )
+            self._add_record(
+                "Record target", model.record_targets, "these arms go to their targets"
+            )
+            self._context.buttons("Add", {"wait": model.wait}, "A step in which all its arms wait")
         self._rows = RowList(self._context, model.choose, model.reorder)
         # Above what is used less, for a phone shows little.
         self._plan = button("Plan program", model.plan, icon=viser.Icon.ROUTE)
@@ -109,7 +113,7 @@ class ProgramPart(Part):
         self._plan_part = self._context.buttons(
             "Plan only",
             {part: partial(model.plan, part) for part in (REST, STEP)},
-            "From the chosen row on, or only the way to it",
+            "From the chosen row on, or only the motion to it",
         )
         self._rehearsal = RehearsalFields(self._context, model)
         self._facts = gui.add_html(markup.facts(model.texts.facts(None), lines=_LINES))

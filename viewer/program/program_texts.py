@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from so101_motion.common.errors import Interrupted
+from so101_motion.common.errors import Interrupted, in_series
 from so101_motion.common.units import to_mm
 from so101_motion.tasks.program import ARM, Loop, Program, ProgramRun, Waypoint
 
@@ -114,7 +114,7 @@ def guided(names: Sequence[str], left: float | None) -> Sentence:
 
     The bar says whether an arm can be moved by hand: a simulated one cannot.
     """
-    arms = "the arm" if [*names] == [ARM] else " and ".join(names)
+    arms = "the arm" if [*names] == [ARM] else in_series(names)
     stand, hold = ("stands", "It holds") if len(names) == 1 else ("stand", "They hold")
     end = "" if left is None else f" {hold} again in {max(math.ceil(left), 0)} s."
     return Sentence(f"Record keeps where {arms} {stand} now.{end}", Tone.WARM)

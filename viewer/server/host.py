@@ -205,7 +205,7 @@ class ServedPage:
                     self._show(news)
                 self._show_bar()
             except Exception:  # the page must outlive any one picture
-                log.exception("the page could not be brought up to date")
+                log.exception("the page could not be updated")
 
     def _show_bar(self) -> None:
         text = self.bar.text()

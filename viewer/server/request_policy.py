@@ -38,14 +38,14 @@ server from a ``?websocket=`` parameter, and runs what that server sends."""
 _HTML = "text/html; charset=utf-8"
 
 _EXPIRED = """<!doctype html><html lang="en"><meta charset="utf-8">
-<meta name="viewport" content="width=device-width"><title>SO-101: the link has expired</title>
+<meta name="viewport" content="width=device-width"><title>SO-101: the link is not valid</title>
 <style>
 body { font: 18px/1.5 system-ui, sans-serif; max-width: 34em; margin: 12vh auto; padding: 0 1em;
   color: #1c2024; background: #fff; }
 @media (prefers-color-scheme: dark) { body { color: #f1f3f5; background: #1f2224; } }
 code { font-size: .95em; background: #8883; padding: .1em .3em; border-radius: 4px; }
 </style>
-<main><h1>This link has expired</h1>
+<main><h1>This link is not valid</h1>
 <p>Copy the new one from the terminal in which <code>so101 view</code> or
 <code>so101 setup --web</code> runs; it is printed at the start.</p>
 <p>If it does not run any more, start the same command again: this link may then

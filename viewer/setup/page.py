@@ -53,7 +53,12 @@ class StepPage:
         self._setup, self._step, self._of, self._left = setup, step, operation, left
         self._checked: Check | None = None
         self._panel = OperationPanel(
-            setup.context, lambda: self.operation, worker=setup, draw=self._draw, hides_cancel=True
+            setup.context,
+            lambda: self.operation,
+            worker=setup,
+            draw=self._draw,
+            hides_cancel=True,
+            by_enter=step.name == "motors",
         )
 
     @property

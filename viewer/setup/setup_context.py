@@ -173,7 +173,7 @@ def _of_machine(machine: Machine) -> SetupTarget:
 def _without_arm(_: bool) -> None:
     raise CalibrationError(
         None,
-        "the machine has no arm yet, so its joints can neither be held nor let go of",
+        "the machine has no arm yet: Hold and Let go have no effect",
         "add the arm to the machine's configuration",
     )
 

@@ -10,6 +10,7 @@ from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus
 from so101_motion.calib.motors.setup_view import MotorCheck, Verification
 from so101_motion.calib.motors.single_servo import LIKELIEST_FIRST, Tuner
 from so101_motion.calib.record.record import JOINTS, NEW_IDS, SERVO_IDS, misplaced
+from so101_motion.common.errors import in_series
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.feetech.servo_settings import REPAIR
 
@@ -134,7 +135,7 @@ def _notes(seen: ServosOnBus) -> list[str]:
 def _verdict(seen: ServosOnBus, motors: Mapping[str, MotorCheck], elsewhere: set[int]) -> str:
     wrong = [check for check in motors.values() if check.status != "ok"]
     if seen.is_empty and elsewhere:
-        bauds = " and ".join(map(str, sorted(elsewhere)))
+        bauds = in_series(sorted(elsewhere))
         return f"no servo answers at {seen.baud} baud, but at {bauds} baud, so the supply is on"
     if seen.is_empty:
         return "no servo answers: is the arm's power supply on?"

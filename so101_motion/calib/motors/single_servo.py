@@ -30,7 +30,13 @@ from typing import Self, TypeVar
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.motors.arm_identification import ServoFacts, colliding, read_facts
 from so101_motion.calib.record.record import SERVO_IDS
-from so101_motion.common.errors import CorruptReply, MotorSetupError, PortUnavailable, ServoFault
+from so101_motion.common.errors import (
+    CorruptReply,
+    MotorSetupError,
+    PortUnavailable,
+    ServoFault,
+    in_series,
+)
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import RETRIES, Bus
@@ -245,7 +251,7 @@ def read_back(tuner: Tuner, joint: str) -> ServoFacts:
         heard = listen(tuner)
     if heard.ids != (servo_id,) or heard.garbled:
         raise _not_taken(
-            joint, f"only {servo_id} should answer now, but {_list(heard.ids) or 'none'} did"
+            joint, f"only {servo_id} should answer now, but {in_series(heard.ids) or 'none'} did"
         )
     facts = tuner.call(lambda bus: read_facts(bus, servo_id))
     wanted = {
@@ -292,7 +298,7 @@ def _several(joint: str, ids: tuple[int, ...]) -> MotorSetupError:
     kind, fix, reason = (
         "several servos",
         _alone(joint),
-        f"several servos are connected: {_list(ids)} answer",
+        f"several servos are connected: {in_series(ids)} answer",
     )
     if set(SERVO_IDS.values()) <= set(ids):
         reason = "a whole arm is connected, all six ids answer"
@@ -301,7 +307,7 @@ def _several(joint: str, ids: tuple[int, ...]) -> MotorSetupError:
         kind = "id taken"
         reason = (
             f"a servo that already has the id of {joint}, {SERVO_IDS[joint]}, is connected beside"
-            f" others ({_list(ids)} answer)"
+            f" others ({in_series(ids)} answer)"
         )
     return MotorSetupError(joint, kind, reason, fix)
 
@@ -324,8 +330,3 @@ def _not_taken(joint: str, reason: str) -> MotorSetupError:
 
 def _alone(joint: str) -> str:
     return f"connect only the servo of {joint}, unplug the others"
-
-
-def _list(ids: tuple[int, ...]) -> str:
-    named = [str(each) for each in ids]
-    return " and ".join(filter(None, (", ".join(named[:-1]), *named[-1:])))

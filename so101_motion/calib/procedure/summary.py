@@ -108,7 +108,7 @@ def _hint(view: JointView, now: PoseEstimate) -> Row:
     if view.ticks is None:
         return Row(label=joint, cells=("does not answer: check its cable",), tone="bad")
     if joint in now.guessed:
-        return Row(label=joint, cells=("by eye, it was never calibrated",), tone="dim")
+        return Row(label=joint, cells=("by eye: it was never calibrated",), tone="dim")
     off_deg = to_deg(now.angles[joint] - HOMING_POSE[joint])
     if abs(off_deg) <= (UPRIGHT_DEG if joint == ROLL else NEAR_DEG):
         return Row(label=joint, cells=("there",), tone="good")

@@ -290,7 +290,7 @@ def _assess_unswept_roll(arc: TravelArc | None, home: int, moved: str) -> Assess
         )
     return Assessment(
         verdict=Verdict.FULL_TURN,
-        sentence="counts as a full turn; move it to both its stops if you want those recorded",
+        sentence="recorded as a full turn; to record its stops, move it to both",
         is_usable=True,
     )
 

@@ -119,7 +119,7 @@ def from_registers(
             f" travels, so a narrower default is used; {_AGAIN}",
         )
     if looks_as_new(joint, found):
-        return found, f"the servo looks new, so its zero is only a guess; {_AGAIN}"
+        return found, f"new servo, not calibrated yet; {_AGAIN}"
     return found, None
 
 

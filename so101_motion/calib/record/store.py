@@ -292,7 +292,7 @@ def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) ->
         _write_or_remove(beside, now)
     except OSError as error:  # it is saved, and the zeros beside it fit it as well
         reason = error.strerror or error
-        notes += (f"{beside} still has the zeros of the calibration before as well: {reason}",)
+        notes += (f"{beside} still holds the zeros of the calibration before: {reason}",)
     found = read(path)
     return replace(found, notes=found.notes + notes)
 

@@ -195,7 +195,7 @@ fast enough for the eye, and nearly free."""
 _LOOKED_AROUND = 1.0
 """Time between two readings of what the machine has around the arm [s]; chosen, as its guard."""
 
-_SILENT = "what is around the arm is not known, because the machine has not answered in time"
+_SILENT = "the obstacles around the arm are not known: the machine did not answer in time"
 
 _RANGE_KEYS = ("joint_min_deg", "joint_max_deg")
 

@@ -288,7 +288,7 @@ class ArmResource(Configured, Arm):
             waits = convert.flag(extra or {}, "wait", True)
             if convert.flag(extra or {}, REPLAN, False):
                 if not waits:
-                    raise ConfigError(REPLAN, True, "is for calls that wait for arrival")
+                    raise ConfigError(REPLAN, True, "needs a call that waits for arrival")
                 goal = JointGoal(q=q_goal)
                 await self.replanned(goal, lambda scene: Search(scene=scene), self.arrived)
             elif waits:
@@ -318,7 +318,7 @@ class ArmResource(Configured, Arm):
             if checked_number("stops", extra.get("stops", self._arm.stops)) != self._arm.stops:
                 raise Interrupted("stop")
             if convert.flag(extra, REPLAN, False):
-                raise ConfigError(REPLAN, True, "is for one goal; the way through points is given")
+                raise ConfigError(REPLAN, True, "is for one goal, but several waypoints are given")
             interpolate = convert.flag(extra, "interpolate", True)
             waits = convert.flag(extra, "waitAtEnd", True)
             limits = convert.from_move_options(options, self._arm.limits)

@@ -167,7 +167,7 @@ class CameraView:
     def _unknown(self, why: str) -> SurroundingsUnknown:
         return SurroundingsUnknown(
             f'the camera "{self._camera}" {why}',
-            remedy="mend that, or take the camera out of the configuration",
+            remedy="fix that, or remove the camera from the configuration",
         )
 
 

@@ -119,12 +119,12 @@ class GuardedScene:
             try:
                 await asyncio.to_thread(self._arm.keep_off, own, around)
             except ConfigError as error:
-                reason = f"a thing around the arm is not valid: {error}"
+                reason = f"an obstacle around the arm is not valid: {error}"
                 raise SurroundingsUnknown(reason) from error
         self._told, self._t = (own, around), t
 
     def _report(self, reading: asyncio.Task[None]) -> None:
         error = None if reading.cancelled() else reading.exception()
         if error is not None and str(error) != self._said:
-            self._logger.warning("the guard does not learn what is around the arm: %s", error)
+            self._logger.warning("the guard cannot read the obstacles around the arm: %s", error)
         self._said = "" if error is None else str(error)

@@ -96,7 +96,7 @@ class StoreWatch:
     def _unknown(self, why: str) -> SurroundingsUnknown:
         return SurroundingsUnknown(
             f'the world-state store "{self._name}" {why}',
-            remedy="mend that, or take the store out of the configuration",
+            remedy="fix that, or remove the store from the configuration",
         )
 
     async def _follow(self) -> None:

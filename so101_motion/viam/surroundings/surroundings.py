@@ -84,7 +84,9 @@ class Surroundings:
             for source in sources:
                 now = await source.added_to(now, view)
         except ConfigError as error:
-            raise SurroundingsUnknown(f"a thing around the arm is not valid: {error}") from error
+            raise SurroundingsUnknown(
+                f"an obstacle around the arm is not valid: {error}"
+            ) from error
         return now
 
     async def update_other_arms(self) -> None:

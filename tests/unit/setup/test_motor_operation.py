@@ -96,7 +96,7 @@ def test_a_motor_that_got_another_ones_id_can_be_taken_for_what_it_is():
 @pytest.mark.parametrize("writes", [False, True])
 def test_a_motor_with_an_id_of_another_joint_is_written_to_when_a_person_says_so(writes):
     view = operation(writes=writes, gripper={**NEW, "found_id": 5}).view
-    assert "set up before as the motor of wrist_roll" in view.note
+    assert "set up as the motor of wrist_roll" in view.note
     assert can_write(view)
     assert view.offers[0].due_in is None
 

@@ -131,7 +131,7 @@ def test_two_buttons_show_the_product(page, arm):
     ("p_base", "says"),
     [
         ([0.0, 0.543, 0.0], "43 mm out of reach (arm fully stretched)."),
-        ([0.1, 0.0, -0.3], "The gripper would hit the floor."),
+        ([0.1, 0.0, -0.3], "Target: the gripper would hit the floor."),
     ],
 )
 def test_a_target_that_cannot_be_is_explained_and_there_is_nothing_to_plan(page, p_base, says):

@@ -29,6 +29,9 @@
       event.preventDefault();  // else it would press the button that has the focus as well
       event.stopPropagation();
       stop();
+    } else if (event.key === 'Enter' && !isField && tagName !== 'BUTTON' && !event.repeat) {
+      const due = [...document.querySelectorAll('[data-enter]')].find((node) => node.offsetParent);
+      if (due) link.send(due.dataset.enter, true);
     } else if (event.key.toLowerCase() === 'p' && !isField && !event.repeat) {
       if (!event.ctrlKey && !event.metaKey && !event.altKey) link.send(board().plan, true);
     }
@@ -167,7 +170,7 @@
 
     const TRYING = 'The page comes back by itself as soon as the program answers again.';
     const EXPIRED =
-      'Another page runs here now, so this link has expired. Copy the new one from its terminal.';
+      'Another page runs here now. Copy its new link from the terminal.';
     let told = '';
     const tell = (more) => {
       if (told === more) return;  // a screen reader says what is new

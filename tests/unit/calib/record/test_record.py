@@ -143,7 +143,7 @@ def test_defaults_are_the_published_ones():
         ("elbow_flex", (-5, 900, 3100), (-5, 900, 3100), None),
         ("gripper", (7, 0, 4095), (7, 2048, 3248), "calibrate"),  # not driven past its stops
         ("gripper", (0, 2030, 3481), (0, 2030, 3481), None),
-        ("shoulder_pan", (0, 0, 4095), (0, 0, 4095), "looks new"),
+        ("shoulder_pan", (0, 0, 4095), (0, 0, 4095), "new servo, not calibrated yet"),
         ("shoulder_pan", (0, 9, 9), (0, 500, 3500), "no sense"),
     ],
 )

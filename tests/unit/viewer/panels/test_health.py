@@ -81,7 +81,7 @@ def test_a_machine_tells_the_figures_of_its_servos_base_to_jaw_and_which_are_not
 def test_a_machine_that_tells_nothing_useful_is_said_to(told):
     health = read_health(machine(told))
     assert health.servos == health.uncalibrated == ()
-    assert health.silence == "The machine's arm reports no servo health."
+    assert health.silence == "This arm does not report the health of its servos."
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_a_cookie_of_bytes_that_are_no_text_is_a_wrong_one():
     headers.set_insecure("Cookie", b"so101_8080=\xff".decode("ascii", "surrogateescape"))
     response = DOOR.answer(Request("/", headers))
     assert response.status_code == 401
-    assert b"This link has expired" in response.body
+    assert b"This link is not valid" in response.body
 
 
 def test_pages_and_refusals_are_confined_to_talk_to_us_or_to_nobody():
