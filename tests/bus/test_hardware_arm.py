@@ -1,16 +1,11 @@
-from datetime import timedelta
-
-import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from harness.emulated_rig import arm_client
-from viam.components.arm import Arm, JointPositions
+from viam.components.arm import JointPositions
 
 from so101_motion.calib.record import record, store
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.viam.models.hardware_arm import HardwareArm
-
-HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 
 
 @pytest.fixture
@@ -27,38 +22,6 @@ async def client(arm, models):
 
 def joints(*degrees):
     return JointPositions(values=[float(value) for value in degrees])
-
-
-async def positions(client):
-    return list((await client.get_joint_positions()).values)
-
-
-# Moving
-
-
-async def test_a_streamed_trajectory_is_played(models, client):
-    start = np.array(await positions(client))
-    points = []
-    for i in range(41):
-        share = (1 - np.cos(np.pi * i / 40)) / 2
-        points.append(
-            Arm.TrajectoryPoint(
-                time=timedelta(seconds=0.05 * i),
-                positions=list(start + share * np.array([20.0, 0, 0, 0, 0])),
-            )
-        )
-
-    async def batches():
-        yield points
-
-    async def play():
-        stream = client.move_through_joint_positions_streamed(batches())
-        return [update async for update in stream]
-
-    updates = await models.in_time(play())
-
-    assert len(updates) >= 1
-    assert (await positions(client))[0] == pytest.approx(start[0] + 20.0, abs=0.6)
 
 
 # What it says of itself

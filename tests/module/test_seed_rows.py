@@ -21,7 +21,7 @@ from harness.fake_parent import (
     until,
 )
 from harness.in_process_module import refused
-from viam.components.arm import JointPositions, MoveOptions, Pose
+from viam.components.arm import JointPositions, Pose
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -118,24 +118,6 @@ async def test_a_second_component_that_contradicts_the_first_is_refused_with_the
 
 
 # Moving
-
-
-async def test_a_move_says_that_it_is_moving_and_a_stop_ends_it(session):
-    start = await session.joints()
-    goal = await session.near(1, 0, 0, 0, 0)
-    options = MoveOptions(max_vel_degs_per_sec=4.0)
-    call = session.arm.move_through_joint_positions([positions(goal)], options)
-    move = asyncio.ensure_future(call)
-    await until(lambda: session.arm.is_moving())
-
-    async def is_seen_to_move():
-        return abs((await session.joints())[0] - start[0]) > 0.5
-
-    await until(is_seen_to_move)
-    await session.arm.stop()
-    await refused(move, Status.CANCELLED)
-    assert abs((await session.joints())[0] - start[0]) < STEP - 1.0
-    await session.go(start)
 
 
 @pytest.mark.emulator_only

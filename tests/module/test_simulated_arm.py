@@ -3,7 +3,6 @@
 import asyncio
 import json
 import math
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -105,48 +104,6 @@ async def test_joint_values_that_cannot_be_are_refused_by_name(client, values, s
         await refused(call, status, *says)
 
 
-async def ended(client):
-    """Nothing moves any more; the time for that passes by itself."""
-
-    async def rests():
-        return not await client.is_moving()
-
-    await until(rests)
-
-
-async def at_rest(client):
-    assert not await client.is_moving()
-    before = await positions(client)
-    await advance(client, 0.5)
-    assert await positions(client) == pytest.approx(before, abs=0.01)
-
-
-@pytest.mark.parametrize("by", ["its client", "its deadline"])
-async def test_a_call_that_is_ended_brings_the_arm_to_rest(client, by):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    if by == "its client":
-        move = await start(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
-        move.cancel()
-    else:
-        move = await start_before_the_deadline(client, ELSEWHERE)
-    with pytest.raises((GRPCError, TimeoutError, asyncio.CancelledError)):
-        await move
-    await ended(client)
-
-    await at_rest(client)
-    assert np.max(np.abs(np.subtract(await positions(client), ELSEWHERE))) > 1.0
-
-
-async def start_before_the_deadline(client, goal):
-    """A move with a deadline, under way; a busy machine needs more time to plan it."""
-    for seconds in (0.3, 1.0, 3.0, 10.0):
-        with suppress(GRPCError, asyncio.TimeoutError):
-            call = client.move_to_joint_positions(joints(*goal), timeout=seconds)
-            return await start(client, call)
-        await ended(client)
-    raise AssertionError("it is never under way before its deadline")
-
-
 async def test_a_motion_that_is_planned_again_goes_on_to_a_new_goal(client):
     replan = {"replan": True}
     await in_time(client, client.move_to_joint_positions(joints(*HOME), extra=replan))
@@ -157,13 +114,6 @@ async def test_a_motion_that_is_planned_again_goes_on_to_a_new_goal(client):
         await old
     reached = await client.get_end_position()
     assert (reached.x, reached.y, reached.z) == pytest.approx((250, 0, 150), abs=1.0)
-
-
-async def test_without_waiting_the_call_returns_at_once_and_the_arm_goes_on(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    await client.move_to_joint_positions(joints(*ELSEWHERE), extra={"wait": False})
-    await come_to_rest(client)
-    assert await positions(client) == pytest.approx(ELSEWHERE, abs=0.01)
 
 
 async def come_to_rest(client):
