@@ -252,7 +252,7 @@ async def test_a_jaw_elsewhere_stops_with_the_session():
         await lg.open()
         await until(fg.is_moving)
         await client.do_command({"command": "stop"})
-        assert len(stops) == 1
+        assert stops, "once, or again where an answer came late"
         assert not await fg.is_moving()
 
 
