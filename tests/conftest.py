@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from harness import lanes
+from harness.clocks import pace_simulated_arms
 from harness.heard_port import hear_terminals_of_this_process
 from hypothesis import settings
 from referee.official import refereed
@@ -126,6 +127,13 @@ def referee(request):
 def emulated_servos_of_this_process_are_always_heard():
     with pytest.MonkeyPatch.context() as patch:
         hear_terminals_of_this_process(patch)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def simulated_arms_of_this_process_lose_no_setpoint():
+    with pytest.MonkeyPatch.context() as patch:
+        pace_simulated_arms(patch.setattr)
         yield
 
 

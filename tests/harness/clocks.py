@@ -1,4 +1,4 @@
-"""Simulated clocks with which a run repeats exactly.
+"""Clocks for tests: a run that repeats exactly, and real time that waits for a busy machine.
 
 With ``ManualClock`` a thread goes on as soon as it is woken, at the same time as the one that woke
 it, so what a test sees may differ from run to run. On a ``TurnClock`` a woken thread waits until
@@ -8,6 +8,9 @@ the clock is advanced: the same seed gives the same run, however busy the machin
 import threading
 import time
 from contextlib import contextmanager
+from pathlib import Path
+
+from so101_motion.common.clock import ManualClock, MonotonicClock
 
 _EPSILON = 1e-9
 _PATIENCE = 60.0  # [s] on the wall clock, for a thread that neither waits nor ends
@@ -91,3 +94,48 @@ class TurnClock:
             yield
         finally:
             time.monotonic, time.time = real
+
+
+class PacedClock(MonotonicClock):
+    """Real time that stands still while the machine does: no thread that attends is ever late."""
+
+    STEP = 0.03
+    """How far it advances at a time [s]; a longer pause of the machine is no time at all."""
+
+    def __init__(self):
+        self._time = ManualClock(time.monotonic())
+        self.attend, self.wait, self.join = self._time.attend, self._time.wait, self._time.join
+        self._stepped = (self._time.now(), time.monotonic())
+        threading.Thread(target=self._run).start()
+
+    def now(self):
+        """The time [s]; a thread that does not attend sees it move between the steps, too."""
+        if threading.current_thread() in self._time._threads:
+            return self._time.now()
+        shown, at = self._stepped
+        return shown + min(time.monotonic() - at, self.STEP)
+
+    def _run(self):
+        while threading.main_thread().is_alive():  # else nanobind finds leaks at the end
+            time.sleep(self.STEP)
+            at, now = self._stepped[1], time.monotonic()
+            self._time.advance(min(now - at, 2.0 * self.STEP))
+            self._stepped = (self._time.now(), now)
+
+
+def pace_simulated_arms(setattr=setattr):
+    """From now on the real time of all simulated arms of this process is one ``PacedClock``.
+
+    Servos have the real time still: one that is silent keeps its arm's thread, and no other.
+    """
+    from so101_motion.rig import simulated_rig  # a process begins with this
+
+    clock = PacedClock()
+    setattr(simulated_rig, "MonotonicClock", lambda: clock)
+
+
+PACED = (
+    f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r}); "
+    "from harness.clocks import pace_simulated_arms; pace_simulated_arms(); "
+)
+"""What a Python process does first, for its simulated arms to lose no setpoint in a stall."""

@@ -46,7 +46,10 @@ from viam.resource.registry import Registry
 from viam.resource.types import API
 from viam.services.motion import Motion
 
+from harness.clocks import PACED
+
 ROOT = Path(__file__).parents[2]
+MODULE = f"{PACED}from runpy import run_module; run_module('so101_motion', run_name='__main__')"
 
 ARM = "rdk:component:arm"
 GRIPPER = "rdk:component:gripper"
@@ -191,7 +194,7 @@ def config_of(api, model, attributes=None, name="it"):
 @asynccontextmanager
 async def running_module(
     *,
-    command=(sys.executable, "-m", "so101_motion"),
+    command=(sys.executable, "-c", MODULE),
     arguments=(),
     services=(),
     resources=(),

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from viam.resource.types import Model
 
 from so101_motion.common.attributes import Attributes
-from so101_motion.common.clock import ManualClock, MonotonicClock
+from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.rig.rig import TICK, Rig
@@ -54,7 +54,7 @@ class SimulatedArm(ArmResource):
             acceleration=wanted.acceleration,
             scene=scene_of(wanted),
             q_start=cls.left_at.pop(name, None),
-            clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
+            clock=None if wanted.simulate_time else ManualClock(),
         )
         return cls(name, rig, wanted, dependencies)
 
