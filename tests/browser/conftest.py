@@ -1,20 +1,25 @@
 """A real Chromium on the real simulated arm.
 
-One browser, one arm and one page serve a module; before each test the arm is brought home.
+One browser, one arm and one page serve all tests here; before each test the arm is brought home.
+No stall ends a motion, as an arm's time stands still with the machine. What a browser does late is
+waited for, a minute; no test asks how fast it is.
 """
 
 import os
 import shutil
 import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
-from harness.browser_user import FEW_PICTURES, HOME, LAPTOP, READY, Guest, move_to
+from harness.browser_user import HOME, LAPTOP, NO_PICTURES, PHONE, READY, Guest, move_to
+from harness.clocks import PacedClock
 from playwright.sync_api import sync_playwright
-from so101_viewer import serve
+from so101_viewer import Source, serve_source
 
 from so101_motion.common.units import to_mm, to_rad
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.simulated_rig import open_simulated
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -36,11 +41,11 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(autouse=True)
 def no_thread_outlives_its_test():
-    """Here the arm and its page outlive a test; the module answers for their threads."""
+    """Here the arm and its page outlive a test."""
 
 
-@pytest.fixture(scope="module", autouse=True)
-def no_thread_outlives_its_module():
+@pytest.fixture(scope="package", autouse=True)
+def no_thread_outlives_these_tests():
     before = set(threading.enumerate())
     yield
     left = [
@@ -53,7 +58,7 @@ def no_thread_outlives_its_module():
     assert [thread.name for thread in left if thread.is_alive()] == []
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser(tmp_path_factory):
     with sync_playwright() as playwright:
         own = playwright.chromium.executable_path
@@ -63,19 +68,18 @@ def browser(tmp_path_factory):
                 "no browser found: the tests in tests/browser need Chromium. "
                 "Run `make test`, which installs one, or install chromium yourself."
             )
-        # Drawing without a GPU takes every core there is; the arm's control loop goes first.
-        # Root's browser would give itself priority again, were it let.
-        drop = shutil.which("setpriv") and os.geteuid() == 0
-        modest = "setpriv --bounding-set -sys_nice --inh-caps -sys_nice" if drop else ""
-        polite = tmp_path_factory.mktemp("browser") / "chromium"
-        polite.write_text(f'#!/bin/sh\nexec nice -n 15 {modest} "{found}" "$@"\n')
-        polite.chmod(0o755)
-        browser = playwright.chromium.launch(executable_path=polite, args=list(FLAGS))
+        # Root's browser would give itself priority over the arm, were it let.
+        drop = "exec setpriv --bounding-set -sys_nice --inh-caps -sys_nice"
+        plain = shutil.which("setpriv") is None or os.geteuid() != 0
+        modest = tmp_path_factory.mktemp("browser") / "chromium"
+        modest.write_text(f'#!/bin/sh\n{"exec" if plain else drop} "{found}" "$@"\n')
+        modest.chmod(0o755)
+        browser = playwright.chromium.launch(executable_path=modest, args=list(FLAGS))
         yield browser
         browser.close()
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(scope="package", autouse=True)
 def own_files(tmp_path_factory):
     """Where the page keeps the user's files: never in the home of the person who runs the tests."""
     folder = tmp_path_factory.mktemp("data")
@@ -84,31 +88,42 @@ def own_files(tmp_path_factory):
         yield folder / "so101_motion"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
+def paced():
+    """The time of an arm on servos of this process."""
+    return PacedClock()
+
+
+@pytest.fixture(scope="package")
 def rig():
     with open_simulated(speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
         yield rig
 
 
-@pytest.fixture(scope="module")
-def preview(rig):
-    with serve(rig, port=0) as preview:
+@pytest.fixture(scope="package")
+def scene_file(tmp_path_factory):
+    return tmp_path_factory.mktemp("scene") / "table.json"
+
+
+@pytest.fixture(scope="package")
+def preview(rig, scene_file):
+    source = Source(title="Arm", open=lambda: rig, lasts=True, scene_file=scene_file)
+    with serve_source(source, port=0) as preview:
         yield preview
 
 
-@pytest.fixture(scope="module")
-def visit(browser):
-    """Opens windows of a browser that knows no key yet."""
+@contextmanager
+def windows(browser):
+    """Opens windows of a browser that knows no key yet, and closes them."""
     contexts = []
 
-    def new(size=LAPTOP, *, dark=False):
-        width, height = size
+    def new(size=LAPTOP, *, script=NO_PICTURES, **more):
         context = browser.new_context(
-            viewport={"width": width, "height": height},
+            viewport={"width": size[0], "height": size[1]},
             device_scale_factor=0.5,  # drawn without a GPU: a quarter of the pixels
-            color_scheme="dark" if dark else "light",
+            **more,
         )
-        context.add_init_script(FEW_PICTURES)
+        context.add_init_script(script)
         contexts.append(context)
         context.set_default_timeout(90_000)  # a busy machine draws late
         guest = Guest(page=context.new_page(), problems=[], asked=[])
@@ -122,25 +137,54 @@ def visit(browser):
 
 
 @pytest.fixture(scope="module")
-def opened(visit, preview):
-    guest = visit()
-    guest.open(preview.url)
-    return guest
+def visit(browser):
+    with windows(browser) as visit:
+        yield visit
+
+
+@pytest.fixture(scope="package")
+def own_windows(browser, preview):
+    """The one in which most is done, and one without control; those that rest ask for little."""
+    with windows(browser) as visit:
+        opened, watching = visit(), visit(PHONE)
+        for window in (opened, watching):
+            window.open(preview.url)
+            window.page.evaluate("window.rests = true")
+        yield opened, watching
+
+
+@contextmanager
+def awake(window):
+    window.page.evaluate("window.rests = false")
+    yield window
+    window.page.evaluate("window.rests = true")
 
 
 @pytest.fixture
-def guest(opened, rig):
+def watcher(own_windows, guest):
+    """The window without control, as wide as a laptop's."""
+    with awake(own_windows[1]) as window:
+        window.resize(LAPTOP)
+        yield window
+        window.resize(PHONE)
+
+
+@pytest.fixture
+def guest(own_windows, rig):
     """A window on an arm that is at home, with nothing planned and a target aside."""
-    rig.arm.stop()
-    rig.arm.set_speed(to_rad(180.0))
-    move_to(rig, HOME)
-    width, height = LAPTOP
-    opened.page.set_viewport_size({"width": width, "height": height})
-    opened.until(lambda: opened.page.locator("[data-dock-tab]").count() > 6)  # built anew
-    opened.page.get_by_role("tab", name="Move").click()
-    opened.press("ready")
-    ready_mm = to_mm(rig.arm.model.frame(READY, "jaw_tip").p)
-    opened.until(lambda: np.allclose(opened.target_mm(), ready_mm, atol=0.1))
-    opened.until(lambda: opened.button("Execute").is_disabled())  # no plan of before is left
-    opened.until(lambda: opened.button("Plan").is_enabled())
-    return opened
+    with awake(own_windows[0]) as guest:
+        rig.arm.stop()
+        rig.arm.set_speed(to_rad(180.0))
+        rig.arm.scene = Scene()
+        move_to(rig, HOME)
+        guest.resize(LAPTOP)
+        plots = guest.page.get_by_label("Minimize panel").filter(visible=True)
+        if plots.count():  # else they lie over what a test clicks on
+            plots.click()
+        guest.in_front("Move")
+        guest.press("ready")
+        ready_mm = to_mm(rig.arm.model.frame(READY, "jaw_tip").p)
+        guest.until(lambda: np.allclose(guest.target_mm(), ready_mm, atol=0.1))
+        guest.until(lambda: guest.button("Execute").is_disabled())  # no plan of before is left
+        guest.until(lambda: guest.button("Plan").is_enabled())
+        yield guest

@@ -5,7 +5,7 @@ from datetime import datetime
 
 import numpy as np
 import pytest
-from harness.browser_user import FEW_PICTURES, HOME, READY, Guest
+from harness.browser_user import FEW_PICTURES, HOME, READY
 from PIL import Image
 from so101_viewer import film_of_plan, write_recording
 
@@ -21,7 +21,7 @@ HOSTILE = "<img src=x onerror=window.PWNED=1>"
 
 
 @pytest.fixture(scope="module")
-def film(browser, tmp_path_factory):
+def film(visit, tmp_path_factory):
     shape, place = Box(size=np.full(3, 0.06)), SE3.from_translation((0.1, 0.25, 0.03))
     scene = Scene(obstacles=(Obstacle(name=HOSTILE, shape=shape, T_base_obstacle=place),))
     limits = MotionLimits.uniform(velocity=2.0, acceleration=8.0, jerk=80.0)
@@ -30,21 +30,13 @@ def film(browser, tmp_path_factory):
     path = tmp_path_factory.mktemp("film") / "film.html"
     write_recording(film_of_plan(plan, scene, title=HOSTILE, q_jaw=0.0), path)
 
-    context = browser.new_context(
-        viewport={"width": 800, "height": 560}, device_scale_factor=0.5, offline=True
-    )
-    context.add_init_script(FEW_PICTURES)
-    context.set_default_timeout(90_000)
-    guest = Guest(page=context.new_page(), problems=[], asked=[])
-    guest.page.on("pageerror", lambda error: guest.problems.append(str(error)))
-    guest.page.on("request", lambda request: guest.asked.append(request.url))
+    guest = visit((800, 560), script=FEW_PICTURES, offline=True)
     guest.page.goto(path.as_uri())
     guest.page.wait_for_function(
         "() => window.__viserSceneTree && '/arms/0/arm/gripper_link' in "
         "window.__viserSceneTree.getState()"
     )
-    yield guest
-    context.close()
+    return guest
 
 
 def test_a_film_shows_the_arm_in_motion_and_its_figures_asks_for_nothing_and_runs_no_name(film):
@@ -52,14 +44,11 @@ def test_a_film_shows_the_arm_in_motion_and_its_figures_asks_for_nothing_and_run
     before = film.pose_of("/arms/0/arm/gripper_link")["position"]
     film.until(lambda: film.pose_of("/arms/0/arm/gripper_link")["position"] != before)
 
-    with film.looking():
-        film.until(lambda: orange(film.page.screenshot()) > 200, seconds=60.0)
-        first = grey(film.page.screenshot())
-        film.until(
-            lambda: int((np.abs(grey(film.page.screenshot()) - first) > 40).sum()) > 100,
-            seconds=60.0,
-        )
-
+    film.page.evaluate("window.draws = true")
+    film.until(lambda: orange(film.page.screenshot()) > 200)
+    first = grey(film.page.screenshot())
+    film.until(lambda: int((np.abs(grey(film.page.screenshot()) - first) > 40).sum()) > 100)
+    film.page.evaluate("window.draws = false")
     for words in ("Duration", "Peak speed", "Clearance", "Limits", "Gripper", HOSTILE):
         film.comes_to(1, film.page.get_by_text(words, exact=True).count)
     for words in ("path of the tool", "the goal", "% open", f"{datetime.now():%Y-%m-%d}"):

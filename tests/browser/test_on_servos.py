@@ -1,18 +1,13 @@
 """Gripper and programs on emulated servos: what they really do, and what the page says of it."""
 
-from contextlib import suppress
-
 import pytest
 from harness.browser_user import Servos
 from so101_viewer import serve
 
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
-from so101_motion.common.errors import NoReply
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus.defaults import SERVO_IDS
-from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 
@@ -20,26 +15,17 @@ WIDTH_MM = 30.0
 
 
 @pytest.fixture(scope="module")
-def port(tmp_path_factory):
-    return str(tmp_path_factory.mktemp("port") / "arm")
+def servos(tmp_path_factory, paced):
+    with Servos(tmp_path_factory.mktemp("port") / "arm", paced) as servos:
+        servos.type("pose")  # somebody holds it up until it holds itself
+        yield servos
 
 
 @pytest.fixture(scope="module")
-def servos(port):
-    servos = Servos(port)
-    servos.type("pose")  # somebody holds it up until it holds itself
-    yield servos
-    servos.close()
-
-
-@pytest.fixture(scope="module")
-def arm_on_port(servos, port):
-    patience = 0.3  # this computer has a browser to run as well
-    with open_hardware(ServoSettings(port=port).with_arm(SERVO_IDS), reply_timeout=patience) as rig:
-        for _ in range(10):  # a busy machine may lose an answer
-            with suppress(NoReply):
-                rig.arm.set_torque(True)
-                break
+def arm_on_port(servos, paced):
+    settings = ServoSettings(port=servos.port).with_arm(SERVO_IDS)
+    with open_hardware(settings, clock=paced) as rig:
+        rig.arm.set_torque(True)
         servos.type("end pose")
         yield rig
 
@@ -92,7 +78,7 @@ def test_what_the_jaw_holds_is_said_with_its_width_and_its_slider_sets_the_force
 
 
 def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_the_page(
-    visit, tmp_path
+    visit, tmp_path, paced
 ):
     entries = {
         joint: JointCalibration(id=i, homing_offset=40 * (joint == "elbow_flex"))
@@ -100,8 +86,7 @@ def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_th
     }
     file = tmp_path / "other.json"
     store.save(file, entries)
-    options = EmulatorOptions(link=tmp_path / "arm", pacing=Pacing(realtime=True))
-    emulator = Emulator(options)
+    emulator = Servos(tmp_path / "arm", paced)
 
     def stored():
         with emulator.world.lock:
@@ -109,7 +94,7 @@ def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_th
 
     before = stored()
     asked = ServoSettings(port=str(tmp_path / "arm"), timeout=None, calibration_file=file)
-    with open_hardware(asked, reply_timeout=0.3) as rig, serve(rig, port=0) as preview:
+    with emulator, open_hardware(asked, clock=paced) as rig, serve(rig, port=0) as preview:
         guest = visit()
         guest.open(preview.url)
         guest.until(lambda: guest.button("Hold").is_enabled())
@@ -131,4 +116,3 @@ def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_th
         assert rig.servos.calibration["elbow_flex"].homing_offset == 40
         assert stored() != before
         guest.leave()
-    emulator.close()

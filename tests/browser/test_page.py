@@ -32,14 +32,14 @@ def curves(guest, tab):
     return int(np.any((saturation > 120) & (value > 120), axis=1).sum())
 
 
-def test_a_crafted_link_cannot_bring_another_servers_scripts_into_our_page(opened, preview):
+def test_a_crafted_link_cannot_bring_another_servers_scripts_into_our_page(guest, preview):
     evil = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
         visitors = []
         evil._websock_server.on_client_connect(visitors.append)
         script = _messages.RunJavascriptMessage(source="window.PWNED = 1")
         evil._websock_server.queue_message(script)
-        page = opened.page.context.new_page()  # it has our cookie
+        page = guest.page.context.new_page()  # it has our cookie
         log = []
         page.on("console", lambda message: log.append(message.text))
         address = f"ws://127.0.0.1:{evil.get_port()}"

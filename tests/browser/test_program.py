@@ -2,12 +2,10 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from harness.browser_user import HOME, READY, move_to
+from harness.browser_user import HOME, READY
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-
-ATTEMPTS = 4
 
 NAME = "<b>lift</b>"
 LINE = "50 % speed, open, 1.5 s"
@@ -56,20 +54,6 @@ def planned(guest):
     guest.until(is_planned)
 
 
-def runs(guest, rig):
-    """Run the planned program to its end, by way of READY; anew where a busy machine gave up."""
-    for _ in range(ATTEMPTS):
-        with told(rig) as goals:
-            guest.press("Run program")
-            guest.until(lambda: guest.says("Done.") or guest.has_stalled())
-        if not guest.has_stalled():
-            assert min(float(np.max(np.abs(q - READY))) for q in goals) < to_rad(0.5)
-            return
-        move_to(rig, HOME)
-        planned(guest)
-    pytest.fail(f"the machine is too busy: {ATTEMPTS} runs were given up")
-
-
 @contextmanager
 def told(rig):
     """What the joints are told meanwhile, every setpoint of it."""
@@ -112,7 +96,11 @@ def test_a_program_is_recorded_planned_run_and_kept(program, rig, own_files):
 
     program.until(goes_to_the_middle)
     assert at(HOME, rig)  # planning moves nothing
-    runs(program, rig)
+    with told(rig) as goals:
+        program.press("Run program")
+        program.until(lambda: program.says("Done."))
+        program.until(lambda: not (rig.arm.is_moving or rig.gripper.is_moving))
+    assert min(float(np.max(np.abs(q - READY))) for q in goals) < to_rad(0.5)
     assert at(HOME, rig)
     program.until(lambda: program.button("Run program").is_disabled())
     program.page.get_by_text("Save and load").click()

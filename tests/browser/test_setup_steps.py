@@ -202,10 +202,10 @@ def test_a_calibration_that_is_restarted_or_aborted_leaves_the_motors_as_they_we
         kit.put(0.6)
         held = kit.offsets
 
-        def take_the_pose(hand):
+        def take_the_pose(hand, then):
             hand.press("Let go of the joints")
             hand.press("I hold it there")
-            hand.expect("The pose is taken")
+            hand.expect(then)
             assert kit.offsets != held
 
         with serve(kit, tmp_path) as app:
@@ -217,7 +217,7 @@ def test_a_calibration_that_is_restarted_or_aborted_leaves_the_motors_as_they_we
             hand.press("Next")
             hand.expect("it sinks at once")
             assert [servo.memory.flash for servo in kit.world.servos] == before
-            take_the_pose(hand)
+            take_the_pose(hand, "The pose is taken")
             hand.press("Next")
             hand.expect("Still to do: shoulder_pan")
         with serve(kit, tmp_path) as app:
@@ -226,8 +226,7 @@ def test_a_calibration_that_is_restarted_or_aborted_leaves_the_motors_as_they_we
             hand.expect("it sinks at once")  # the pose has to be taken again
             assert not hand.can("Next")
             assert kit.offsets == held
-            take_the_pose(hand)
-            hand.expect("Still to do: shoulder_pan")
+            take_the_pose(hand, "Still to do: shoulder_pan")  # where it was
             hand.press("Back")
             hand.expect("Step 3 of 7")
             hand.press("Back")

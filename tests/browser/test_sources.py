@@ -1,7 +1,6 @@
 """How the page connects to its arm, and what it shows when the arm is not there or not well."""
 
 import re
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,30 +27,28 @@ OUTSIDE = 100  # [tick] that the wrist's roll is outside its range when the arm 
 class Cable:
     """A page on a port with an emulated arm, which can be pulled out and put in."""
 
-    def __init__(self, port):
-        self.port, self.rigs, self._servos = str(port), [], Servos(str(port))
+    def __init__(self, port, clock):
+        self.port, self.rigs, self._servos = str(port), [], Servos(port, clock)
+        self._clock = clock
         self.type = self._servos.type
         self.type("pose")  # somebody holds it up until it holds itself
         self.type("unplug")
-        while port.exists():
-            threading.Event().wait(0.01)
         self.preview = serve_source(Source(title=f"Arm on {port}", open=self._open), port=0)
 
     def _open(self):
         file = Path(f"{self.port}.json")
         settings = ServoSettings(port=self.port).with_arm(SERVO_IDS)
-        patience = 0.3  # this computer has a browser to run as well
         if not file.exists():
-            with open_hardware(settings, reply_timeout=patience) as rig:
+            with open_hardware(settings, clock=self._clock) as rig:
                 calibration = dict(rig.servos.calibration)
             aside = 2048 + OUTSIDE  # the hand holds it at 2048
             calibration["wrist_roll"] = replace(calibration["wrist_roll"], range_min=aside)
             store.save(file, calibration)
             looks = ServoSettings(port=self.port, calibration_file=file)
-            with open_hardware(looks, reply_timeout=patience) as rig:
+            with open_hardware(looks, clock=self._clock) as rig:
                 rig.write_calibration()
         settings = replace(settings, calibration_file=file)
-        self.rigs.append(open_hardware(settings, reply_timeout=patience))
+        self.rigs.append(open_hardware(settings, clock=self._clock))
         return self.rigs[-1]
 
     @property
@@ -64,8 +61,8 @@ class Cable:
 
 
 @pytest.fixture(scope="module")
-def cable(tmp_path_factory):
-    cable = Cable(tmp_path_factory.mktemp("port") / "arm")
+def cable(tmp_path_factory, paced):
+    cable = Cable(tmp_path_factory.mktemp("port") / "arm", paced)
     yield cable
     cable.close()
 

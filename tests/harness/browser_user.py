@@ -6,10 +6,8 @@ tests look at nodes and widgets and hardly at pixels.
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -18,10 +16,12 @@ import pytest
 from axe_playwright_python.base import AXE_SCRIPT
 from playwright.sync_api import Page, TimeoutError
 
-from so101_motion.common.errors import MotionError
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.units import to_rad
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.faults import FaultEvent, parse_fault
 from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.kinematics.model import RobotModel
 
 T = TypeVar("T")
 
@@ -31,10 +31,10 @@ READY = next(pose.q for pose in POSES if pose.name == "ready")
 ASIDE = np.radians([100.0, 0.0, 0.0, 0.0, 0.0])
 LAPTOP, PHONE = (1280, 720), (400, 800)
 
-STALLED = "No setpoint could be sent"
-
 FEW_PICTURES = """
-window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 125);
+window.rests = false;
+window.requestAnimationFrame = (draw) =>
+  setTimeout(() => draw(performance.now()), window.rests ? 1500 : 125);
 window.cancelAnimationFrame = clearTimeout;
 window.draws = false;
 for (const way of ['Arrays', 'ArraysInstanced', 'Elements', 'ElementsInstanced']) {
@@ -44,12 +44,26 @@ for (const way of ['Arrays', 'ArraysInstanced', 'Elements', 'ElementsInstanced']
   };
 }
 """
-"""Eight pictures of the scene a second, and nothing in them unless a test asks for pixels
-(``looking``).
-
-Drawn without a GPU, each costs a quarter of a second of processor, which the arm needs. Where
-things are in the picture, and in which colour, the page knows as ever.
+"""Eight pictures of the scene a second, fewer in a window that rests, and nothing in them until it
+``draws``: drawn without a GPU, each costs a quarter of a second of processor.
 """
+
+NO_PICTURES = (
+    FEW_PICTURES
+    + """
+const GL = WebGL2RenderingContext, known = {
+  getShaderParameter: () => true,
+  getProgramParameter: (_, what) => what === GL.LINK_STATUS ? true : 0,
+  getShaderInfoLog: () => '', getProgramInfoLog: () => '', getError: () => 0,
+  checkFramebufferStatus: () => GL.FRAMEBUFFER_COMPLETE,
+};
+const asked = /^(get|is|create|fence|clientWait)/;
+for (const [name, { value }] of Object.entries(Object.getOwnPropertyDescriptors(GL.prototype)))
+  if (typeof value === 'function' && name !== 'constructor')
+    GL.prototype[name] = known[name] ?? (asked.test(name) ? value : () => {});
+"""
+)
+"""Nothing is drawn at all. Where things are in the picture, and in which colour, the page knows."""
 
 
 LOOK_FOR_BARRIERS = """
@@ -87,6 +101,15 @@ class Guest:
 
     def leave(self):
         self.page.context.close()
+
+    def resize(self, size):
+        """Give the window a size, and wait until the page has built its panels anew."""
+        self.page.set_viewport_size({"width": size[0], "height": size[1]})
+        docked = 7 if size[0] >= 1100 else 0
+        self.until(lambda: min(self.page.locator("[data-dock-tab]").count(), 7) == docked)
+
+    def in_front(self, tab):
+        self.page.get_by_role("tab", name=tab, exact=True).filter(visible=True).first.click()
 
     def button(self, name):
         return self.page.get_by_role("button", name=name, exact=True)
@@ -155,26 +178,22 @@ class Guest:
 
         self.until(is_answered)
 
-    def has_stalled(self):
-        """Whether the page says that a busy machine kept the arm from moving on."""
-        return self.page.get_by_text(STALLED).filter(visible=True).count() > 0
-
     def until(self, condition, *, seconds=60.0):
         """Wait for ``condition`` and let the page live meanwhile; fail when it never comes."""
-        for _ in range(round(seconds / 0.05)):
+        for _ in range(round(seconds / 0.1)):
             if condition():
                 return
-            self.page.wait_for_timeout(50)
+            self.page.wait_for_timeout(100)
         pytest.fail(f"did not come true within {seconds:g} s; the page said: {self.words()!r}")
 
     def comes_to(self, wanted, look):
         """Wait until ``look`` finds what is wanted; fail with what it has found instead."""
         found = []
-        for _ in range(1200):
+        for _ in range(600):
             found[:] = [look()]
             if found == [wanted]:
                 return
-            self.page.wait_for_timeout(50)
+            self.page.wait_for_timeout(100)
         assert found[0] == wanted
 
     def _learn(self, script, told=None):
@@ -187,15 +206,6 @@ class Guest:
 
         self.until(is_known)
         return found[0]
-
-    @contextmanager
-    def looking(self):
-        """Draw the scene in full while a test looks at its pixels."""
-        self.page.evaluate("window.draws = true")
-        try:
-            yield
-        finally:
-            self.page.evaluate("window.draws = false")
 
     def color_of(self, part):
         """The colour of a part of the arm on the stage, as a number of the form 0xrrggbb."""
@@ -317,11 +327,6 @@ class Guest:
 
 
 def move_to(rig, q):
-    """Move the arm there; again where a busy machine had no time for its setpoints."""
-    for _ in range(3):
-        with suppress(MotionError):
-            rig.arm.move(JointGoal(q=q), wait=False).result(60.0)
-            return
     rig.arm.move(JointGoal(q=q), wait=False).result(60.0)
 
 
@@ -333,25 +338,16 @@ def crawl_aside(rig):
     rig.arm.move(JointGoal(q=ASIDE), wait=False)
 
 
-class Servos:
-    """``so101 emulate`` in a process of its own: its servos lag, brake, and press on things."""
+class Servos(Emulator):
+    """The servos of ``so101 emulate`` in this process: they lag, brake, and press on things."""
 
-    def __init__(self, port):
-        command = (sys.executable, "-m", "so101_motion.cli", "emulate", "--realtime", "--link")
-        self._process = subprocess.Popen(
-            [*command, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        assert self._process.stdout is not None
-        self._process.stdout.readline()
+    def __init__(self, port, clock):
+        weight = RobotModel.load().gravity_torque
+        super().__init__(EmulatorOptions(link=port), now=clock.now, gravity=weight)
 
     def type(self, line):
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{line}\n")
-        self._process.stdin.flush()
-
-    def close(self):
-        self._process.terminate()
-        self._process.wait(10.0)
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
-            pipe.close()
+        """What is typed into ``so101 emulate``: a fault that begins, or ``end`` and its name."""
+        if line.startswith("end "):
+            self.end(FaultEvent(kind=line.removeprefix("end ")))
+        else:
+            self.begin(parse_fault(line))

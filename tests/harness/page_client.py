@@ -49,13 +49,13 @@ class Hand:
         while not condition():
             if time.monotonic() > ends:
                 pytest.fail(f"{what} was not possible within {seconds:g} s: {self.words()!r}")
-            time.sleep(0.02)
+            time.sleep(0.05)
 
     def until_or(self, condition, *, seconds):
         """Wait for ``condition``, but no longer than that."""
         ends = time.monotonic() + seconds
         while not condition() and time.monotonic() < ends:
-            time.sleep(0.02)
+            time.sleep(0.05)
 
     def _buttons(self, label):
         for handle in self._seen():

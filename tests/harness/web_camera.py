@@ -18,13 +18,15 @@ def jpeg(number, size=WIDE):
 
 
 class WebCamera(BaseHTTPRequestHandler):
-    """Answers ``/picture``, ``/upright``, ``/stream``, ``/page`` (no picture) and ``/lost``.
+    """Answers ``/picture``, ``/stream``, ``/page`` (no picture) and ``/lost``.
 
     Attributes:
         count: How often it was asked.
+        size: Of its pictures [px].
     """
 
     count = 0
+    size = WIDE
 
     def do_GET(self):
         WebCamera.count += 1
@@ -43,8 +45,7 @@ class WebCamera(BaseHTTPRequestHandler):
                 head = b"--x\r\nContent-Type: image/jpeg\r\n\r\n"
                 self.wfile.write(head + jpeg(number) + b"\r\n")
         else:
-            size = UPRIGHT if self.path == "/upright" else WIDE
-            self.wfile.write(jpeg(WebCamera.count, size))
+            self.wfile.write(jpeg(WebCamera.count, WebCamera.size))
 
     def log_message(self, *_):
         """Say nothing."""
