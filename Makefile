@@ -6,7 +6,7 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-lerobot test-data-sets test-tools check bench campaign pictures site clean browser installed-dev
+.PHONY: demo test timing test-long test-lerobot test-data-sets test-tools check bench campaign pictures site clean browser installed-dev
 
 demo:
 	@./setup.sh --with viewer
@@ -14,8 +14,20 @@ demo:
 
 # Who takes what, with two workers and with more: tests/harness/lanes.py.
 WORKERS ?= 3
+PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 test: browser
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+	$(PYTEST)
+
+# make test, and what each folder of it costs, for tests/README.md.
+timing: browser
+	rm -f build/times.json*
+	mkdir -p build
+	PYTHONPATH=tests $(PYTEST) -p timing --timing build/times.json
+	$(BIN)/python tests/timing.py build/times.json --write
+
+# What takes too long for every push; writes tests/LONG.md. PARTS="laws campaign" runs some.
+test-long: browser
+	$(BIN)/python tests/long.py $(PARTS)
 
 # LeRobot's own commands through the plugin, on emulated arms. LeRobot needs Python 3.12 or newer and
 # some gigabytes; LEROBOT_PYTHON=/path/to/python3.12 names one.
@@ -30,13 +42,12 @@ test-data-sets:
 test-tools:
 	@tests/genuine_tools/run.sh
 
-
-check: browser
+check: installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+	@$(MAKE) test
 
 bench: browser
 	@./setup.sh --with bench

@@ -47,6 +47,9 @@ def pytest_addoption(parser):
         metavar="PORT",
         help="an arm on this port instead of an emulated one; it WILL move, a little",
     )
+    parser.addoption(
+        "--examples", metavar="N", type=int, help="so many for each law, whatever it asks for"
+    )
 
 
 def pytest_report_header(config):
@@ -64,7 +67,11 @@ def pytest_xdist_make_scheduler(config, log):
 
 def pytest_collection_modifyitems(config, items):
     """With an arm, only what is written for one: it uses ``arm_port`` and troubles no servo."""
-    lanes.run_once_more(items)
+    if examples := config.getoption("--examples"):
+        for item in items:
+            if hasattr(item.obj, "hypothesis"):
+                held = item.obj._hypothesis_internal_use_settings
+                item.obj._hypothesis_internal_use_settings = settings(held, max_examples=examples)
     if hasattr(config, "workerinput"):
         items[:] = lanes.longest_first(items)
     if not config.getoption("--hardware"):

@@ -1,7 +1,8 @@
 """What each test costs: seconds of clock and processors, with its child processes and browser.
 
     python -m pytest -p timing --timing times.json ...    # PYTHONPATH must name this folder
-    python tests/timing.py times.json                     # the table, in Markdown
+    python tests/timing.py times.json                     # the table, and the dearest tests
+    make timing                                           # both, for all; also in tests/README.md
 
 With pytest-xdist each worker writes a file of its own, ``times.json.gw0`` and so on; the table adds
 them up. Processor time is this process's, that of children that have ended, and what the kernel
@@ -80,8 +81,12 @@ def _folder(nodeid: str) -> str:
     return "/".join(parts[1 : 3 if parts[1] == "unit" else 2]) if len(parts) > 2 else "(top)"
 
 
-def main(path: Path) -> None:
-    """Print the table of the folders, then the most expensive tests."""
+README = Path(__file__).with_name("README.md")
+BEGIN, END = "<!-- times: make timing -->\n", "<!-- end of times -->"
+
+
+def main(path: Path, *, writes: bool) -> None:
+    """Print the table of the folders, for the README too, then the most expensive tests."""
     times: dict[str, list[float]] = {}
     for each in sorted(path.parent.glob(f"{path.name}*")):
         times |= json.loads(each.read_text())
@@ -89,13 +94,16 @@ def main(path: Path) -> None:
     for nodeid, (wall, processor) in times.items():
         for key in (_folder(nodeid), "all"):
             folders[key] = [a + b for a, b in zip(folders[key], (1, wall, processor), strict=True)]
-    print("| folder | tests | clock [s] | processors [s] |\n|---|---|---|---|")
+    table = "| folder | tests | clock [s] | processors [s] |\n|---|---|---|---|\n"
     for name, (count, wall, processor) in sorted(folders.items(), key=lambda row: -row[1][2]):
-        print(f"| `{name}` | {count} | {wall:.0f} | {processor:.0f} |")
-    print()
+        table += f"| `{name}` | {count} | {wall:.0f} | {processor:.0f} |\n"
+    print(table)
+    if writes:
+        before, _, rest = README.read_text().partition(BEGIN)
+        README.write_text(before + BEGIN + table + END + rest.partition(END)[2])
     for nodeid, (wall, processor) in sorted(times.items(), key=lambda row: -max(row[1]))[:60]:
         print(f"{wall:7.2f} {processor:7.2f}  {nodeid}")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), writes="--write" in sys.argv)

@@ -11,6 +11,7 @@ import time
 
 import pytest
 
+pytestmark = pytest.mark.long  # it gives answers a few milliseconds, whatever the machine does
 rustypot = pytest.importorskip("rustypot")
 
 IDS = [1, 2, 3, 4, 5, 6]

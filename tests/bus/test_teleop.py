@@ -128,7 +128,7 @@ def test_a_shoulder_that_follows_as_hard_as_it_can_swings_past_by_no_more_than_i
     assert max(strays) < 7.5, "a joint that is 8 deg off has lost its setpoints"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_long_session_with_lost_replies_neither_stops_nor_jumps_nor_grows(
     tmp_path, planning_process
 ):

@@ -1,9 +1,9 @@
 """Distribute test files over pytest's workers: those that mostly wait, and those that compute.
 
-Of three workers or more the first drives browsers, the second starts processes, and the others
+Of three workers or more the first drives the browser, the second starts processes, and the others
 compute. A worker that computes yields the processor to those two. Tests that need real time are
-left to the first two; when none are left, these compute as well. Browsers draw without a GPU, so
-only one does as long as there is something else to do; then the second worker helps the first.
+left to the first two; when none are left, these compute as well. A second browser is started only
+when there is nothing else to do.
 
 Of two workers the first takes all tests that need real time before any other, and the second
 computes first; a worker that has no file of its kind left takes one of the other kind.
@@ -11,7 +11,6 @@ computes first; a worker that has no file of its kind left takes one of the othe
 
 import os
 
-import pytest
 from xdist.scheduler import LoadFileScheduling
 
 BROWSERS = ("tests/browser/",)
@@ -19,8 +18,6 @@ PROCESSES = (
     "tests/unit/common/test_realtime.py",  # its worker must not have yielded yet
     "tests/module/",
     "tests/campaign/test_share.py",  # a module process is stopped and continued there
-    "tests/bus/test_emulator_pty_rustypot.py",  # its scans wait briefly
-    "tests/unit/cli/test_cli_cell.py",  # arms that begin together must not begin late
     "tests/bus/test_eeprom_writes.py",  # verbs in a terminal, on servos that answer in real time
     "tests/bus/test_cli_guided.py",  # programs that wait 30 ms for each of the servos here
 )
@@ -34,8 +31,7 @@ LONG = (*REAL_TIME, "tests/campaign/", "tests/bus/", "tests/plugin/", "tests/pro
 """Start with these, in this order, so that no worker ends alone with a long file."""
 
 _NICENESS = 10
-"""Chosen: real time goes first, but the emulated servos of another worker still answer within 30 ms
-and the browser, which draws without a GPU at a niceness of 15, gets a quarter of a processor."""
+"""Chosen: real time goes first, but the emulated servos of another worker still answer in 30 ms."""
 
 
 def longest_first(items):
@@ -45,14 +41,6 @@ def longest_first(items):
 
 def _place(nodeid):
     return next((i for i, start in enumerate(LONG) if nodeid.startswith(start)), len(LONG))
-
-
-def run_once_more(items):
-    """Tests in real time get a second attempt: a busy machine delays whom it likes. The summary
-    counts them, and what fails twice has failed."""
-    for item in items:
-        if item.nodeid.startswith(REAL_TIME):
-            item.add_marker(pytest.mark.flaky(reruns=1, only_rerun="."))
 
 
 class Yielding:

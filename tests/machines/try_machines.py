@@ -41,7 +41,7 @@ USERS = ("root", "newcomer")
 SELECTION = (
     "tests/unit/test_install.py tests/unit/common/test_import_check.py "
     "tests/module/test_process.py::test_ending_while_the_arm_moves_is_clean "
-    "tests/browser/test_windows_and_devices.py::test_p_plans_and_no_single_key_moves_the_arm"
+    "tests/browser/test_windows_and_devices.py::test_p_plans_escape_and_space_stop_also_in_a_field_and_no_other_key_moves_the_arm"
 )
 """The tests of the trial; all of them take too long to be tried on eight machines."""
 ENOUGH = 1200.0

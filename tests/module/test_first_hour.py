@@ -128,7 +128,6 @@ def added(module, api, configured):
     return module.add(api, one["model"], one["attributes"], one["name"])
 
 
-@pytest.mark.slow
 async def test_a_newcomer_gets_from_a_box_of_parts_to_a_moving_arm(person):
     told = await person.runs(
         "setup", "--yes", "--within", "100", "--json",

@@ -19,7 +19,6 @@ def resources(port, file):
     return (*SIM, (SENSOR, CALIBRATION, "calibration", {"port": port, "calibration_file": file}))
 
 
-@pytest.mark.slow
 def test_an_arm_is_calibrated_over_the_network_and_the_network_may_fail(tmp_path):
     kit = Kit(tmp_path)
     kit.put(0.5)

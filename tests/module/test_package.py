@@ -16,8 +16,6 @@ import pytest
 from harness.fake_parent import ARM, ROOT, SIMULATED, running_module
 from viam.components.arm import Pose
 
-pytestmark = pytest.mark.slow
-
 SITE = sysconfig.get_path("purelib")
 CMEEL = str(Path(pinocchio.__file__).parents[1])
 HERE = f"{SITE}:{CMEEL}"

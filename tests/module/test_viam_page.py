@@ -5,7 +5,6 @@ import json
 import re
 from functools import partial
 
-import pytest
 import viam.components.generic
 import viam.services.discovery
 import viam.services.generic
@@ -78,7 +77,6 @@ def test_every_command_is_documented():
     assert [name for name in sorted(commands) if name not in pages] == []
 
 
-@pytest.mark.slow
 async def test_the_answers_are_as_shown(tmp_path):
     async with emulated_port(tmp_path) as servos, running_module() as (module, _, _):
         port = {"port": servos.port}

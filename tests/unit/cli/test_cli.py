@@ -19,7 +19,6 @@ from so101_motion.setup.move_test import MoveReport
 SO101 = [sys.executable, "-m", "so101_motion.cli"]
 
 
-@pytest.mark.slow
 def test_the_demo_in_text_shows_a_plan_and_arrives(so101):
     result = so101("demo --text")
     assert result.exit_code == 0, result.output
@@ -38,7 +37,6 @@ def test_a_busy_port_is_named_with_something_to_try(so101):
     assert "choose another port (--web-port), for example" in result.output
 
 
-@pytest.mark.slow
 def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead():
     command = [*SO101, "demo", "--no-browser"]
     with socket.socket() as taken:
@@ -127,7 +125,6 @@ def test_obstacles_of_a_scene_are_avoided_or_named(so101, tmp_path):
     assert "mug" in refused(so101("plan --sim --xyz 250,120,150 --scene", scene), 5)
 
 
-@pytest.mark.slow
 def test_a_move_is_planned_told_and_run(so101):
     result = so101("move --sim --joints 5,0,0,0,0 --speed 90 --yes")
     assert result.exit_code == 0, result.output

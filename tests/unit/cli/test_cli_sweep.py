@@ -11,7 +11,6 @@ def sweep(so101):
     return lambda *words: so101("sweep", *words)
 
 
-@pytest.mark.slow
 def test_reach_ends_with_the_sha256_and_is_not_computed_twice(sweep, tmp_path):
     asked = ("reach", "--spacing-mm", "100", "--out", str(tmp_path / "atlas"), "--workers", "1")
     first = sweep(*asked)
@@ -40,7 +39,6 @@ POSES = [
 SMALL = ("--x-mm", "-40:0", "--y-mm", "0", "--turn-deg", "0")
 
 
-@pytest.mark.slow
 def test_place_keeps_the_best_bases_with_their_programs(sweep, tmp_path):
     task, out = tmp_path / "task.json", tmp_path / "placed"
     task.write_text(json.dumps({"schema": "so101/task/1", "frame": "jaw_tip", "poses": POSES}))

@@ -15,7 +15,7 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.sweeps import ReachSweep, run_sweep, scene_text
 
 distributed = pytest.importorskip("distributed")
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 PATIENCE = 240.0
 

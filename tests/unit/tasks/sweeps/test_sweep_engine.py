@@ -140,7 +140,6 @@ def killed(folder):
     return done.stdout.split()
 
 
-@pytest.mark.slow
 def test_a_run_that_is_killed_at_any_step_resumes(tmp_path):
     """Before each step in the file system; ``benchmarks/bench_kills.py`` kills it by time."""
     (tmp_path / "runs").mkdir()
@@ -149,7 +148,6 @@ def test_a_run_that_is_killed_at_any_step_resumes(tmp_path):
     assert set(sums) == {run_sweep(ToySweep(shards=3), tmp_path / "whole").sha256}
 
 
-@pytest.mark.slow
 def test_a_killed_worker_is_replaced_and_a_shard_that_kills_is_found(tmp_path):
     sweep = replace(TOY, shards=3)
     mine = run_sweep(replace(sweep, kills=(1,)), tmp_path / "out", workers=2)
