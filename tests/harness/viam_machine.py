@@ -37,7 +37,6 @@ from harness.fake_parent import (
     running_module,
     until,
 )
-from so101_motion.common.errors import MotionError
 
 SIM = ((ARM, SIMULATED, "arm", {}), (GRIPPER, SIMULATED_GRIPPER, "gripper", {}))
 """What the machine has by default: api, model, name, attributes."""
@@ -64,22 +63,6 @@ def until_true(condition, patience=60.0):
     while not condition():
         assert time.monotonic() - begin < patience, "it does not happen"
         pause()
-
-
-def stood_still(error):
-    """Whether a motion ended because the computer stood still; one that a client sends point by
-    point does so after a sixth of a second."""
-    return "no setpoint could be sent" in str(error)
-
-
-def carried_out(move, tries=10):
-    """The outcome of ``move()``, which is begun again when the computer stood still meanwhile."""
-    for left in reversed(range(tries)):
-        try:
-            return move()
-        except MotionError as error:
-            if not left or not stood_still(error):
-                raise
 
 
 class Door:
