@@ -179,7 +179,7 @@ def test_what_cannot_be_done_over_the_network_is_refused(rig):
         with pytest.raises(MotionError, match="machine"):
             call()
     with pytest.raises(OutsideLimits):
-        rig.arm.retarget(np.radians([0.0, -45.0, 45.0, 60.0, 400.0]))
+        rig.arm.retarget(np.radians([0.0, -45.0, 45.0, 60.0, 200.0]))
 
 
 def test_of_several_arms_one_is_named_and_plans_use_its_obstacles_floor_and_caps():
