@@ -1043,6 +1043,22 @@ def test_playing_waits_for_points_enough_or_for_the_end():
     assert short.is_primed
 
 
+@pytest.mark.parametrize("sent", [0, 3])
+def test_closing_a_stream_finishes_it_once_and_without_points_the_arm_stays(sent):
+    stream = make_stream()
+    t, q = smooth()
+    if sent:
+        stream.push(points(t, q))
+        stream.finish()
+    ending = stream.close()
+    assert ending is stream.close() is stream.future
+    assert stream.is_primed
+    there = q[-1] if sent else HOME
+    np.testing.assert_allclose(stream.at(5.0).q, there, atol=1e-9)
+    with pytest.raises(MotionError):
+        stream.push(points([9.0], [HOME]))
+
+
 def test_it_begins_at_rest_exactly_where_the_arm_is():
     stream = make_stream()
     t, q = smooth(q_start=HOME + np.radians(4.0))

@@ -132,6 +132,32 @@ def test_eeprom_that_is_right_is_not_even_unlocked_and_is_locked_after_a_failed_
     assert port.memory(4, reg.LOCK) == 1
 
 
+def written(port):
+    """The addresses that were written, in order."""
+    return [packet[5] for packet in port.sent if packet[INSTRUCTION] == WRITE]
+
+
+@pytest.mark.parametrize("left_open", [False, True])
+def test_what_is_overlaid_ends_with_the_power_though_another_program_left_the_servo_unlocked(
+    port, bus, left_open
+):
+    bus.write(4, reg.LOCK, 0 if left_open else 1)
+    port.sent.clear()
+    assert bus.overlay(4, {reg.P_GAIN: 16, reg.D_GAIN: 32}) == ("p_gain",)
+    lock = [reg.LOCK.address] if left_open else []
+    assert written(port) == [*lock, reg.P_GAIN.address]
+    assert port.memory(4, reg.P_GAIN) == 16
+    port.world.servo(4).boot()
+    assert port.memory(4, reg.P_GAIN) == 32
+    assert bus.overlay(4, {reg.P_GAIN: 32}) == ()
+
+
+def test_stored_anew_is_also_what_a_register_seems_to_hold_already(port, bus):
+    assert bus.store(4, {reg.P_GAIN: 32, reg.D_GAIN: 32}, anew=True) == ()
+    lock, gains = reg.LOCK.address, [reg.P_GAIN.address, reg.D_GAIN.address]
+    assert written(port) == [lock, *gains, lock]
+
+
 def test_a_new_id_is_kept_and_locked_at_the_new_id_unless_it_is_taken(port, bus):
     with pytest.raises(ServoFault, match="servo 5 already"):
         bus.change_id(6, 5)
