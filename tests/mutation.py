@@ -235,7 +235,19 @@ def main() -> None:
         part = asked.out.with_suffix(f".{room.replace('/', '-')}.json").absolute()
         if (child := os.fork()) == 0:
             plugin = Judge({key: there[key] for key in keys}, part)
-            how = ["-q", "-n", "0", "-p", "no:cacheprovider", "--reruns", "0", "-o", "timeout=0"]
+            how = [
+                "-q",
+                "-n",
+                "0",
+                "-p",
+                "no:cacheprovider",
+                "--reruns",
+                "0",
+                "-o",
+                "timeout=0",
+                "-p",
+                "no:warnings",
+            ]
             pytest.main([*how, *(f"tests/{each}" for each in tests)], plugins=[plugin])
             os._exit(0)
         os.waitpid(child, 0)
