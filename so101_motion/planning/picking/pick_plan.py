@@ -236,7 +236,7 @@ class _Planning:
         if place is None:
             scenes["end"] = with_it
             if not self._collision(with_it).is_free(lift.q_goal, closed):
-                raise self._close_call(with_it, lift.q_goal, closed)
+                raise self._close_call(with_it, lift.q_goal, closed, "when it is lifted")
         else:
             free, more, after = self._put(with_it, places, lift.q_goal, closed)
             plans, scenes = plans | more, scenes | after
@@ -312,7 +312,7 @@ class _Planning:
                 try:
                     leave = self._stage("leave", way, lower.q_goal, leaving, free)
                     if not self._collision(put).is_free(leave.q_goal, free):
-                        raise self._close_call(put, leave.q_goal, free)
+                        raise self._close_call(put, leave.q_goal, free, "after letting go")
                     carry = self._stage("carry", JointGoal(q=q_above), q_from, holding, closed)
                     plans = {"carry": carry, "lower": lower, "leave": leave}
                     scenes = {"carry": holding, "lower": lowering, "leave": leaving, "end": put}
@@ -406,7 +406,9 @@ class _Planning:
             other = next(iter(pair - {self._name}), "")
             if self._name not in pair or other in LINKS:
                 if each.distance <= each.margin:
-                    raise self._close_call(scene, q, q_jaw)
+                    raise self._close_call(
+                        scene, q, q_jaw, f"with the jaw closed on '{self._name}'"
+                    )
                 continue
             if each.distance < -DEEPEST:
                 raise NoPath(
@@ -416,9 +418,9 @@ class _Planning:
             found.add(other)
         return frozenset(found)
 
-    def _close_call(self, scene: Scene, q: Array, q_jaw: float) -> PlanningError:
+    def _close_call(self, scene: Scene, q: Array, q_jaw: float, when: str) -> PlanningError:
         closest = self._collision(scene).clearance(q, q_jaw)
-        return NoPath(closest.message(), where="goal", blockers=(closest.second,))
+        return NoPath(f"{when}, {closest.message()}", where="goal", blockers=(closest.second,))
 
     # Why not
 
