@@ -388,5 +388,5 @@ def _room_above(below: Support, points: Array) -> float:
         ends = np.stack([(-half - start) / along, (half - start) / along])
     enters = np.nanmax(ends.min(axis=0), axis=1)
     leaves = np.nanmin(ends.max(axis=0), axis=1)
-    met = (enters < leaves) & (enters + leaves > 0.0)
+    met = (enters < leaves) & (leaves > -enters)
     return float(enters[met].min()) if met.any() else math.inf

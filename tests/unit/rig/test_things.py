@@ -123,7 +123,9 @@ def test_it_falls_on_the_nearest_face_it_can_lie_on(shape, turned_deg, height):
         shape=Box(size=np.array([0.2, 0.2, 0.004])),
         T_base_obstacle=SE3.from_translation((*T.p[:2], FLOOR_Z + 0.002)),
     )
-    things, _ = carried(around(item, plate), friction=10.0)
+    aside = SE3.from_translation((T.p[0] - 0.1, T.p[1] + 0.1, FLOOR_Z + 0.05))
+    post = Obstacle(name="post", shape=Box(size=np.full(3, 0.1)), T_base_obstacle=aside)
+    things, _ = carried(around(item, plate, post), friction=10.0)
     assert things.held == "it"
     things.follow(at(UP, OPEN), 0.0)
     assert things.where("it").p[2] == pytest.approx(FLOOR_Z + 0.004 + height, abs=2e-4)
