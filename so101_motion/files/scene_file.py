@@ -140,7 +140,7 @@ def attached_from(value: object, *, folder: Path | None = Path()) -> tuple[Attac
     """Make the objects a gripper holds from a parsed JSON list, like ``obstacles_from``."""
 
     def made(entry: Entry) -> Attached:
-        known = (*_THING, "mass_kg", "may_touch")
+        known = (*_THING, "mass_kg", "may_touch", "fixed")
         given = Attributes(entry, known, kind="key of something attached")
         touches = entry.get("may_touch", [])
         if not isinstance(touches, (list, tuple)) or not all(isinstance(n, str) for n in touches):
@@ -151,6 +151,7 @@ def attached_from(value: object, *, folder: Path | None = Path()) -> tuple[Attac
             T_tool_object=pose_from(given),
             mass=_mass(given),
             may_touch=frozenset(touches),
+            fixed=given.flag("fixed", False),
         )
 
     return _all("attached", value, made)
@@ -163,6 +164,7 @@ def attached_to(attached: Iterable[Attached]) -> list[dict[str, object]]:
             **_thing(each.name, read_shape(each.shape), each.T_tool_object),
             "mass_kg": each.mass,
             "may_touch": sorted(each.may_touch),
+            **({"fixed": True} if each.fixed else {}),
         }
         for each in attached
     ]

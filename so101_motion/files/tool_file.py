@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -71,9 +72,10 @@ def tool_from(content: Mapping[str, object], folder: Path = Path()) -> Tool:
         raise ConfigError("frames", frames, "must be an object of poses by name")
     between_jaws = {"position_mm": [1e3 * x for x in so101_description.ROBOT.tcp]}
     poses = {**frames, TCP_FRAME: content.get("tcp", between_jaws)}
+    parts = attached_from(content.get("parts", []), folder=folder)
     return Tool(
         name=given.text("name", "tool"),
-        parts=attached_from(content.get("parts", []), folder=folder),
+        parts=tuple(replace(part, fixed=True) for part in parts),
         frames={name: _pose(name, pose) for name, pose in poses.items()},
         source=given.text("source", ""),
     )

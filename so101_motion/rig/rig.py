@@ -56,7 +56,9 @@ JAW_HARD_STOP = MotionLimits.uniform(
 _numbers = itertools.count(1)
 
 
-_SHOWN = "arm at_end clock close connection gripper pick picker place planner warm_up"  # for ``dir``
+_SHOWN = (
+    "arm at_end clock close connection gripper pick picker place planner warm_up"  # for ``dir``
+)
 
 
 class Rig:

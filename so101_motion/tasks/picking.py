@@ -101,7 +101,7 @@ class PickOperation(LocalOperation):
 
     @property
     def _held(self) -> list[str]:
-        return [each.name for each in self._picker.arm.scene.attached]
+        return [each.name for each in self._picker.arm.scene.attached if not each.fixed]
 
     def _text(
         self, moving: bool, run: PickRun | None, planned: tuple[str, str, PickPlan] | None

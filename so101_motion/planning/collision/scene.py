@@ -271,6 +271,7 @@ class Attached:
             touch, besides the gripper and the jaw that hold it.
         passed_to: The name of another arm whose gripper and jaw may touch it as well, because it
             takes the object; empty for none.
+        fixed: Whether it is a part of a tool, which is never let go of.
     """
 
     name: str
@@ -279,6 +280,7 @@ class Attached:
     mass: float = 0.0
     may_touch: frozenset[str] = frozenset()
     passed_to: str = ""
+    fixed: bool = False
 
     def __post_init__(self) -> None:
         _named(self.name)
@@ -465,10 +467,12 @@ class Scene:
         """A copy in which what the gripper holds is an item at a pose.
 
         Args:
-            name: The held object's name; ``ConfigError`` if there is none.
+            name: The held object's name; ``ConfigError`` if there is none, or it is a tool's.
             T_base_item: Where it is put.
         """
         held = one_named(name, self.attached)
+        if held.fixed:
+            raise ConfigError("name", name, "is a part of the tool, which is not let go of")
         item = Obstacle(
             name=name, shape=held.shape, T_base_obstacle=T_base_item, mass=held.mass or None
         )

@@ -172,8 +172,8 @@ class _Planning:
         held = [each for each in self._scene.attached if each.name == self._name]
         if held:
             return self._placed(held[0])
-        if self._scene.attached:
-            names = " and ".join(f"'{each.name}'" for each in self._scene.attached)
+        if others := [each.name for each in self._scene.attached if not each.fixed]:
+            names = " and ".join(f"'{name}'" for name in others)
             raise ConfigError("item", self._name, f"cannot be picked: {names} is in the gripper")
         item = one_named(self._name, self._scene.obstacles)
         if item.keep_out:
@@ -220,7 +220,7 @@ class _Planning:
         R_item, place = item.T_base_obstacle.R, self._asked.place
         places = []
         if place is not None:
-            places = self._places(with_it.attached[0], R_item, grasp.q, place)
+            places = self._places(with_it.attached[-1], R_item, grasp.q, place)
         way = LineGoal(T_base_tool=T_base_tool, metric=GoalMetric.FULL_POSE)
         reach = self._stage("reach", way, grasp.q_before, touching, opened)
         q = reach.q_goal

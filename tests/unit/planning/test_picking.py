@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from so101_motion.common.errors import ConfigError, NoPath, Overloaded
 from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
+from so101_motion.files.tool_file import find_tool
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import FLOOR_Z, Box, Cylinder, Obstacle, Scene, Sphere
 from so101_motion.planning.goals import JointGoal
@@ -132,3 +135,17 @@ def test_what_is_held_is_placed_upright_but_not_where_something_stands(planner):
     block = standing(Box(size=(0.05, 0.05, 0.05)), 0.2, -0.1, half=0.025, name="block")
     with pytest.raises(NoPath, match="'cube' would stand in 'block' by"):
         plan_pick(planner, asked(CUBE, block, place=Place(p=(0.2, -0.1, 0.0))))
+
+
+def test_a_camera_on_the_gripper_is_kept_off_the_table_and_is_not_what_is_held(planner):
+    tool = find_tool("uvc-32x32")
+    bare = asked(CUBE, place=Place(p=(0.15, 0.15, 0.0)))
+    plan = plan_pick(
+        planner, replace(bare, request=replace(bare.request, scene=tool.on(bare.request.scene)))
+    )
+    *parts, held = plan.scenes["carry"].attached
+    assert (tuple(parts), held.name) == (tool.parts, "cube")
+    collision = CollisionModel(MODEL, tool.on(Scene()))
+    assert collision.first_contact(plan.plans["reach"].q_goal, plan.q_jaw_open) is None
+    with pytest.raises(ConfigError, match="is a part of the tool"):
+        plan.scenes["carry"].putting("camera", SE3.identity())
