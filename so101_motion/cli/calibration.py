@@ -155,7 +155,7 @@ def import_(
         shell_complete=completed_files,
     ),
     joint_zero: str | None = option(
-        "Where zero is: the middle of the travel, or the pose of the published module's homing.",
+        "Where zero is: the middle of the travel, or the pose of set_homing in a Viam machine.",
         click.Choice(["middle", "homing"]),
     ),
     dry_run: bool = DRY_RUN,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.options import JSON, START, argument, option, verb
+from so101_motion.cli.options import JSON, START, argument, flag, option, verb
 from so101_motion.cli.param_types import IN_FILE, JOINTS, POINT
 from so101_motion.cli.program import ROUNDS, carry_out, said_for_others
 from so101_motion.cli.shared import (
@@ -142,6 +142,7 @@ def run(
     file: Path = argument(IN_FILE),
     program: Path = argument(IN_FILE),
     rounds: int | None = ROUNDS,
+    to_all: bool = flag("Let every arm of FILE run PROGRAM, which is of one arm.", name="--all"),
     yes: bool = START,
     as_json: bool = JSON,
 ) -> None:
@@ -152,6 +153,7 @@ def run(
 
     \b
     so101 cell run cell.json wave.json
+    so101 cell run class.json wave.json --all
     """  # noqa: D301
     from so101_motion.files.cell_file import read_cell
     from so101_motion.tasks.program import files
@@ -159,6 +161,7 @@ def run(
     files.read(program)  # refuses a wrong file before the arms are opened
     with quietly(), open_arms(read_cell(file)) as opened:
         made = files.read(program, opened.zeros())
+        made = made.for_all(opened.rigs) if to_all else made
         made = made if rounds is None else made.with_rounds(rounds)
         carry_out(opened.cell, made, "Move the arms?", yes)
         reached = _joints_deg(opened.rigs)

@@ -82,7 +82,7 @@ def doctor(
     if report is not None:
         _write(report, seen, checks)
     if not sim and not as_json:
-        _print_next(seen)
+        _print_next(seen, checks)
     if not is_healthy(checks):
         raise SystemExit(CHECK_FAILED)
     if not as_json:
@@ -140,21 +140,26 @@ def examined(port: str | None, calibration: Path | None) -> Findings:
 def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Findings:
     from so101_motion.calib.record import store
     from so101_motion.drivers.port.port_list import adapters_without_port
-    from so101_motion.setup.port_selection import about
 
     try:
         report = port_choice.find_to_examine(port)
     except PortUnavailable as error:
         lost = adapters_without_port()
         return replace(seen, port=port, port_trouble=error.reason, lost_adapters=lost)
-    seen = replace(
-        about(report),
+    file = report.calibration if calibration is None else store.resolve(str(calibration))
+    return replace(
+        examined_arm(report, file),
         software=seen.software,
         planning_time=seen.planning_time,
         planning_trouble=seen.planning_trouble,
     )
-    file = report.calibration if calibration is None else store.resolve(str(calibration))
-    return _with_arm(_with_file(seen, file), report)
+
+
+def examined_arm(report: PortReport, file: Path | None = None) -> Findings:
+    """Check one arm against ``file``, by default the calibration that agrees with its servos."""
+    from so101_motion.setup.port_selection import about
+
+    return _with_arm(_with_file(about(report), file or report.calibration), report)
 
 
 def _with_file(seen: Findings, file: Path | None) -> Findings:
@@ -238,9 +243,13 @@ def _print(check: Check) -> None:
         echo(f"try: {check.fix}", indent="    ")
 
 
-def _print_next(seen: Findings) -> None:
+def _print_next(seen: Findings, checks: tuple[Check, ...]) -> None:
     from so101_motion.setup.setup_steps import FULL, SetupState
 
+    wrong = [each for verdict in ("fail", "warn") for each in checks if each.verdict == verdict]
+    if wrong:
+        aside(f"next: {wrong[0].fix} ({wrong[0].name})")
+        return
     left = FULL.next_open(SetupState.found(seen))
     if left is not None:
         aside(f"next step of the setup: {left.title} (so101 setup --web)")

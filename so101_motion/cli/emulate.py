@@ -11,6 +11,7 @@ import click
 
 from so101_motion.cli.options import flag, option, verb
 from so101_motion.cli.param_types import SCENE, Finite, OutFile
+from so101_motion.cli.shared import aside
 from so101_motion.common import interrupts
 
 if TYPE_CHECKING:
@@ -64,10 +65,11 @@ def emulate(
     """Emulate the servos of an arm behind a virtual serial port, until Ctrl-C.
 
     Prints the port. Any program that talks to STS3215 servos can open it. The arm lies folded and
-    limp. While it runs you can type faults, and what people do to an arm: "only:gripper" plugs in
-    this servo alone, "chain" plugs in all, "pose" lets a hand hold the arm up, "sweep" lets it move
-    each joint to its stops, and "end sweep" lets go. With --scene it says what happens to the
-    items; "take:cube" takes one away.
+    limp. While it runs you can type faults, such as "hot:gripper=68" or "unplug+3", and what
+    people do to an arm: "only:gripper" plugs in this servo alone, "chain" plugs in all, "pose"
+    lets a hand hold the arm up, "sweep" lets it move each joint to its stops. "end sweep" or "end
+    hot:gripper" ends it; "help" tells what can be typed. With
+    --scene it says what happens to the items; "take:cube" takes one away.
 
     \b
     so101 emulate --link /tmp/so101          then: so101 move --port /tmp/so101 --pose ready
@@ -101,6 +103,8 @@ def emulate(
         faults=tuple(fault_names.parse_fault(text) for text in faults),
         hand=hand.read() if hand is not None else "",
     )
+    if sys.stdin is not None and sys.stdin.isatty():
+        aside(run.TYPED)
     run.run_emulator(
         options,
         announce=click.echo,

@@ -190,8 +190,15 @@ def move(
     so101 move --sim --xyz 250,0,60 --line --yes
     so101 move --machine my-arm.local:8080 --xyz 250,0,60
     """  # noqa: D301
+    planned_move(source, goal, scene, route_effort, yes, as_json)
+
+
+def planned_move(
+    source: AnySource, goal: Goal | str, scene: Scene | None, effort: int, yes: bool, as_json: bool
+) -> None:
+    """Plan, show, ask, move and tell where it arrived."""
     with quietly(), closing(source.open()) as rig:
-        found = _planned(rig, goal, scene, route_effort)
+        found = _planned(rig, goal, scene, effort)
         if not as_json:
             click.echo(plan_table(found))
         have_agreed(f"Move the {source.what} for {found.duration:.1f} s?", yes)

@@ -89,7 +89,7 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.viam.client import MachineRig
 
-    is_held = isinstance(rig, HardwareRig) and _is_held(rig)
+    holds = isinstance(rig, HardwareRig) and is_held(rig)
     state, arm = rig.arm.state, rig.arm
     pose = arm.T_base()
     found: tuple[str, ...] = (*ARM_JOINTS, GRIPPER_JOINT)
@@ -119,7 +119,7 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     if isinstance(rig, HardwareRig):
         seen["joints_found"] = list(found)
         seen["notes"] = list(rig.servos.notes)
-        if is_held:  # since before; this program only reads
+        if holds:  # since before; this program only reads
             seen["mode"] = Mode.HOLDING.value
     elif isinstance(rig, MachineRig):
         notes = rig.status.get("notes", ())
@@ -128,7 +128,7 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     return seen
 
 
-def _is_held(rig: HardwareRig) -> bool:
+def is_held(rig: HardwareRig) -> bool:
     """Whether any servo holds its joint; waits a moment for the first answer."""
     latest = time.monotonic() + _PATIENCE
     while rig.servos.holds is None and time.monotonic() < latest:

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from so101_motion import __version__
+from so101_motion.cli.arms import arms
 from so101_motion.cli.calibrate import calibrate
 from so101_motion.cli.calibration import calibration
 from so101_motion.cli.cell import cell
@@ -16,6 +17,7 @@ from so101_motion.cli.doctor import doctor
 from so101_motion.cli.emulate import emulate
 from so101_motion.cli.error_exit import reports_errors
 from so101_motion.cli.guide import guide
+from so101_motion.cli.hand_moves import gripper, home, jog
 from so101_motion.cli.measuring import identify, move_test, report_arm
 from so101_motion.cli.pick import pick
 from so101_motion.cli.plan_move import move, plan
@@ -33,10 +35,10 @@ from so101_motion.common import interrupts
 _SECTIONS: dict[str, tuple[click.Command, ...]] = {
     "Try it": (demo,),
     "Put an arm together": (
-        *(install_udev, ports, setup, calibrate, calibration, doctor, move_test, identify),
+        *(install_udev, ports, arms, setup, calibrate, calibration, doctor, move_test, identify),
         *(report_arm, cell),
     ),
-    "Move": (view, status, plan, move, pick, run, stop, guide, teleop),
+    "Move": (view, status, plan, move, home, jog, gripper, pick, run, stop, guide, teleop),
     "Data sets and sweeps": (dataset, sweep),
     "Viam": (viam,),
     "Tools": (emulate, completion),

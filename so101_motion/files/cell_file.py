@@ -31,10 +31,10 @@ from pathlib import Path
 
 import numpy as np
 
-from so101_motion.common.attributes import Attributes
+from so101_motion.common.attributes import SPEED_RANGE_DEG, Attributes
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
-from so101_motion.common.units import to_deg, to_mm
+from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.files import atomic, json_file
 from so101_motion.files.scene_file import (
     attached_from,
@@ -58,6 +58,7 @@ class CellArm:
     port: str = ""  # its serial port; empty for one that is only simulated
     calibration_id: str = ""  # its id in LeRobot; empty to use the calibration stored in the servos
     attached: tuple[Attached, ...] = ()  # the objects it holds
+    max_speed: float | None = None  # cap of its joints that nobody may raise [rad/s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,6 +89,8 @@ class CellFile:
         )
         return replace(self, arms=tuple(arms))
 
+
+_MAX_SPEED = "max_speed_degs_per_sec"
 
 APART = 0.35
 """Distance between the bases of neighbours in a circle [m]; chosen: they reach each other's tools
@@ -130,9 +133,9 @@ def write_cell(cell: CellFile, path: Path) -> None:
 
 
 def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
-    known = ("name", "port", "calibration_id", "position_mm", "rpy_deg", "attached")
+    known = ("name", "port", "calibration_id", "position_mm", "rpy_deg", "attached", _MAX_SPEED)
     given = Attributes(entry, known, kind="key of an arm")
-    name = given.text("name", "")
+    name, (low, high) = given.text("name", ""), SPEED_RANGE_DEG
     if not name:
         raise ConfigError("name", name, "each arm needs a name, for messages to call it by")
     return CellArm(
@@ -141,6 +144,9 @@ def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
         port=given.text("port", ""),
         calibration_id=given.text("calibration_id", ""),
         attached=attached_from(entry.get("attached", []), folder=folder),
+        max_speed=to_rad(given.required(_MAX_SPEED, lower=low, upper=high, unit="deg/s"))
+        if given.given(_MAX_SPEED)
+        else None,
     )
 
 
@@ -157,6 +163,8 @@ def _entry(arm: CellArm) -> dict[str, object]:
             entry[key] = getattr(arm, key)
     entry["position_mm"] = [round(float(each), 3) for each in to_mm(arm.T_cell_base.p)]
     entry["rpy_deg"] = [round(float(each), 4) for each in to_deg(arm.T_cell_base.rpy)]
+    if arm.max_speed is not None:
+        entry[_MAX_SPEED] = round(to_deg(arm.max_speed), 6)
     if arm.attached:
         entry["attached"] = attached_to(arm.attached)
     return entry

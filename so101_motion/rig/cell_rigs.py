@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -90,6 +91,8 @@ def open_cell(file: CellFile, *, clock: Clock | None = None) -> CellRigs:
             else:
                 rig = open_simulated(clock=clock, q_start=q_start)
             rigs[arm.name] = opened.enter_context(rig)
+            if arm.max_speed is not None:
+                rig.arm.set_ceiling(replace(rig.arm.ceiling, speed=arm.max_speed))
         made = CellRigs(file, rigs, opened.pop_all())
     return made
 

@@ -195,7 +195,28 @@ def fail(name: str, sentence: str, fix: str) -> Check:
 
 
 def check_up(seen: Findings) -> tuple[Check, ...]:
-    return tuple(check for checks in _CHECKS for check in checks(seen))
+    return tuple(_joined(check for checks in _CHECKS for check in checks(seen)))
+
+
+_OF_A_SERVO = re.compile(r"servo (\d+) \(\w+\): (.*)", re.DOTALL)
+
+
+def _joined(checks: Iterable[Check]) -> Iterator[Check]:
+    """Make one check of servos' that differ in nothing but figures."""
+    alike: dict[object, list[tuple[Check, str, str]]] = {}
+    for number, check in enumerate(checks):
+        form = _OF_A_SERVO.fullmatch(check.sentence)
+        servo, text = form.groups() if form else ("", "")
+        key = (check.verdict, check.fix, re.sub(r"[\d.]+", "", text)) if form else number
+        alike.setdefault(key, []).append((check, servo, text))
+    for (check, servo, text), *more in alike.values():
+        if more:
+            others = [each[1] for each in more]
+            who = "all servos" if len(more) == 5 else "servos "
+            who += "" if len(more) == 5 else f"{', '.join([servo, *others[:-1]])} and {others[-1]}"
+            sentence = f"{who}: {re.sub('^it ', 'each ', text)}"
+            check = replace(check, name="servos", sentence=sentence)
+        yield check
 
 
 def is_healthy(checks: Iterable[Check]) -> bool:
@@ -326,6 +347,8 @@ def _supply(seen: Findings) -> Iterator[Check]:
     if trouble is not None:
         yield warn("supply", trouble.sentence, trouble.fix)
         return
+    if any(facts.supply_trouble for facts in seen.facts.values()):
+        return  # the servos' own check tells
     kind = next(iter(seen.facts.values())).nominal_volts
     text = f"{volts[0]:.1f} V at the first servo, {volts[-1]:.1f} V at the last, {kind:g} V type"
     yield ok("supply", text)

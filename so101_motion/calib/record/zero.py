@@ -132,9 +132,9 @@ def about_homing(calibration: Calibration, zeros: Mapping[str, Zero]) -> str:
     if not differing:
         return ""
     return (
-        "the published module's versions after 0.9.0-rc2 count angles from the pose of set_homing,"
-        " earlier ones from the middle of the travel, and its files do not tell which; the middle"
-        f' is used ("joint_zero": "homing" would add {", ".join(differing)})'
+        "zero is taken to be the middle of each joint's travel; a machine with devrel:so101-arm"
+        " later than 0.9.0-rc2 counts from the pose of set_homing, and the file does not tell which"
+        f' ("joint_zero": "homing" would add {", ".join(differing)})'
     )
 
 

@@ -98,8 +98,10 @@ class FaultEvent:
     duration: float | None = None  # how long it lasts [s]; None is for good
 
 
-def parse_fault(text: str) -> FaultEvent:
+def parse_fault(text: str, *, ends: bool = False) -> FaultEvent:
     """Parse ``kind[:servo][=value][@seconds][+duration]``, e.g. ``hot:gripper=68@5+30``.
+
+    One that ``ends`` needs no value.
 
     Raises:
         ConfigError: The text has another form, or something is missing.
@@ -114,7 +116,8 @@ def parse_fault(text: str) -> FaultEvent:
         what = "a thing, as in take:cube" if kind == "take" else "a servo, as in dead:elbow_flex"
         need = f"needs {what}" if kind in _NEEDS_NAME else "has no servo"
         raise ConfigError("fault", text, f"{kind} {need}")
-    if kind not in _MAY_HAVE_VALUE and (kind in _NEEDS_VALUE) != (form["value"] is not None):
+    needs_no_value = kind in _MAY_HAVE_VALUE or (ends and form["value"] is None)
+    if not needs_no_value and (kind in _NEEDS_VALUE) != (form["value"] is not None):
         need = "needs a value, as in hot:6=68" if kind in _NEEDS_VALUE else "has no value"
         raise ConfigError("fault", text, f"{kind} {need}")
     try:

@@ -19,6 +19,13 @@ from so101_motion.drivers.things import Things
 _LOOK_EVERY = 0.05  # [s], how often it looks whether it should stop, and lets physics catch up
 
 
+TYPED = (
+    "type a fault: hot:gripper=68, dead:elbow_flex, brownout=5, unplug+3, loss=0.1, object=0.02;"
+    " or what a person does: only:gripper, chain, pose, sweep. It ends with end: end hot:gripper."
+    " Ctrl-C ends the emulator"
+)
+
+
 class _Timetable:
     """Begins and ends faults at their times."""
 
@@ -123,9 +130,12 @@ def _obey(
 ) -> None:
     if not line:
         return
+    if line in ("help", "?"):
+        announce(TYPED)
+        return
     try:
         if line.startswith("end "):
-            emulator.end(parse_fault(line.removeprefix("end ")))
+            emulator.end(parse_fault(line.removeprefix("end "), ends=True))
         else:
             timetable.add(parse_fault(line))
     except ConfigError as error:

@@ -42,7 +42,7 @@ class MotionLimits:
                 raise ValueError(f"{name} has {len(values)} entries, but velocity has {joints}")
             if not all(0.0 < value < math.inf for value in values.tolist()):
                 raise ValueError(f"{name} must be positive and finite, got {values}")
-            if name in _MOST:
+            if name in _MOST and len(values) == 5:  # of an arm
                 in_radians(name, values, *_MOST[name])
             object.__setattr__(self, name, values)
         if self.tool_speed is not None and not 0.0 < self.tool_speed < float("inf"):

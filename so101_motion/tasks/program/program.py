@@ -111,6 +111,11 @@ class Program:
         (name,), waypoints = arms, self.waypoints
         return replace(self, steps=tuple({name: each} for each in waypoints))
 
+    def for_all(self, arms: Collection[str]) -> Program:
+        """This program of one arm for each of ``arms``, together; they stop at each step."""
+        stops = (replace(each, passes=False) for each in self.waypoints)
+        return replace(self, steps=tuple(dict.fromkeys(arms, each) for each in stops))
+
     def called(self, index: int) -> str:
         """What messages call a step: its number, and what it does."""
         step = "waypoint" if self.steps[index].keys() == {ARM} else "step"

@@ -8,6 +8,7 @@ import pytest
 
 import so101_motion as so101
 from so101_motion.common.clock import ManualClock
+from so101_motion.tasks.jog_operation import JogOperation
 
 
 @pytest.fixture
@@ -96,6 +97,19 @@ def test_what_looks_like_degrees_or_millimetres_is_asked_about(rig):
     for question, ask in doors.items():
         with pytest.raises(so101.errors.ConfigError, match=question):
             ask()
+
+
+def test_keys_move_the_tool_in_steps(rig):
+    jogging, (x, y, z) = JogOperation(rig), rig.arm.T_base_tool.p
+    jogging.ask("go", z=-20.0)
+    jogging.ask("go", y=10.0)
+    while np.abs(rig.arm.T_base_tool.p - (x, y + 0.01, z - 0.02)).max() > 5e-4:
+        assert not jogging.view.trouble
+    assert [each.arguments["x"] for each in jogging.view.offers if each.title == "ahead"] == [10.0]
+    jogging.ask("step")
+    assert [each.arguments["x"] for each in jogging.view.offers if each.title == "back"] == [-50.0]
+    jogging.close()
+    assert not rig.arm.is_moving
 
 
 def test_a_prompt_shows_what_there_is(rig):

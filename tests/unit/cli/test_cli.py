@@ -131,10 +131,23 @@ def test_a_move_is_planned_told_and_run(so101):
     assert "arrived" in result.output
 
 
+@pytest.mark.slow
+def test_the_jaw_opens_and_tells_what_it_holds(told):
+    assert told("gripper open --sim --yes")["jaw_percent"] == 100
+    assert told("gripper grab --sim --yes")["holds"] is False
+
+
+def test_each_group_shows_an_example_of_each_of_its_verbs(so101):
+    for group in ("gripper", "guide", "cell", "calibration", "dataset", "sweep", "viam"):
+        assert f"Examples:\n  so101 {group} " in so101(f"{group} --help").output
+
+
 @pytest.mark.parametrize(
     ("verb", "shows", "question"),
     [
         ("move --sim --joints 5,0,0,0,0", "setpoints", "Move the simulated arm for"),
+        ("home --sim", "setpoints", "Move the simulated arm for"),
+        ("gripper open --sim", "", "Open the jaw of the simulated arm?"),
         ("move-test --sim", "6° back and forth", "Is everything out of the way?"),
     ],
 )

@@ -8,6 +8,7 @@ import pytest
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, rot_x, rot_z
 from so101_motion.files.cell_file import read_cell, write_cell
+from so101_motion.rig.cell_rigs import open_cell
 
 CELL = {
     "arms": [
@@ -66,6 +67,17 @@ def test_a_floor_needs_arms_that_stand_upright(tmp_path):
     free = read_cell(written(tmp_path, leaning | {"scene": {"floor_z_mm": None}}))
     assert free.scene_of(free.arms[0]).floor_z is None
     np.testing.assert_allclose(free.arms[0].T_cell_base.R, rot_x(np.pi / 2), atol=1e-12)
+
+
+def test_nobody_drives_an_arm_faster_than_its_cell_allows(tmp_path):
+    content = {"arms": [{"name": "anna", "max_speed_degs_per_sec": 30}]}
+    path = tmp_path / "again.json"
+    write_cell(read_cell(written(tmp_path, content)), path)
+    with open_cell(read_cell(path)) as opened:
+        arm = opened.rigs["anna"].arm
+        np.testing.assert_allclose(arm.speed, np.radians(30.0))
+        with pytest.raises(ConfigError, match=r"max_speed_degs_per_sec, 30 deg/s"):
+            arm.set_speed(np.radians(31.0))
 
 
 def test_what_an_arm_holds_is_in_its_scene_and_written_again(tmp_path):

@@ -82,7 +82,7 @@ def holding(row, value, place=3):
         (holding(emulated.ID, 9), "servos", "warn", "not an arm's answer: 9"),
         (holding(emulated.MODE, 1), "servo 3", "warn", "mode 1"),
         (holding(emulated.FIRMWARE_MINOR, 9), "firmware", "warn", "elbow_flex 3.9"),
-        (lambda arm: arm.world.power(16.0), "servo 1", "fail", "made for at most 14.0 V"),
+        (lambda arm: arm.world.power(16.0), "servos", "fail", "made for at most 14.0 V"),
         (lambda arm: arm.world.power(10.0), "speed", "warn", "must not be asked"),
         (lambda arm: arm.world.warm("gripper", 57.0), "temperature", "warn", "57 degC, gripper"),
         (lambda arm: arm.world.warm("gripper", 66.0), "temperature", "fail", "66 degC, gripper"),
@@ -98,6 +98,16 @@ def test_a_trouble_is_named_with_what_to_do(arm, trouble, name, verdict, words):
     assert words in found.sentence
     assert found.fix
     assert is_healthy(checks) == all(check.verdict != "fail" for check in checks)
+
+
+def test_one_weak_supply_is_one_line_and_other_servos_keep_their_own(arm):
+    arm.world.power(7.2)
+    holding(emulated.MODE, 1)(arm)
+    warned = [each for each in check_up(seen_on(arm, stored=stored_of(arm))) if each.fix]
+    assert [each.name for each in warned] == ["servos", "servo 3", "speed"]
+    assert warned[0].sentence == (
+        "all servos: each gets only 7.2 V but is a 12 V servo, so it will be weak and slow"
+    )
 
 
 def test_servos_made_for_less_are_told_apart_and_slow_ones_are_not_overrun():

@@ -72,6 +72,12 @@ def test_faults_are_read_from_text(text, event):
     assert parse_fault(text) == event
 
 
+def test_what_ends_needs_no_value():
+    assert parse_fault("hot:gripper", ends=True) == FaultEvent(kind="hot", servo="gripper")
+    with pytest.raises(ConfigError, match="needs a servo"):
+        parse_fault("hot", ends=True)
+
+
 @pytest.mark.parametrize(
     "text",
     ["", "fire", "dead", "dead:3=2", "hot:3", "loss", "loss=1.5", "unplug:3", "hot:3=4.5.6",

@@ -35,6 +35,14 @@ def test_waypoints_are_added_changed_and_removed():
     assert made.called(1) == "waypoint 2 (b)"
 
 
+def test_a_program_of_one_arm_can_be_given_to_all():
+    made = Program.of_waypoints([waypoint("a"), replace(waypoint("b"), passes=True)])
+    given_to_all = made.for_all(["anna", "ben"])
+    assert given_to_all.arms == ("anna", "ben")
+    assert [step["ben"].name for step in given_to_all.steps] == ["a", "b"]
+    assert not any(step["anna"].passes for step in given_to_all.steps)
+
+
 @given(st.data())
 def test_moving_a_waypoint_keeps_the_order_of_the_others_and_can_be_undone(data):
     made = program("abcdefgh"[: data.draw(st.integers(1, 8))])

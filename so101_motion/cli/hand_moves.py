@@ -1,0 +1,84 @@
+"""``so101 gripper``, ``so101 home`` and ``so101 jog``: the jaw, all joints to zero, and keys."""
+
+from __future__ import annotations
+
+from contextlib import closing, suppress
+
+import click
+
+from so101_motion.cli.options import JSON, YES, verb
+from so101_motion.cli.plan_move import planned_move
+from so101_motion.cli.shared import Verbs, answer, have_agreed, quietly, stops_on_ctrl_c
+from so101_motion.cli.sources import ANY_SOURCE, SOURCE, AnySource, Source, paced
+
+
+@click.group(cls=Verbs)
+def gripper() -> None:
+    """Open or close the jaw, or grab a thing."""
+
+
+def _move_jaw(what: str, source: AnySource, yes: bool, as_json: bool) -> None:
+    with quietly(), closing(source.open()) as rig:
+        have_agreed(f"{what.capitalize()} the jaw of the {source.what}?", yes)
+        jaw = rig.gripper
+        motion = jaw.move(1.0, wait=False) if what == "open" else jaw.grab(wait=False)
+        try:
+            motion.result()
+        except KeyboardInterrupt:
+            jaw.stop()
+            raise
+        holds = jaw.is_holding
+        percent = round(100.0 * jaw.aperture)
+        facts = {"source": source.what, "jaw_percent": percent, "holds": holds}
+        text = "it holds something" if holds else "nothing is held" * (what == "grab")
+        answer(as_json, "gripper", facts, f"the jaw is {percent} % open" + f"; {text}" * bool(text))
+
+
+def _jaw_verb(what: str, words: str) -> None:
+    def command(source: AnySource = ANY_SOURCE, yes: bool = YES, as_json: bool = JSON) -> None:
+        _move_jaw(what, source, yes, as_json)
+
+    command.__doc__ = f"{words}\n\n\b\nso101 gripper {what} --port /dev/ttyACM0"
+    verb(gripper, what)(command)
+
+
+_jaw_verb("open", "Open the jaw as far as it goes.")
+_jaw_verb("close", "Close the jaw; it grips what is in between.")
+_jaw_verb("grab", "Close the jaw, and tell whether it holds something.")
+
+
+@verb()
+def home(source: AnySource = paced(ANY_SOURCE), yes: bool = YES, as_json: bool = JSON) -> None:
+    """Move all joints to zero, along a planned path. Ctrl-C stops the arm.
+
+    \b
+    so101 home --port /dev/ttyACM0
+    so101 home --sim --yes
+    """  # noqa: D301
+    planned_move(source, "home", None, 16, yes, as_json)
+
+
+@verb()
+def jog(source: Source = paced(SOURCE)) -> None:
+    """Move the tool with the keys, in steps of 1, 10 or 50 mm.
+
+    It keeps clear of itself and the table. The arm holds while this runs, and after q or Ctrl-C.
+
+    \b
+    so101 jog --port /dev/ttyACM0
+    so101 jog --sim
+    """  # noqa: D301
+    from so101_motion.cli.operation_terminal import OperationTerminal
+    from so101_motion.cli.terminal import Quit, Terminal
+    from so101_motion.tasks.jog_operation import JogOperation
+
+    with Terminal() as terminal, quietly():
+        if not terminal.is_manned:
+            raise click.UsageError("jogging takes keys; run it in a terminal")
+        with (
+            closing(source.open()) as rig,
+            stops_on_ctrl_c(rig.arm),
+            closing(JogOperation(rig)) as operation,
+            suppress(Quit),
+        ):
+            OperationTerminal(operation, terminal).go()

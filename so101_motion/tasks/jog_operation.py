@@ -1,0 +1,70 @@
+"""Moving the tool and the jaw in small steps, one a key, as an operation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from so101_motion.common.operation import LocalOperation, Offer, Row, View
+from so101_motion.common.units import to_m, to_mm
+
+if TYPE_CHECKING:
+    from so101_motion.rig.rig import Rig
+
+STEPS_MM = (10.0, 50.0, 1.0)
+_AXES = {"x": ("s", "back", "w", "ahead"), "y": ("d", "right", "a", "left"),
+         "z": ("f", "down", "r", "up")}  # fmt: skip
+
+
+class JogOperation(LocalOperation):
+    """Moves the tool of ``rig``, guarded as each jog is; ``close`` brings it to rest."""
+
+    def __init__(self, rig: Rig) -> None:
+        super().__init__()
+        self._rig, self._jog, self._step = rig, rig.arm.jog(), 0
+        self._p = rig.arm.T_base_tool.p
+        self.commands = {"step": self._next_step, "go": self._go, "jaw": self._jaw}
+
+    @property
+    def view(self) -> View:
+        rig, size = self._rig, STEPS_MM[self._step]
+        place = zip(_AXES, to_mm(rig.arm.T_base_tool.p), strict=True)
+        return View(
+            state="jogging",
+            text=f"each key moves the tool by {size:g} mm",
+            rows=(
+                *(Row(label=axis, cells=(f"{at:7.1f} mm",)) for axis, at in place),
+                Row(label="jaw", cells=(f"{rig.gripper.aperture:7.0%} open",)),
+            ),
+            trouble=f"held back by {', '.join(self._jog.held_by)}" if self._jog.held_by else "",
+            offers=(
+                Offer(command="step", title="another step"),
+                *(
+                    Offer(command="go", title=word, arguments={axis: sign * size}, key=key)
+                    for axis, (less, down, more, up) in _AXES.items()
+                    for key, word, sign in ((more, up, 1.0), (less, down, -1.0))
+                ),
+                Offer(command="jaw", title="open the jaw", arguments={"opens": True}, key="o"),
+                Offer(command="jaw", title="close it", arguments={"opens": False}, key="c"),
+            ),
+        )
+
+    def close(self) -> None:
+        self._jog.close().result()
+
+    def _next_step(self) -> None:
+        self._step = (self._step + 1) % len(STEPS_MM)
+
+    def _go(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mapping[str, Any]:
+        """Move the tool by so much [mm] in the base frame; from where it is held, if it is."""
+        if self._jog.held_by:
+            self._p = self._rig.arm.T_base_tool.p
+        wanted = self._p + to_m(np.array([x, y, z]))
+        self._jog.to_point(wanted)
+        self._p = wanted
+        return {"tool_mm": to_mm(wanted).tolist()}
+
+    def _jaw(self, opens: bool) -> None:
+        (self._rig.gripper.open if opens else self._rig.gripper.close)(wait=False)
