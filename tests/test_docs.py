@@ -110,7 +110,7 @@ def test_what_can_be_typed_into_the_emulator_is_understood():
     table = page[page.index("| type | to |") :]
     for line in table.splitlines()[2:]:
         for typed in re.findall(r"`([^`]+)`", line.split("|")[1]):
-            parse_fault(typed.removeprefix("end "))
+            parse_fault(typed.removeprefix("end "), ends=typed.startswith("end "))
 
 
 def test_every_make_target_that_is_shown_exists():

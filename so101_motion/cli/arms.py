@@ -25,7 +25,6 @@ from so101_motion.common.attributes import SPEED_RANGE_DEG
 from so101_motion.common.units import to_rad
 
 if TYPE_CHECKING:
-    from so101_motion.setup.checkup import Check
     from so101_motion.setup.discovery import PortReport
 
 _NUDGE = 0.03  # share of the jaw's travel: 3 deg. The jaw, because no pose of the arm is in its way
@@ -53,25 +52,31 @@ def arms(
     so101 arms --cell class.json --max-speed 30    then: so101 view --cell class.json
     so101 cell run class.json wave.json --all      every arm runs the same program
     """  # noqa: D301
+    from rich.console import Console
+    from rich.table import Table
+
+    from so101_motion.common.geometry import SE3
+    from so101_motion.files.cell_file import CellArm, CellFile, write_cell
+    from so101_motion.planning.collision.scene import Scene
     from so101_motion.setup.discovery import discover
 
     if max_speed is not None and cell is None:
         raise click.UsageError("--max-speed belongs to --cell")
     with quietly(), busy_message("searching the serial ports"):
         found = [report for report in discover(extra).reports if report.has_arm]
-        wrong = {report.port.name: _wrong(report) for report in found}
+        wrong = [_wrong(report) for report in found]
     if as_json:
         rows = [
-            {
-                **report.to_json(),
-                "healthy": all(check.verdict != "fail" for check in wrong[report.port.name]),
-                "wrong": [f"{each.name}: {each.sentence}" for each in wrong[report.port.name]],
-            }
-            for report in found
+            {**report.to_json(), "wrong": each} for report, each in zip(found, wrong, strict=True)
         ]
         print_json("arms", {"arms": rows})
-    else:
-        _print_table(found, wrong)
+    elif found:
+        table = Table("port", "arm", "calibration", "health", box=None, pad_edge=False)
+        for report, each in zip(found, wrong, strict=True):
+            kind = f"{report.role}, {report.nominal_volts or 0:g} V"
+            file = report.calibration.name if report.calibration else "none"
+            table.add_row(report.port.name, kind, file, each[0] if each else "ok")
+        Console().print(table)
     if not found:
         aside("no arm answers; so101 ports tells why a port cannot be used")
         raise SystemExit(NO_DEVICE)
@@ -79,32 +84,32 @@ def arms(
     if nudge:
         names = [_nudged(report, name) for report, name in zip(found, names, strict=True)]
     if cell is not None:
-        _write(cell, dict(zip(names, found, strict=True)), max_speed)
+        made = [
+            CellArm(
+                name=name,
+                T_cell_base=SE3.from_translation((0.0, _APART * number, 0.0)),
+                port=report.port.name,
+                calibration_id="" if report.calibration is None else str(report.calibration),
+                max_speed=None if max_speed is None else to_rad(max_speed),
+            )
+            for number, (name, report) in enumerate(zip(names, found, strict=True))
+        ]
+        write_cell(CellFile(arms=tuple(made), scene=Scene()), cell)
+        aside(f"written to {cell}; next: so101 view --cell {cell}")
 
 
-def _wrong(report: PortReport) -> list[Check]:
+def _wrong(report: PortReport) -> list[str]:
     """What the doctor finds to be wrong with an arm, the worst first."""
     from so101_motion.cli.doctor import examined_arm
     from so101_motion.setup.checkup import check_up
 
     checks = check_up(examined_arm(report))
-    return [each for verdict in ("fail", "warn") for each in checks if each.verdict == verdict]
-
-
-def _print_table(found: list[PortReport], wrong: dict[str, list[Check]]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("port", "arm", "calibration", "health", box=None, pad_edge=False)
-    for report in found:
-        name, first = report.port.name, next(iter(wrong[report.port.name]), None)
-        kind = f"{report.role}, {report.nominal_volts or 0:g} V"
-        health = "ok" if first is None else f"{first.name}: {first.sentence}"
-        if first is not None and first.verdict == "warn":
-            health = f"can move; {health}"
-        table.add_row(name, kind, report.calibration.name if report.calibration else "none", health)
-    if found:
-        Console().print(table)
+    return [
+        f"{words}{each.name}: {each.sentence}"
+        for verdict, words in (("fail", "cannot move; "), ("warn", "can move; "))
+        for each in checks
+        if each.verdict == verdict
+    ]
 
 
 def _nudged(report: PortReport, name: str) -> str:
@@ -117,29 +122,10 @@ def _nudged(report: PortReport, name: str) -> str:
     source = Source(port=port, calibration_file=report.calibration, say=lambda _: None)
     with quietly(), closing(source.open_to_look()) as rig:
         was_held = isinstance(rig, HardwareRig) and is_held(rig)
-    with quietly(), closing(source.open()) as rig, stops_on_ctrl_c(rig.arm):
+    with quietly(), closing(source.open()) as rig, stops_on_ctrl_c(rig.gripper):
         at = rig.gripper.aperture
         rig.gripper.move(at + (_NUDGE if at < 0.5 else -_NUDGE))
         rig.gripper.move(min(max(at, 0.0), 1.0))
         if not was_held:
             rig.arm.set_torque(False)
     return str(click.prompt("What is the arm that moved called?", default=name, err=True))
-
-
-def _write(path: Path, named: dict[str, PortReport], max_speed: float | None) -> None:
-    from so101_motion.common.geometry import SE3
-    from so101_motion.files.cell_file import CellArm, CellFile, write_cell
-    from so101_motion.planning.collision.scene import Scene
-
-    made = [
-        CellArm(
-            name=name,
-            T_cell_base=SE3.from_translation((0.0, _APART * number, 0.0)),
-            port=report.port.name,
-            calibration_id="" if report.calibration is None else str(report.calibration),
-            max_speed=None if max_speed is None else to_rad(max_speed),
-        )
-        for number, (name, report) in enumerate(named.items())
-    ]
-    write_cell(CellFile(arms=tuple(made), scene=Scene()), path)
-    aside(f"written to {path}; next: so101 view --cell {path}")

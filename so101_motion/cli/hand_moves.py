@@ -6,45 +6,35 @@ from contextlib import closing, suppress
 
 import click
 
-from so101_motion.cli.options import JSON, YES, verb
+from so101_motion.cli.options import JSON, YES, argument, verb
 from so101_motion.cli.plan_move import planned_move
-from so101_motion.cli.shared import Verbs, answer, have_agreed, quietly, stops_on_ctrl_c
+from so101_motion.cli.shared import answer, have_agreed, quietly, stops_on_ctrl_c
 from so101_motion.cli.sources import ANY_SOURCE, SOURCE, AnySource, Source, paced
 
 
-@click.group(cls=Verbs)
-def gripper() -> None:
-    """Open or close the jaw, or grab a thing."""
+@verb()
+def gripper(
+    what: str = argument(click.Choice(("open", "close", "grab"))),
+    source: AnySource = ANY_SOURCE,
+    yes: bool = YES,
+    as_json: bool = JSON,
+) -> None:
+    """Open or close the jaw; close and grab grip what is in between, and tell whether it is held.
 
-
-def _move_jaw(what: str, source: AnySource, yes: bool, as_json: bool) -> None:
+    \b
+    so101 gripper open --port /dev/ttyACM0
+    so101 gripper grab --sim --yes
+    """  # noqa: D301
     with quietly(), closing(source.open()) as rig:
         have_agreed(f"{what.capitalize()} the jaw of the {source.what}?", yes)
         jaw = rig.gripper
         motion = jaw.move(1.0, wait=False) if what == "open" else jaw.grab(wait=False)
-        try:
+        with stops_on_ctrl_c(jaw):
             motion.result()
-        except KeyboardInterrupt:
-            jaw.stop()
-            raise
-        holds = jaw.is_holding
-        percent = round(100.0 * jaw.aperture)
+        percent, holds = round(100.0 * jaw.aperture), jaw.is_holding
+        text = f"the jaw is {percent} % open; it holds {'something' if holds else 'nothing'}"
         facts = {"source": source.what, "jaw_percent": percent, "holds": holds}
-        text = "it holds something" if holds else "nothing is held" * (what == "grab")
-        answer(as_json, "gripper", facts, f"the jaw is {percent} % open" + f"; {text}" * bool(text))
-
-
-def _jaw_verb(what: str, words: str) -> None:
-    def command(source: AnySource = ANY_SOURCE, yes: bool = YES, as_json: bool = JSON) -> None:
-        _move_jaw(what, source, yes, as_json)
-
-    command.__doc__ = f"{words}\n\n\b\nso101 gripper {what} --port /dev/ttyACM0"
-    verb(gripper, what)(command)
-
-
-_jaw_verb("open", "Open the jaw as far as it goes.")
-_jaw_verb("close", "Close the jaw; it grips what is in between.")
-_jaw_verb("grab", "Close the jaw, and tell whether it holds something.")
+        answer(as_json, "gripper", facts, text)
 
 
 @verb()

@@ -25,7 +25,7 @@ from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
-    from so101_motion.rig.protocols import RigLike
+    from so101_motion.rig.protocols import GripperLike, RigLike
     from so101_motion.setup.calibrator import Calibrator
     from so101_motion.tasks.program import Arms
 
@@ -156,7 +156,7 @@ def run_beside(work: Callable[[], T], cancel: Callable[[], None]) -> T:
 
 
 @contextmanager
-def stops_on_ctrl_c(moving: Arm | Arms) -> Iterator[None]:
+def stops_on_ctrl_c(moving: Arm | Arms | GripperLike) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:

@@ -95,7 +95,7 @@ def test_a_port_is_listed_with_what_is_on_it(arm):
 def test_all_arms_are_in_one_table_and_nobody_has_moved(arm, file):
     before = memories(arm)
     _, told = looked(
-        *("arms", "--port", arm.port, "--json"), until=lambda _, told: told["arms"][0]["healthy"]
+        *("arms", "--port", arm.port, "--json"), until=lambda _, told: not told["arms"][0]["wrong"]
     )
     assert told["arms"][0]["calibration_file"] == str(file)
     assert memories(arm) == before

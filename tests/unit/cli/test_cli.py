@@ -138,7 +138,7 @@ def test_the_jaw_opens_and_tells_what_it_holds(told):
 
 
 def test_each_group_shows_an_example_of_each_of_its_verbs(so101):
-    for group in ("gripper", "guide", "cell", "calibration", "dataset", "sweep", "viam"):
+    for group in ("guide", "cell", "calibration", "dataset", "sweep", "viam"):
         assert f"Examples:\n  so101 {group} " in so101(f"{group} --help").output
 
 
