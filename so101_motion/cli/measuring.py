@@ -79,7 +79,7 @@ def move_test(
 def identify(
     source: Source = SOURCE,
     carrying: bool = flag("The hand holds something: measure its weight as well."),
-    check: bool = flag("Keep nothing; only say how well the figures predict."),
+    check: bool = flag("Save nothing; only tell how well the figures predict."),
     record: Path | None = option(
         "Write goals, positions and voltages of each joint there; no serial number.",
         click.Path(path_type=Path, file_okay=False),

@@ -365,8 +365,7 @@ class ChannelPlayer:
             admitted = neighbours.admits(stop.q, stop.dt)
         if not admitted:
             raise MotionError(
-                f"the arm stopped with {neighbours.against}; move one of the two away, then"
-                " plan again"
+                f"the arm stopped with {neighbours.against}; move one of them away, then plan again"
             )
 
     def _slow_down(self, motion: _Motion, ending: MotionError) -> None:

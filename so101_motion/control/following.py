@@ -551,7 +551,7 @@ class Following(OpenEndedMotion):
             self._each(self)
         except Exception as error:
             if not self._closing:  # by another thread, just now
-                raise MotionError(f"what leads the joints failed: {error}") from error
+                raise MotionError(f"the program that sends targets failed: {error}") from error
 
     def _brake(self) -> None:
         """Take the next step of the path to rest that the last setpoint has left free."""

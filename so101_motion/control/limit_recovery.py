@@ -72,8 +72,8 @@ class LimitRecovery:
         joint, off = self.farthest()
         if off > FARTHEST_OUT:
             raise MotionError(
-                f"{joint} is {to_deg(off):.0f} deg outside its calibrated range, too far to be"
-                " brought in unseen; move it inside by hand, or calibrate the arm again"
+                f"{joint} is {to_deg(off):.0f} deg outside its calibrated range, too far to move"
+                " in by itself; move it inside by hand, or calibrate the arm again"
             )
 
     def refuse(self) -> None:

@@ -107,7 +107,7 @@ def _about_settings(facts: ServoFacts) -> list[str]:
     if facts.model_note:
         found.append(facts.model_note)
     if facts.holds(reg.TORQUE_ENABLE) == 1 and facts.holds(reg.TORQUE_LIMIT) == 0:
-        found.append("is driven but its torque limit is 0, so it ignores its goal; reinitialize")
+        found.append("is driven but its torque limit is 0, so it ignores its goal; reinitialize it")
     if abs(facts.holds(reg.HOMING_OFFSET)) > 2047:
         offset = facts.holds(reg.HOMING_OFFSET)
         found.append(f"its homing offset {offset} is beyond 2047; calibrate again")

@@ -253,8 +253,8 @@ def in_parallel(
     for thread in threads:
         thread.join(max(0.0, until - time.monotonic()))
     late = (
-        f"it takes longer than {longest:g} s to answer; if this computer is not very busy, unplug"
-        " it and plug it in again"
+        f"its driver takes longer than {longest:g} s to answer; if this computer is not very busy,"
+        " unplug it and plug it in again"
     )
     return [found.get(port, PortReport(port=port, sentence=late)) for port in ports]
 

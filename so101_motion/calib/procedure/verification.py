@@ -76,7 +76,7 @@ def compared(
         sentence = f"goes {moved - expected:.1f} deg farther than it was calibrated; {again}"
         return say(reads_deg=reads, agrees=False, sentence=sentence)
     if abs(reads) > SAME_DEG:
-        sentence = f"its stops read {reads:+.1f} deg beside the calibration's; {again}"
+        sentence = f"its stops are {reads:+.1f} deg from where the calibration has them; {again}"
         return say(reads_deg=reads, agrees=False, sentence=sentence)
     return say(reads_deg=reads, agrees=True, sentence=f"right within {abs(reads):.1f} deg")
 

@@ -178,8 +178,8 @@ def usable(content: object) -> UsablePart:
         raise next(iter(refusals.values()))
     _check_order(found)
     notes += (
-        f"{joint} is not taken from the calibration: {error.reason}; what its servo has stored"
-        f" counts; {error.next_step}"
+        f"{joint} is not taken from the calibration: {error.reason}; the values in its servo"
+        f" are used; {error.next_step}"
         for joint, error in refusals.items()
     )
     reasons = {joint: error.reason for joint, error in refusals.items()}

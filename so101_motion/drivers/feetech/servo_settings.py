@@ -70,15 +70,17 @@ ADAPTED = (
     _Range(reg.STARTUP_FORCE, 0, 60, 16, "its startup force is {0}, so it shakes"),
     _Range(reg.CW_DEAD_ZONE, 0, 8, 1, "its dead zone (clockwise) is {0} ticks wide"),
     _Range(reg.CCW_DEAD_ZONE, 0, 8, 1, "its dead zone (counter-clockwise) is {0} ticks wide"),
-    _Range(reg.D_WINDOW, 1, 100, 20, "its D gain looks back {0} ms, so it is damped late"),
+    _Range(
+        reg.D_WINDOW, 1, 100, 20, "its D gain compares with {0} ms before, so damping comes late"
+    ),
     _Range(reg.MIN_SPEED, 0, 2, 1, "its lowest speed is {0} x 50 tick/s, so it cannot crawl"),
     _Range(reg.MAX_SPEED, 60, 254, 150, "its highest speed is {0} x 50 tick/s: it falls behind"),
 )
 PROTECTING = (
-    _Range(reg.PROTECTION_CURRENT, 100, 2047, 500, "it lets go at a current of {0} x 6.5 mA"),
-    _Range(reg.OVERCURRENT_TIME, 10, 254, 200, "it lets go after {0} x 10 ms of high current"),
-    _Range(reg.OVERLOAD_TORQUE, 20, 100, 80, "it takes {0} % drive for an overload"),
-    _Range(reg.PROTECTION_TIME, 20, 254, 200, "it takes {0} x 10 ms of drive for an overload"),
+    _Range(reg.PROTECTION_CURRENT, 100, 2047, 500, "it switches off at a current of {0} x 6.5 mA"),
+    _Range(reg.OVERCURRENT_TIME, 10, 254, 200, "it switches off after {0} x 10 ms of high current"),
+    _Range(reg.OVERLOAD_TORQUE, 20, 100, 80, "it reports an overload at {0} % drive"),
+    _Range(reg.PROTECTION_TIME, 20, 254, 200, "it reports an overload after {0} x 10 ms of drive"),
 )
 _TRIPS = range(1, 13)
 """Currents at which a servo lets go as soon as it moves [6.5 mA]; emulated, 12 did so at 7.4 V."""
@@ -129,17 +131,17 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
     turned = phase & reg.REVERSED
     if turned and not (counts_down and turned == reg.REVERSED):
         yield OddSetting(
-            f"it drives or counts backwards (its phase register is {phase}, as new 12)",
+            f"it drives or counts backwards (phase register {phase}; a new servo has 12)",
             {reg.PHASE: _sound(phase) & ~reg.REVERSED},
             forbids=True,
         )
     elif phase & reg.MULTI_TURN:
-        text = f"it counts more than one turn (its phase register is {phase}, as new 12)"
+        text = f"it counts more than one turn (phase register {phase}; a new servo has 12)"
         yield OddSetting(text, as_new={reg.PHASE: _sound(phase)}, is_adapted=True)
     elif phase != _sound(phase):
         text = (
-            f"it takes speeds 50 times, or 0 for a standstill (its phase register is {phase}, as"
-            " new 12)"
+            f"it turns 50 times as fast as it is told, or takes 0 for a standstill (phase register"
+            f" {phase}; a new servo has 12)"
         )
         yield OddSetting(text, as_new={reg.PHASE: _sound(phase)}, is_adapted=True)
     for rows, is_adapted in ((PROTECTING, False), (ADAPTED, True)):
@@ -164,7 +166,7 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
     hottest = held.get("max_temperature", 70)
     if not 60 <= hottest <= 80:
         yield OddSetting(
-            f"it takes {hottest} degC for too hot, as new 70",
+            f"it switches off at {hottest} degC; a new servo at 70",
             {reg.MAX_TEMPERATURE: 70},
             forbids=hottest < held.get("present_temperature", 0) + 5,
         )
@@ -177,8 +179,8 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
     p_gain, d_gain, i_gain = (held.get(row.name, new) for row, new in _GAINS.items())
     if p_gain < _SOFTEST or i_gain > _MOST_I:
         yield OddSetting(
-            f"its gains (P {p_gain}, D {d_gain}, I {i_gain}) are none that a program sets"
-            " on purpose; as new 32, 32, 0",
+            f"its gains are P {p_gain}, D {d_gain}, I {i_gain}, which cannot be meant; a new"
+            " servo has 32, 32, 0",
             _GAINS,
             is_adapted=True,
         )

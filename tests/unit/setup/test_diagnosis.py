@@ -55,7 +55,7 @@ def test_nothing_is_wrong_with_a_healthy_arm():
         (seen(elbow_flex={"operating_mode": 1}), ["mode 1"]),
         (seen(elbow_flex={"torque_limit": 0}), ["ignores its goal"]),
         (seen(elbow_flex={"phase": 28}), ["more than one turn"]),
-        (seen(elbow_flex={"phase": 13}), ["backwards", "13, as new 12"]),
+        (seen(elbow_flex={"phase": 13}), ["backwards", "phase register 13; a new servo has 12"]),
         (seen(elbow_flex={"phase": 140}), ["backwards", "140"]),
         (seen(elbow_flex={"homing_offset": 2114}), ["2114", "calibrate"]),
         (seen(elbow_flex={"present_position": -20}), ["-20", "0 to 4095"]),

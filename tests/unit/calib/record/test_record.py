@@ -119,7 +119,7 @@ def test_one_impossible_joint_does_not_lose_the_others(changes):
     assert set(found.refused) == {"shoulder_pan"}
     (note,) = found.notes
     assert note.startswith("shoulder_pan is not taken from the calibration: ")
-    assert "what its servo has stored counts" in note
+    assert "the values in its servo are used" in note
 
 
 @pytest.mark.parametrize("changes", [{"id": 3}, {"id": 77}])
