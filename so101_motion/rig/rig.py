@@ -12,7 +12,6 @@ import sys
 from collections.abc import Callable
 from functools import cached_property, partial
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.arm.arm import Arm
@@ -22,6 +21,7 @@ from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import MotionError, So101Error
+from so101_motion.common.geometry import point
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.control.joint_group import JointDriver
@@ -187,7 +187,7 @@ class Rig:
             yaw: How far it is turned from how it was picked [rad]; None for any.
             wait: Return when it is put down. With False the run is returned at once.
         """
-        run = self.picker.start(name, Place(p=np.asarray(at, dtype=np.float64), yaw=yaw))
+        run = self.picker.start(name, Place(p=point("at", at), yaw=yaw))
         if wait:
             run.result()
         return run
