@@ -1,5 +1,6 @@
 import logging
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,7 +69,10 @@ def test_a_given_cap_replaces_the_arms_own_for_the_move(
     assert np.degrees(limits.velocity) == pytest.approx(velocity_deg)
     assert np.degrees(limits.acceleration) == pytest.approx(acceleration_deg)
     assert limits.tool_speed == tool_speed
+    assert limits.jerk == pytest.approx(20.0 * np.array(acceleration_deg) / 100.0)
     assert convert.from_move_options(None, BASE) is BASE
+    capped = replace(BASE, tool_speed=0.1)
+    assert convert.from_move_options(MoveOptions(**sent), capped).tool_speed == (tool_speed or 0.1)
 
 
 @pytest.mark.parametrize("key", ["max_vel_degs_per_sec_joints", "max_acc_degs_per_sec2_joints"])
