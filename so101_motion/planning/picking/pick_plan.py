@@ -225,7 +225,7 @@ class _Planning:
         reach = self._stage("reach", way, grasp.q_before, touching, opened)
         q = reach.q_goal
         on = self._touched(with_it, q, closed, "stands in")
-        lifting = _touching(with_it, on)
+        lifting = _touching(with_it, self._name, on)
         up = LineGoal(
             T_base_tool=self._model.frame(self._raised(q)),
             metric=GoalMetric.POSITION_AND_APPROACH,
@@ -296,7 +296,9 @@ class _Planning:
         self, holding: Scene, held: Attached, q_from: Array, q: Array, closed: float
     ) -> tuple[float, dict[str, Plan], dict[str, Scene]]:
         T, q_above = self._model.frame(q), self._raised(q)
-        lowering = _touching(holding, self._touched(holding, q, closed, "would stand in"))
+        lowering = _touching(
+            holding, self._name, self._touched(holding, q, closed, "would stand in")
+        )
         down = LineGoal(T_base_tool=T, metric=GoalMetric.FULL_POSE)
         lower = self._stage("lower", down, q_above, lowering, closed)
         T = self._model.frame(lower.q_goal)
@@ -484,10 +486,13 @@ _DOING = {
 }
 
 
-def _touching(scene: Scene, names: frozenset[str]) -> Scene:
-    """A scene in which what is held last may touch things."""
-    *others, held = scene.attached
-    return replace(scene, attached=(*others, replace(held, may_touch=held.may_touch | names)))
+def _touching(scene: Scene, name: str, others: frozenset[str]) -> Scene:
+    """A scene in which a held thing may touch others."""
+    attached = tuple(
+        replace(each, may_touch=each.may_touch | others) if each.name == name else each
+        for each in scene.attached
+    )
+    return replace(scene, attached=attached)
 
 
 def _back(model: RobotModel, q: Array, back: float) -> SE3:

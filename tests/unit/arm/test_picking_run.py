@@ -11,7 +11,7 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import Interrupted, MotionError, NoPath
 from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
-from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene
+from so101_motion.planning.collision.scene import FLOOR_Z, Attached, Box, Obstacle, Scene, Tool
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.picking import PickOperation
 
@@ -63,6 +63,17 @@ def test_a_cube_is_picked_held_and_placed_where_it_was_asked_for(rig):
     np.testing.assert_allclose(rig.things.where("cube").p, believed.p, atol=2e-3)
     assert not rig.arm.scene.attached
     assert said == ["'cube' is held"]
+
+
+def test_a_tool_on_the_gripper_is_not_what_it_holds(rig):
+    mount = Attached(
+        name="camera",
+        shape=Box(size=(0.02, 0.02, 0.02)),
+        T_tool_object=SE3.from_translation((0.05, 0.0, 0.03)),
+    )
+    rig.arm.set_tool(Tool(name="camera", parts=(mount,), frames={}))
+    finish(rig, rig.picker.start("cube"))
+    assert [each.name for each in rig.arm.scene.attached] == ["camera", "cube"]
 
 
 def test_where_nothing_is_the_jaw_closes_on_nothing_and_says_so_each_time(rig):
