@@ -144,6 +144,7 @@ class Things:
         self._lock = threading.RLock()
         self._seen = b""  # joint angles since which nothing has changed
         self._stop = -math.inf  # what they gave
+        self._q_jaw = -math.inf  # the jaw angle before [rad]
         self._near: str | None = None  # lies between the open fingers
         self._lost: str | None = None  # squeezed out of the jaw, which has not opened since
         self._lost_at = 0.0
@@ -222,14 +223,17 @@ class Things:
         if not self._things:
             return -math.inf
         T_hand, q_jaw = self._model.frame(q[:5], "gripper_link"), float(q[5])
+        closes, self._q_jaw = q_jaw < self._q_jaw, q_jaw
         if self._lost is not None and q_jaw > self._lost_at + _OPENED:
             self._lost = None
         if self._grip is not None and self._stays(self._grip, T_hand, q_jaw, torque):
             return self._grip.stop
         grip = self._between(T_hand, q_jaw)
         self._near = None if grip is None else grip.thing.name
-        if grip is None or (q_jaw <= grip.stop and not self._touch(grip, T_hand)):
+        if grip is None:
             return -math.inf
+        if q_jaw <= grip.stop and not (closes and self._touch(grip, T_hand)):
+            return -math.inf  # it was just let go, or is squeezed out
         return grip.stop
 
     def _named(self, name: str) -> Thing:

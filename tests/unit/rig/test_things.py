@@ -67,8 +67,9 @@ def test_it_goes_with_the_gripper_and_lies_where_it_is_let_go():
     assert things.weight(at(UP, stop)) == pytest.approx(
         loaded - model.gravity_torque(at(UP, stop)), abs=1e-9
     )
-    assert things.follow(at(UP, OPEN), 0.0) < OPEN
+    assert things.follow(at(UP, stop + 0.02), 0.0) < stop + 0.02
     assert things.held is None
+    assert [each.partition(" at")[0] for each in things.told] == ["cube is gripped", "cube lies"]
     assert things.where("cube").p == pytest.approx([*moved[:2, 3], FLOOR_Z + 0.0125], abs=1e-9)
     assert not things.weight(at(UP, OPEN)).any()
 
