@@ -18,7 +18,7 @@ from so101_motion.cli.shared import (
     quietly,
     stops_on_ctrl_c,
 )
-from so101_motion.cli.sources import ANY_SOURCE, AnySource, paced
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, end_as_asked, ending, paced
 
 if TYPE_CHECKING:
     from so101_motion.common.operation import Operation
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @verb()
 def pick(
     item: str = argument(),
-    source: AnySource = paced(ANY_SOURCE),
+    source: AnySource = ending(paced(ANY_SOURCE)),
     place: str = option(
         "Where to put it: middle of its underside [mm], and how far to turn it [deg]; or on what.",
         str,
@@ -71,6 +71,7 @@ def pick(
             if only_plan:
                 return
             have_agreed(f"Move the {source.what} for {found['duration_s']:.1f} s?", yes)
+            end_as_asked(source.at_end, rig)
             with stops_on_ctrl_c(rig.arm):
                 held = item in operation.view.facts["held"]
                 if held:
