@@ -25,7 +25,7 @@ from so101_motion.arm.cell_member import LEAD, CellMember, RigWithExecutor, Shar
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.arm.team_motion import TeamSeries, TeamStep, end_together, handover_steps
 from so101_motion.common.errors import ConfigError, MotionError
-from so101_motion.common.geometry import SE3
+from so101_motion.common.geometry import SE3, in_metres
 from so101_motion.planning.among import crosses, crossing
 from so101_motion.planning.cell.team_requests import (
     Handover,
@@ -86,6 +86,7 @@ class Cell:
         """
         if name in self.members:
             raise ConfigError("name", name, "is used twice; each arm needs its own name")
+        in_metres("T_cell_base", T_cell_base.p, 100.0)  # as for obstacles
         member = CellMember(self._space, name, rig, T_cell_base, frozenset(ignores))
         rig.executor.ask(lambda control: control.keep_off(member)).result()
         self._space.members = {**self.members, name: member}

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, point
+from so101_motion.common.geometry import SE3, Array, in_metres, in_radians, point
 from so101_motion.control.motion_source import OpenEndedMotion
 from so101_motion.planning.differential.targets import STILL, Target, Twist
 from so101_motion.planning.timing import online
@@ -84,6 +84,8 @@ class Jog(OpenEndedMotion):
             )
         except (TypeError, ValueError) as error:
             raise ConfigError("twist", [linear, angular], str(error)) from error
+        in_metres("linear", wanted.linear, per="/s")
+        in_radians("angular", wanted.angular, 10.0, "/s")
         before = self._asked[0]
         same = isinstance(before, Twist) and before.same_as(wanted)
         self._ask(before if same else wanted)  # the line that the tool is on goes on

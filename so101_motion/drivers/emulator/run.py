@@ -21,8 +21,8 @@ _LOOK_EVERY = 0.05  # [s], how often it looks whether it should stop, and lets p
 
 TYPED = (
     "type a fault: hot:gripper=68, dead:elbow_flex, brownout=5, unplug+3, loss=0.1, object=0.02;"
-    " or what a person does: only:gripper, chain, pose, sweep. It ends with end: end hot:gripper."
-    " Ctrl-C ends the emulator"
+    " or what a person does: only:gripper, chain, pose, sweep, and with --scene take:cube."
+    ' "end hot:gripper" ends one. Ctrl-C ends the emulator'
 )
 
 

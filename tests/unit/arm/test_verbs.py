@@ -89,6 +89,8 @@ def test_what_looks_like_degrees_or_millimetres_is_asked_about(rig):
         "40 m: did you mean millimetres": lambda: so101.ApproachGoal(
             T_base_tool=at([0.2, 0.0, 0.1]), hover=[0, 0, 40]
         ),
+        "300 m/s: did you mean millimetres": lambda: arm.jog().twist([0, 300, 0]),
+        "350 m: did you mean millimetres": lambda: so101.Cell().add("b", rig, at([350, 0, 0])),
         "200 m: did you mean millimetres": lambda: so101.Box(size=(200, 30, 30)),
         "80 m: did you mean millimetres": lambda: so101.Attached(
             name="pen", shape=so101.Sphere(radius=0.01), T_tool_object=at([0, 0, 80])
