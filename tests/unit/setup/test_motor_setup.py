@@ -5,6 +5,7 @@ from harness.lent_bus import APART, LentBus, loose, refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from so101_motion.calib.motors import single_servo
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.errors import (
@@ -95,6 +96,22 @@ def test_the_search_begins_at_the_rate_the_user_gives_and_what_was_done_is_logge
     assert done["old_baudrate"] == 1_000_000
     bus, setup = loose(1, 1_000_000)
     assert setup.assign("gripper", current_baudrate=123)["old_baudrate"] == 1_000_000
+
+
+def test_while_a_servo_is_written_to_the_view_says_not_to_unplug_it(monkeypatch):
+    _, setup = loose(6, 1_000_000)
+    program, told = single_servo.program, []
+
+    def look(*given):
+        told.append((setup.view.doing, setup.view.note))
+        return program(*given)
+
+    monkeypatch.setattr(single_servo, "program", look)
+    setup.discover("gripper")
+    setup.assign("gripper")
+    assert told == [("writing to the motor of gripper: do not unplug it yet", "")]
+    assert setup.view.doing == ""
+    assert setup.state.motors["gripper"].sentence == "gripper: id 6 kept, checked and locked"
 
 
 # What a servo is given
