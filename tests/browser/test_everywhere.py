@@ -7,7 +7,7 @@ from harness.browser_user import ASIDE, LAPTOP, PHONE, crawl_aside
 
 from so101_motion.common.units import to_rad
 
-TABS = ("Move", "Jog", "Program", "World", "Share", "Teach")
+TABS = ("Move", "Jog", "Program", "World", "Share", "Teach", "Pick")
 
 AT_STOP = """() => {
     const { x, y, width, height } = document.querySelector('#so101-stop').getBoundingClientRect();

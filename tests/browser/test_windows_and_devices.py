@@ -189,7 +189,9 @@ def test_light_and_dark_windows_keep_nobody_with_other_eyes_or_hands_away_and_mo
         guest.page.emulate_media(color_scheme=shade)
         guest.comes_to([shade, bad], scheme)
         guest.until(lambda: guest.barriers() == [])  # names come a moment later
-        meets_no_barrier(guest, "Jog", "Program", "World", "Share", "Teach", "Events", "Move")
+        meets_no_barrier(
+            guest, "Jog", "Program", "World", "Share", "Teach", "Pick", "Events", "Move"
+        )
     guest.page.emulate_media(color_scheme="light")  # a new day
     guest.comes_to(["light", "#c92a2a"], scheme)
     np.testing.assert_array_equal(rig.arm.state.q_ref, before)
