@@ -210,7 +210,7 @@ class OperationPanel(Part):
             html += cards.note(view.picture.note)
             html += cards.note("The blue ghost shows the pose." if view.picture.ghost else "")
         if self._worker.doing or view.doing:
-            html += cards.going_on(self._worker.doing or view.doing)
+            html += cards.going_on(view.doing or self._worker.doing)
         elif due is not None and due.due_in:
             html += cards.going_on(f"{due.title} in {due.due_in:.1f} s")
         first = next((o for o in view.offers if not o.is_look), None)

@@ -119,7 +119,7 @@ def from_registers(
             f" travels, so a narrower default is used; {_AGAIN}",
         )
     if looks_as_new(joint, found):
-        return found, f"new servo, not calibrated yet; {_AGAIN}"
+        return found, "new servo, not calibrated yet; calibrate the arm"
     return found, None
 
 
