@@ -66,6 +66,7 @@ class PickOperation(LocalOperation):
         super().__init__()
         self._picker = picker
         self._planned: tuple[str, str, PickPlan] | None = None
+        self._planned_in: Scene | None = None  # the scene the plan was made in
         self._item, self._at = "", place
         self._run: PickRun | None = None
         self._trouble = ""
@@ -141,13 +142,20 @@ class PickOperation(LocalOperation):
                 arguments={"item": chosen, "at": self._at},
                 inputs={"item": inputs["item"], "at": inputs["place"]},
             )
-        unplanned = None if self._planned else "plan it first"
         return (
             Offer(command="plan_pick", title="Plan", arguments=given, inputs=inputs, key="p",
                   why_not=why_not),
-            Offer(command="run", title="Go", why_not=busy or unplanned, key="g"),
+            Offer(command="run", title="Go", why_not=busy or self._unplanned, key="g"),
             at_once,
         )  # fmt: skip
+
+    @property
+    def _unplanned(self) -> str | None:
+        """Why nothing that is planned can be carried out."""
+        if self._planned is None:
+            return "plan it first"
+        same = self._planned_in is self._picker.arm.scene
+        return None if same else "the scene has changed since it was planned; plan it again"
 
     # Commands
 
@@ -168,8 +176,9 @@ class PickOperation(LocalOperation):
         """Plan to pick an item, or to place what is held; moves nothing."""
         self._item, self._at, self._planned, self._run = item, place, None, None
         self._trouble = ""
+        scene = self._picker.arm.scene
         plan = self._picker.plan(item, self._place_from(place), _wishes(approach))
-        self._planned = item, place, plan
+        self._planned, self._planned_in = (item, place, plan), scene
         return _facts(plan)
 
     def _pick(
@@ -191,8 +200,8 @@ class PickOperation(LocalOperation):
         return place_from(text, self._picker.arm.scene)
 
     def _go(self) -> Started:
-        if self._planned is None:
-            raise NotPossibleNow("run", "nothing is planned")
+        if self._planned is None or self._unplanned:
+            raise NotPossibleNow("run", self._unplanned or "plan it first")
         item, place, plan = self._planned
         return self._begin(item, place, Wishes(), TRIES, plan)
 

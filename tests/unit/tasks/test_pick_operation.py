@@ -1,13 +1,15 @@
 """The operation of the Pick tab: one command moves the demo's cube onto its tray."""
 
 from concurrent.futures import wait
+from dataclasses import replace
 
 import pytest
 
 from so101_motion.cli.view import cube_and_tray
 from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import ConfigError
-from so101_motion.planning.collision.scene import FLOOR_Z
+from so101_motion.common.errors import ConfigError, NotPossibleNow
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.picking import PickOperation, place_from
 
@@ -33,6 +35,17 @@ def test_one_command_moves_the_cube_onto_the_tray(planning_process):
     assert true.p == pytest.approx(believed.p, abs=1e-3)
     assert {row.mark for row in view.rows} == {"✓"}
     assert view.picture is None
+
+
+def test_what_was_planned_in_another_scene_is_not_carried_out(planning_process):
+    with open_simulated(scene=cube_and_tray(), clock=ManualClock()) as rig:
+        operation = PickOperation(rig.picker)
+        operation.begin("plan_pick", item="cube")
+        assert {offer.command: offer.why_not for offer in operation.view.offers}["run"] is None
+        wall = Obstacle("wall", SE3.at([0.2, 0.0, 0.1]), Box((0.02, 0.4, 0.2)))
+        rig.arm.scene = replace(rig.arm.scene, obstacles=(*rig.arm.scene.obstacles, wall))
+        with pytest.raises(NotPossibleNow, match="the scene has changed"):
+            operation.begin("run")
 
 
 def test_a_place_is_a_point_or_what_is_put_on():
