@@ -131,7 +131,6 @@ def test_a_move_is_planned_told_and_run(so101):
     assert "arrived" in result.output
 
 
-@pytest.mark.slow
 def test_the_jaw_opens_and_tells_what_it_holds(told):
     assert told("gripper open --sim --yes")["jaw_percent"] == 100
     assert told("gripper grab --sim --yes")["holds"] is False

@@ -42,7 +42,8 @@ def test_what_was_planned_in_another_scene_is_not_carried_out(planning_process):
         operation = PickOperation(rig.picker)
         operation.begin("plan_pick", item="cube")
         assert {offer.command: offer.why_not for offer in operation.view.offers}["run"] is None
-        wall = Obstacle("wall", SE3.at([0.2, 0.0, 0.1]), Box((0.02, 0.4, 0.2)))
+        at = SE3.from_translation([0.2, 0.0, 0.1])
+        wall = Obstacle(name="wall", shape=Box(size=[0.02, 0.4, 0.2]), T_base_obstacle=at)
         rig.arm.scene = replace(rig.arm.scene, obstacles=(*rig.arm.scene.obstacles, wall))
         with pytest.raises(NotPossibleNow, match="the scene has changed"):
             operation.begin("run")
