@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from harness.fake_parent import ARM, SIMULATED
 from harness.viam_machine import running_machine, until_true
-from so101_viewer.teach.teach_panel import teaching_on
 
 from so101_motion.common.errors import So101Error
 from so101_motion.common.modes import Mode
@@ -26,7 +25,7 @@ def test_a_path_on_a_machine_is_recorded_planned_replayed_stopped_deleted_and_re
     with (
         running_machine(resources=((ARM, SIMULATED, "arm", FAST),)) as machine,
         MachineRig.connect(machine.address, arm="arm") as rig,
-        closing(teaching_on(rig)) as teaching,
+        closing(rig.operation("teaching", ("run",))) as teaching,
         ThreadPoolExecutor(1) as pool,
     ):
         teaching.ask("record", name="wave")
