@@ -128,6 +128,7 @@ def added(module, api, configured):
     return module.add(api, one["model"], one["attributes"], one["name"])
 
 
+@pytest.mark.long  # half a minute of real time, in which a hand must be quick enough
 async def test_a_newcomer_gets_from_a_box_of_parts_to_a_moving_arm(person):
     told = await person.runs(
         "setup", "--yes", "--within", "100", "--json",

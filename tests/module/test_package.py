@@ -98,6 +98,7 @@ def test_the_archive_holds_what_a_machine_needs_and_no_leftovers(archive):
     assert archive.stat().st_size < 10e6
 
 
+@pytest.mark.long  # an environment is installed
 async def test_the_module_is_installed_and_runs_from_the_archive_in_an_empty_directory(
     archive, tmp_path, monkeypatch
 ):
@@ -119,6 +120,7 @@ async def test_the_module_is_installed_and_runs_from_the_archive_in_an_empty_dir
         assert await arm.get_3d_models(), "the description is found too"
 
 
+@pytest.mark.long  # an environment is installed
 def test_a_first_run_that_cannot_install_does_not_hold_up_the_machine(archive, tmp_path):
     folder = unpacked(archive, tmp_path)
     cut_off = {**OFFLINE, "PIP_NO_DEPS": "0", "PYTHONPATH": ""}
