@@ -346,8 +346,8 @@ def _grip_of(thing: Thing, T_hand: SE3, q_jaw: float, *, nears: bool) -> _Grip |
     in_palm = (z > -0.036) & (np.abs(x) < 0.015) & (np.abs(y) < 0.02)
     if shift > _INTO or in_palm.any():
         return None
-    if not nears and _stops(x, y, z)[0].max() > q_jaw:
-        return None  # it is beside the jaw, or the jaw has come down on it
+    if not nears and not -math.inf < _stops(x, y, z)[0].max() <= q_jaw:
+        return None  # it is beyond the jaw, or the jaw has come down on it
     angles, r = _stops(x + shift, y, z)
     stop = float(angles.max())
     if not math.isfinite(stop):

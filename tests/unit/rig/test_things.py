@@ -99,10 +99,14 @@ def test_what_is_pressed_at_its_edge_is_squeezed_out():
     assert list(things.told) == ["bar was squeezed out of the fingers"]
 
 
-@pytest.mark.parametrize("beside", [-0.01, 0.045], ids=["under the finger", "beside the jaw"])
-def test_what_a_finger_comes_down_on_is_not_gripped(beside):
+@pytest.mark.parametrize(
+    ("beside", "q_jaw_deg"),
+    [(-0.01, 30.0), (0.045, 30.0), (0.09, 60.0)],
+    ids=["under the finger", "under the jaw", "beyond the jaw"],
+)
+def test_what_is_not_between_the_fingers_is_not_gripped(beside, q_jaw_deg):
     things = things_in(around(cube(beside=beside)))
-    stop = things.follow(at(DOWN, math.radians(30.0)), 0.0)
+    stop = things.follow(at(DOWN, math.radians(q_jaw_deg)), 0.0)
     assert (stop, things.held) == (-math.inf, None)
 
 
