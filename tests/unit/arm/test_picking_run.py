@@ -70,6 +70,7 @@ def test_a_tool_on_the_gripper_is_not_what_it_holds(rig):
         name="camera",
         shape=Box(size=(0.02, 0.02, 0.02)),
         T_tool_object=SE3.from_translation((0.05, 0.0, 0.03)),
+        fixed=True,
     )
     rig.arm.set_tool(Tool(name="camera", parts=(mount,), frames={}))
     finish(rig, rig.picker.start("cube"))
