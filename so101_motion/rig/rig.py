@@ -182,7 +182,7 @@ class Rig:
 
         Args:
             name: The name of what it holds.
-            at: Middle of its underside, x, y, z in the base frame [m]. Up to 5 mm above the table
+            at: Middle of its underside, x, y, z in the base frame [m]. Up to 3 mm above the table
                 it is put on the table.
             yaw: How far it is turned from how it was picked [rad]; None for any.
             wait: Return when it is put down. With False the run is returned at once.
