@@ -96,6 +96,9 @@ class TurnClock:
             time.monotonic, time.time = real
 
 
+_monotonic = time.monotonic  # the real one, also while ``everywhere`` is in force
+
+
 class PacedClock(MonotonicClock):
     """Real time that stands still while the machine does: no thread that attends is ever late."""
 
@@ -103,9 +106,9 @@ class PacedClock(MonotonicClock):
     """How far it advances at a time [s]; a longer pause of the machine is no time at all."""
 
     def __init__(self):
-        self._time = ManualClock(time.monotonic())
+        self._time = ManualClock(_monotonic())
         self.attend, self.wait, self.join = self._time.attend, self._time.wait, self._time.join
-        self._stepped = (self._time.now(), time.monotonic())
+        self._stepped = (self._time.now(), _monotonic())
         threading.Thread(target=self._run).start()
 
     def now(self):
@@ -113,12 +116,12 @@ class PacedClock(MonotonicClock):
         if threading.current_thread() in self._time._threads:
             return self._time.now()
         shown, at = self._stepped
-        return shown + min(time.monotonic() - at, self.STEP)
+        return shown + min(_monotonic() - at, self.STEP)
 
     def _run(self):
         while threading.main_thread().is_alive():  # else nanobind finds leaks at the end
             time.sleep(self.STEP)
-            at, now = self._stepped[1], time.monotonic()
+            at, now = self._stepped[1], _monotonic()
             self._time.advance(min(now - at, 2.0 * self.STEP))
             self._stepped = (self._time.now(), now)
 
