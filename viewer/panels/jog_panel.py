@@ -60,10 +60,10 @@ class JogPart(Part):
             )
             modes = {mode: partial(self._choose, mode) for mode in MODES}
             context.buttons("Moves", modes, "Joints, or the tool along axes")
-            context.buttons(
+            self._buttons = gui.add_html("")
+            context.buttons(  # below the joints: a phone shows half a page
                 "Speed", {name: partial(self.jogging.set_speed, name) for name in SPEEDS}
             )
-            self._buttons = gui.add_html("")
             self._hand = gui.add_text("Held", "", visible=False)
         self._hand.on_update(self._hear)
 
