@@ -2,7 +2,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from harness.browser_user import HOME, READY
+from harness.browser_user import HOME, LAPTOP, READY
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
@@ -96,6 +96,10 @@ def test_a_program_is_recorded_planned_run_and_kept(program, rig, own_files):
 
     program.until(goes_to_the_middle)
     assert at(HOME, rig)  # planning moves nothing
+    program.resize((390, 844))  # Plan and Run stay at the end of a phone's panel
+    run = program.button("Run program")
+    program.until(lambda: run.bounding_box()["y"] + run.bounding_box()["height"] <= 844.0)
+    program.resize(LAPTOP)
     with told(rig) as goals:
         program.press("Run program")
         program.until(lambda: program.says("Done."))
