@@ -97,6 +97,9 @@ class Approach:
         return self._slow.eased_to(self._full, (t - self._t_near) / EASE)
 
 
+_DEGREES = 20.0
+"""A target farther off is in degrees [rad]; chosen: six times what a joint turns, and a policy that
+strays three turns beyond the range is still drawn into it."""
 _ROUNDING = 1e-9
 _THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
 
@@ -523,7 +526,7 @@ class Following(OpenEndedMotion):
         self._braked = self._stops.to_rest(now).after
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
-        most = 2.0 * math.pi if name == "q" else math.inf  # rates may be anything
+        most = _DEGREES if name == "q" else math.inf  # rates may be anything
         found = joint_angles(name, values, self._lower.shape, most=most)
         if not is_finite(found):
             raise ConfigError(name, values, f"must be {len(self._lower)} finite numbers")

@@ -224,7 +224,7 @@ def test_the_arm_follows_a_leader_that_a_hand_moves_until_stop(visit, rig):
         def is_led():
             """Whether it is there; a hand keeps near an arm that a busy machine has stopped."""
             off = there - rig.arm.state.q
-            push(leader, rig.arm.state.q + np.clip(off, -to_rad(8.0), to_rad(8.0)))
+            push(leader, rig.arm.state.q + np.clip(off, -to_rad(4.0), to_rad(4.0)))
             slow = np.abs(rig.arm.state.qd).max() < to_rad(2.0)
             return bool(np.abs(off).max() < to_rad(2.0) and slow)
 

@@ -124,7 +124,7 @@ def test_a_calibration_that_is_killed_while_it_saves_is_completed_by_the_next_st
     file = tmp_path / "mine.json"
     with Typist("calibrate", "--port", arm.port, "--file", str(file)) as person:
         until_asked_to_save(person, arm)
-        homed, until = stored(), time.monotonic() + 20.0
+        homed, until = stored(), time.monotonic() + 60.0
         person.presses("\n")
         while stored()[0] == homed[0]:  # then five servos are left, and the file
             assert time.monotonic() < until, "nothing is saved"

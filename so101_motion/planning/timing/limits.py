@@ -14,8 +14,8 @@ from so101_motion.common.geometry import Array, frozen_array, in_metres, in_radi
 ToolSpeed = Callable[[Array, Array], Array]
 """From joint angles (m, n) and their rates (m, n) to the speed of the tool point, (m,)."""
 
-_MOST = {"velocity": (10.0, "/s"), "acceleration": (100.0, "/s^2")}
-"""Larger caps are probably in degrees. Chosen: three and five times what the joints can do."""
+_MOST = {"velocity": (20.0, "/s"), "acceleration": (100.0, "/s^2")}
+"""Larger caps are probably in degrees. Chosen: five times what the joints can do."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -119,7 +119,7 @@ def test_strangers_and_other_kinds_are_named():
         ({"unloading_condition": 8}, "protection"),
         ({"phase": 0}, "50 times"),
         ({"phase": 12 | reg.REVERSED}, "backwards"),
-        ({"p_gain": 4, "d_gain": 0}, "gains (P 4, D 0, I 0)"),
+        ({"p_gain": 4, "d_gain": 0}, "gains are P 4, D 0, I 0"),
         ({"angular_resolution": 3}, "resolution is 3"),
         ({"ccw_dead_zone": 16}, "dead zone"),
     ],
