@@ -331,12 +331,12 @@ class ProgramModel:
     def sentence(self) -> Sentence:
         if self.run is not None:
             return words.running(self.run)
-        for name, each in self._arms.members.items():
-            blocked, mode = texts.blocked(each.arm.state), each.arm.state.mode
-            can_record = mode in (Mode.LIMP, Mode.GUIDING)
-            if blocked is not None and (not can_record or self._sentence is words.PRESS_PLAN):
-                return self._named(name, blocked)
         guided = self.guided
+        for name, each in self._arms.members.items():
+            blocked, is_limp = texts.blocked(each.arm.state), each.arm.state.mode is Mode.LIMP
+            can_record = name in guided or (is_limp and self._sentence is not words.PRESS_PLAN)
+            if blocked is not None and not can_record:
+                return self._named(name, blocked)
         if guided:
             left = [each.left for each in self._guiding.values() if each.left is not None]
             return words.guided(guided, min(left, default=None))

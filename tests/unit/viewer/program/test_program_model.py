@@ -536,6 +536,8 @@ def test_arms_that_are_guided_by_hand_are_recorded_where_they_stand(bench):
     model = bench.model
     arm = bench.opened.rigs[SECOND].arm
     bench.record(first=aside(55.0))
+    bench.record(first=aside(60.0))
+    model.remove()  # which says to press Plan program
     arm.set_manual(True)
     model.refresh()
     assert bench.says("Record keeps where arm 2 stands now.")
