@@ -177,9 +177,9 @@ def test_a_program_is_recorded_from_targets_and_by_hand_repeated_in_a_loop_and_p
     before = guest.pose_of(ghost)
     guest.press("2×")
     guest.until(lambda: guest.pose_of(ghost) != before)
-    page.locator(".so101-steps:visible button").last.click()
+    page.locator(".so101-steps:visible button").first.click()  # at the last one the arm stands
     guest.press("this one")
-    guest.comes_to(["2"], line.locator("b").all_inner_texts)
+    guest.comes_to(["1"], line.locator("b").all_inner_texts)
     for rig, q in zip((first, second), stood, strict=True):
         np.testing.assert_array_equal(rig.arm.state.q, q)  # only ghosts have moved
     guest.press("remove")
