@@ -179,7 +179,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
         with serve_source(source, port=0) as preview:
             guest = visit(SMALL)
             guest.open(preview.url)
-            guest.until(lambda: guest.says("reports no servo health"))
+            guest.until(lambda: guest.says("does not report the health of its servos"))
             in_color = guest.color_of(BASE)
             guest.page.get_by_role("tab", name="Jog").click()
             guest.until(lambda: guest.says("The arm of a machine cannot be jogged"))

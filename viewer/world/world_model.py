@@ -150,7 +150,8 @@ class WorldModel:
         thing = scene_edits.thing_named(self.scene, self._name())
         if isinstance(thing, Obstacle) and keep_out != thing.keep_out:
             text = "The arm keeps out of this zone." if keep_out else "This is an obstacle again."
-            self._put(replace(thing, keep_out=keep_out), text)
+            mass = None if keep_out else thing.mass  # nothing that can be gripped
+            self._put(replace(thing, keep_out=keep_out, mass=mass), text)
 
     def set_mass(self, mass: float) -> None:
         """Set the mass of the selected thing [kg]; an obstacle that has one is an item."""

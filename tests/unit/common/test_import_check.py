@@ -68,7 +68,7 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(without_li
 async def test_viam_server_is_told_what_an_arm_lacks(without_libgomp, monkeypatch):
     for name in ("PYTHONPATH", "PATH"):
         monkeypatch.setenv(name, without_libgomp[name])
-    async with running_module() as (module, _, _):
+    async with running_module(command=(sys.executable, "-m", "so101_motion")) as (module, _, _):
         for call in (module.validate, module.add):
             with pytest.raises(GRPCError) as refused:
                 await call(ARM, SIMULATED, {})

@@ -157,7 +157,7 @@ async def test_a_camera_that_does_not_see_is_no_reason_to_take_the_space_for_emp
             await scene()
         bench.camera.look = lambda: GRPCError(Status.UNAVAILABLE, "unplugged")
         with pytest.raises(
-            SurroundingsUnknown, match=r'"camera" sends no picture: unplugged; mend'
+            SurroundingsUnknown, match=r'"camera" sends no picture: unplugged; fix that'
         ):
             await scene()
     finder = FakeVision("finder", GRPCError(Status.UNKNOWN, "no header"))
