@@ -17,7 +17,8 @@ from pathlib import Path
 PRODUCT = ("so101_motion", "viewer", "lerobot_robot_so101_motion")
 
 FEATURES = {
-    "several arms": r"cell|team|handover|together|bimanual|/among|/grasps|/pace",
+    "pick and place": r"/pick|/things\.py",
+    "several arms": r"cell|team|handover|together|bimanual|/among|/pace",
     "programs and guided paths": r"program|guid|viewer/teach/|requests/guided",
     "from the box to a calibrated arm": r"/calib|/setup|motor_|motors|doctor|torque_limit",
     "teleoperation": r"teleop|leader|leading",
