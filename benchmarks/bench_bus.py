@@ -182,7 +182,9 @@ def waving(arm: FeetechArm) -> Callable[[int], None]:
     After a servo has died, which the driver raises once, the wave begins anew where the joints
     are: a driver that has lost a servo holds nothing it was told before.
     """
-    reading, begin = arm.read(), time.monotonic()
+    reading = arm.read()
+    arm.write(reading.q, reading.q_jaw)  # they have sunk since they were told to hold
+    begin = time.monotonic()
 
     def cycle(_: int) -> None:
         nonlocal reading, begin
