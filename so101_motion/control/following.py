@@ -97,9 +97,6 @@ class Approach:
         return self._slow.eased_to(self._full, (t - self._t_near) / EASE)
 
 
-_DEGREES = 20.0
-"""A target farther off is in degrees [rad]; chosen: six times what a joint turns, and a policy that
-strays three turns beyond the range is still drawn into it."""
 _ROUNDING = 1e-9
 _THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
 
@@ -526,8 +523,8 @@ class Following(OpenEndedMotion):
         self._braked = self._stops.to_rest(now).after
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
-        most = _DEGREES if name == "q" else math.inf  # rates may be anything
-        found = joint_angles(name, values, self._lower.shape, most=most)
+        # However far: what a policy says is drawn into the range, and told, see ``outside``.
+        found = joint_angles(name, values, self._lower.shape, most=math.inf)
         if not is_finite(found):
             raise ConfigError(name, values, f"must be {len(self._lower)} finite numbers")
         return found

@@ -83,9 +83,9 @@ def test_joints_that_are_left_out_keep_their_targets_and_others_are_refused(benc
 
 def test_what_was_taken_of_a_target_beyond_the_range_is_returned_logged_and_observed(bench, caplog):
     robot = bench.connected(record_taken=True)
-    taken = robot.send_action(action(500.0, *READY[1:]))
+    taken = robot.send_action(action(5000.0, *READY[1:]))
     assert 90.0 < taken["shoulder_pan.pos"] < 130.0
-    assert "500.0 was limited to" in caplog.text
+    assert "5000.0 was limited to" in caplog.text
     seen = robot.get_observation()
     assert list(seen) == list(robot.observation_features)
     assert seen["shoulder_pan.taken"] == pytest.approx(taken["shoulder_pan.pos"])

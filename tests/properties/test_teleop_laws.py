@@ -60,7 +60,7 @@ def test_a_following_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target
     steps = [q_start, q_start]
     for asked, ticks in plan:
         for _ in range(ticks):
-            if asked is not None and np.isfinite(asked).all() and np.abs(asked[0]).max() <= 20.0:
+            if asked is not None and np.isfinite(asked).all():
                 motion.aim(*asked)
             elif asked is not None:
                 with pytest.raises(ConfigError):

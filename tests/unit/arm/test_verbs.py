@@ -74,8 +74,6 @@ def test_limits_of_a_finished_plan_and_three_angles_are_refused(rig):
 
 def test_what_looks_like_degrees_or_millimetres_is_asked_about(rig):
     at, arm = so101.SE3.from_translation, rig.arm
-    with arm.follow() as following, pytest.raises(so101.errors.ConfigError, match="45 rad: did"):
-        following.aim([0, 45, 0, 0, 0])  # would else be drawn in to the limit, and gone to
     doors = {
         "60 rad: did you mean degrees": lambda: arm.plan([0, -45, 45, 60, 0]),
         "90 rad: did you mean degrees": lambda: so101.PathGoal(waypoints=[[0, 0, 90, 0, 0]]),
