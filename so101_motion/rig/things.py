@@ -6,8 +6,8 @@ import numpy as np
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.drivers.things import FRICTION, Support, Thing, Things
-from so101_motion.planning.collision.coal_shapes import directions, held_shape
-from so101_motion.planning.collision.scene import Capsule, Obstacle, Scene, Shape, Sphere
+from so101_motion.planning.collision.coal_shapes import held_shape, hull_points
+from so101_motion.planning.collision.scene import Obstacle, Scene
 from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -61,7 +61,7 @@ def _thing(item: Obstacle, friction: float) -> Thing:
     """An item as its convex hull, of one density."""
     from scipy.spatial import ConvexHull  # slow to import
 
-    points = _corners(read_shape(item.shape))
+    points = hull_points(read_shape(item.shape))
     hull = ConvexHull(points)
     corners = points[hull.simplices]
     volumes = np.abs(np.linalg.det(corners - points.mean(axis=0)))
@@ -80,16 +80,6 @@ def _thing(item: Obstacle, friction: float) -> Thing:
         T_base=item.T_base_obstacle,
         friction=friction,
     )
-
-
-def _corners(shape: Shape) -> Array:
-    """Points whose hull is the shape, shape (n, 3), [m]."""
-    if not isinstance(shape, Sphere | Capsule):
-        return held_shape(shape)[1]
-    ends = 0.5 * shape.length - shape.radius if isinstance(shape, Capsule) else 0.0
-    ball = shape.radius * directions()
-    up = np.array([0.0, 0.0, ends])
-    return np.concatenate([ball + up, ball - up])
 
 
 def _spread(triangles: Array) -> Array:

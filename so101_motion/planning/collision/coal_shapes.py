@@ -78,11 +78,20 @@ def held_shape(shape: Shape) -> tuple[Any, Array]:
 MOST_CORNERS = 512  # most corners of a body that moves; as in ``native.h``
 
 
+def hull_points(shape: Shape, count: int = MOST_CORNERS) -> Array:
+    """Points whose hull is that of a shape, shape (n, 3), [m]; ``count`` of them if it is round."""
+    if not isinstance(shape, Sphere | Capsule):
+        return held_shape(shape)[1]
+    ball = directions(count)
+    half = 0.5 * shape.length - shape.radius if isinstance(shape, Capsule) else 0.0
+    return shape.radius * ball + np.outer(np.sign(ball[:, 2]), (0.0, 0.0, half))
+
+
 @cache
-def directions() -> Array:
-    """Unit vectors all around, shape (MOST_CORNERS, 3), on a spiral."""
-    k = np.arange(MOST_CORNERS) + 0.5
-    z, turn = 1.0 - 2.0 * k / MOST_CORNERS, np.pi * (1.0 + np.sqrt(5.0)) * k
+def directions(count: int = MOST_CORNERS) -> Array:
+    """Unit vectors all around, shape (count, 3), on a spiral."""
+    k = np.arange(count) + 0.5
+    z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + np.sqrt(5.0)) * k
     flat = np.sqrt(1.0 - z * z)
     return np.column_stack((flat * np.cos(turn), flat * np.sin(turn), z))
 

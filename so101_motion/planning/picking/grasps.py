@@ -25,15 +25,13 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_rad
 from so101_motion.planning.cell.handover import JawGeometry
 from so101_motion.planning.collision.bodies import hull_of
-from so101_motion.planning.collision.coal_shapes import held_shape
+from so101_motion.planning.collision.coal_shapes import held_shape, hull_points
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import (
     LINKS,
-    Capsule,
     Obstacle,
     Shape,
     ShapeFile,
-    Sphere,
 )
 from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.kinematics.arm_geometry import JOINT_SLACK, ArmStructure
@@ -158,25 +156,13 @@ class Hull(NamedTuple):
 def _hull_by(_: bytes, shape: Shape) -> Hull:
     from scipy.spatial import ConvexHull
 
-    found = ConvexHull(_points_of(shape))
+    found = ConvexHull(hull_points(shape, _BALL))
     corners = found.points[found.simplices]
     sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(sides, axis=1)
     planes, number = np.unique(np.round(found.equations, 7), axis=0, return_inverse=True)
     order = np.argsort(-np.bincount(number.ravel(), areas), kind="stable")
     return Hull(found.points[found.vertices], planes[order, :3], -planes[order, 3])
-
-
-def _points_of(shape: Shape) -> Array:
-    """Points whose hull is a shape's."""
-    if not isinstance(shape, Sphere | Capsule):
-        return held_shape(shape)[1]
-    k = np.arange(_BALL) + 0.5
-    z, turn = 1.0 - 2.0 * k / _BALL, np.pi * (1.0 + math.sqrt(5.0)) * k
-    flat = np.sqrt(1.0 - z * z)
-    points = shape.radius * np.column_stack((flat * np.cos(turn), flat * np.sin(turn), z))
-    half = 0.0 if isinstance(shape, Sphere) else 0.5 * shape.length - shape.radius
-    return np.asarray(points + np.outer(np.sign(z), (0.0, 0.0, half)))
 
 
 def item_hull(shape: Shape | ShapeFile) -> Hull:
