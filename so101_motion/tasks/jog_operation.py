@@ -11,6 +11,7 @@ from so101_motion.common.operation import LocalOperation, Offer, Row, View
 from so101_motion.common.units import to_m, to_mm
 
 if TYPE_CHECKING:
+    from so101_motion.common.geometry import Array
     from so101_motion.rig.rig import Rig
 
 STEPS_MM = (10.0, 50.0, 1.0)
@@ -24,8 +25,10 @@ class JogOperation(LocalOperation):
     def __init__(self, rig: Rig) -> None:
         super().__init__()
         self._rig, self._jog, self._step = rig, rig.arm.jog(), 0
-        self._p = rig.arm.T_base_tool.p
-        self.commands = {"step": self._next_step, "go": self._go, "jaw": self._jaw}
+        self._p: Array | None = None  # where the tool was sent; None where it is
+        self.commands = {
+            "step": self._next_step, "go": self._go, "jaw": self._jaw, "stop": self._stop
+        }  # fmt: skip
 
     @property
     def view(self) -> View:
@@ -48,6 +51,7 @@ class JogOperation(LocalOperation):
                 ),
                 Offer(command="jaw", title="open the jaw", arguments={"opens": True}, key="o"),
                 Offer(command="jaw", title="close it", arguments={"opens": False}, key="c"),
+                Offer(command="stop", title="stop", key="x"),
             ),
         )
 
@@ -59,12 +63,16 @@ class JogOperation(LocalOperation):
 
     def _go(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mapping[str, Any]:
         """Move the tool by so much [mm] in the base frame; from where it is held, if it is."""
-        if self._jog.held_by:
-            self._p = self._rig.arm.T_base_tool.p
-        wanted = self._p + to_m(np.array([x, y, z]))
+        at = self._rig.arm.T_base_tool.p if self._p is None or self._jog.held_by else self._p
+        wanted = at + to_m(np.array([x, y, z]))
         self._jog.to_point(wanted)
         self._p = wanted
         return {"tool_mm": to_mm(wanted).tolist()}
+
+    def _stop(self) -> None:
+        self._rig.arm.stop()  # brakes harder than a jog that is let go
+        self._rig.gripper.stop()
+        self._jog, self._p = self._rig.arm.jog(), None
 
     def _jaw(self, opens: bool) -> None:
         (self._rig.gripper.open if opens else self._rig.gripper.close)(wait=False)

@@ -108,6 +108,14 @@ def test_keys_move_the_tool_in_steps(rig):
     assert [each.arguments["x"] for each in jogging.view.offers if each.title == "ahead"] == [10.0]
     jogging.ask("step")
     assert [each.arguments["x"] for each in jogging.view.offers if each.title == "back"] == [-50.0]
+    x, y, z = rig.arm.T_base_tool.p
+    jogging.ask("go", z=-50.0)
+    while rig.arm.T_base_tool.p[2] > z - 0.005:
+        assert not jogging.view.trouble
+    jogging.ask("stop")
+    while rig.arm.is_moving and np.abs(rig.arm.state.qd).max() > 1e-3:
+        pass
+    assert rig.arm.T_base_tool.p[2] > z - 0.045  # not where it was sent
     jogging.close()
     assert not rig.arm.is_moving
 
