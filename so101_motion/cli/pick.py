@@ -62,10 +62,9 @@ def pick(
         if scene is not None:
             rig.arm.scene = scene
         operation = _picking(rig)
-        given = {"item": item, "place": place}
         wish = {} if approach is None else {"approach": approach}
         with busy_message("planning"), closing(operation):
-            found = operation.ask("plan_pick", **given, **wish)
+            found = operation.ask("plan_pick", item=item, place=place, **wish)
             if only_plan or not as_json:
                 _show(found, as_json and only_plan)
             if only_plan:
@@ -73,11 +72,7 @@ def pick(
             have_agreed(f"Move the {source.what} for {found['duration_s']:.1f} s?", yes)
             end_as_asked(source.at_end, rig)
             with stops_on_ctrl_c(rig.arm):
-                held = item in operation.view.facts["held"]
-                if held:
-                    done = operation.ask("place", item=item, at=place)
-                else:
-                    done = operation.ask("pick", **given, **wish, tries=tries)
+                done = operation.ask("run", tries=tries)
         for said in operation.view.said:
             aside(said.text)
         text = f"'{item}' is put down" if place else f"'{item}' is held"

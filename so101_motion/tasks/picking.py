@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import Future
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,6 +57,16 @@ def place_from(text: str, scene: Scene) -> Place | None:
     return Place(p=to_m(np.array(numbers[:3])), yaw=yaw)
 
 
+class _Planned(NamedTuple):
+    """What was planned, and for what."""
+
+    item: str
+    place: str
+    wishes: Wishes
+    plan: PickPlan
+    scene: Scene  # the arm's scene when it was planned
+
+
 class PickOperation(LocalOperation):
     """Picks the items of an arm's scene and places them; ``place`` is proposed."""
 
@@ -65,8 +75,7 @@ class PickOperation(LocalOperation):
     def __init__(self, picker: Picker, place: str = "") -> None:
         super().__init__()
         self._picker = picker
-        self._planned: tuple[str, str, PickPlan] | None = None
-        self._planned_in: Scene | None = None  # the scene the plan was made in
+        self._planned: _Planned | None = None
         self._item, self._at = "", place
         self._run: PickRun | None = None
         self._trouble = ""
@@ -82,7 +91,7 @@ class PickOperation(LocalOperation):
     @property
     def view(self) -> View:
         run, planned = self._run, self._planned
-        plan = run.plan if run is not None else planned[2] if planned else None
+        plan = run.plan if run is not None else planned.plan if planned else None
         moving = run is not None and not run.future.done()
         state = run.stage if moving and run else "planned" if planned else "idle"
         return View(
@@ -104,13 +113,11 @@ class PickOperation(LocalOperation):
     def _held(self) -> list[str]:
         return [each.name for each in self._picker.arm.scene.attached if not each.fixed]
 
-    def _text(
-        self, moving: bool, run: PickRun | None, planned: tuple[str, str, PickPlan] | None
-    ) -> str:
+    def _text(self, moving: bool, run: PickRun | None, planned: _Planned | None) -> str:
         if moving and run is not None:
             return f"{DOING[run.stage].format(run.name)}."
         if planned is not None:
-            return f"Planned: {planned[2].duration:.1f} s. Press Go."
+            return f"Planned: {planned.plan.duration:.1f} s. Press Go."
         if self._held:
             return f"The gripper holds {self._held[-1]}; say where to put it."
         if not self._items:
@@ -154,7 +161,7 @@ class PickOperation(LocalOperation):
         """Why nothing that is planned can be carried out."""
         if self._planned is None:
             return "plan it first"
-        same = self._planned_in is self._picker.arm.scene
+        same = self._planned.scene is self._picker.arm.scene
         return None if same else "the scene has changed since it was planned; plan it again"
 
     # Commands
@@ -176,9 +183,9 @@ class PickOperation(LocalOperation):
         """Plan to pick an item, or to place what is held; moves nothing."""
         self._item, self._at, self._planned, self._run = item, place, None, None
         self._trouble = ""
-        scene = self._picker.arm.scene
-        plan = self._picker.plan(item, self._place_from(place), _wishes(approach))
-        self._planned, self._planned_in = (item, place, plan), scene
+        scene, wishes = self._picker.arm.scene, _wishes(approach)
+        plan = self._picker.plan(item, self._place_from(place), wishes)
+        self._planned = _Planned(item, place, wishes, plan, scene)
         return _facts(plan)
 
     def _pick(
@@ -199,11 +206,13 @@ class PickOperation(LocalOperation):
     def _place_from(self, text: str) -> Place | None:
         return place_from(text, self._picker.arm.scene)
 
-    def _go(self) -> Started:
-        if self._planned is None or self._unplanned:
-            raise NotPossibleNow("run", self._unplanned or "plan it first")
-        item, place, plan = self._planned
-        return self._begin(item, place, Wishes(), TRIES, plan)
+    def _go(self, tries: int | None = TRIES) -> Started:
+        """Carry out what was planned; if the jaws miss, further grasps as they were wished."""
+        planned, why_not = self._planned, self._unplanned
+        if planned is None or why_not:
+            raise NotPossibleNow("run", why_not or "plan it first")
+        tries = max(tries or TRIES, 1)
+        return self._begin(planned.item, planned.place, planned.wishes, tries, planned.plan)
 
     def _stop(self) -> dict[str, Any]:
         if self._run is not None:

@@ -49,6 +49,20 @@ def test_what_was_planned_in_another_scene_is_not_carried_out(planning_process):
             operation.begin("run")
 
 
+def test_a_miss_of_what_was_planned_is_followed_by_grasps_as_they_were_wished(
+    planning_process, monkeypatch
+):
+    asked = []
+    monkeypatch.setattr(PickOperation, "_begin", lambda _, *given: asked.append(given))
+    with open_simulated(scene=cube_and_tray(), clock=ManualClock()) as rig:
+        operation = PickOperation(rig.picker)
+        facts = operation.begin("plan_pick", item="cube", approach="above")
+        operation.begin("run", tries=2)
+    ((item, _, wishes, tries, plan),) = asked
+    assert (item, wishes.kinds, tries) == ("cube", ("above",), 2)
+    assert plan.grasp.kind == facts["approach"] == "above"
+
+
 def test_a_place_is_a_point_or_what_is_put_on():
     scene = cube_and_tray()
     assert place_from("", scene) is None
