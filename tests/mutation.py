@@ -243,8 +243,6 @@ def main() -> None:
                 "0",
                 "-p",
                 "no:cacheprovider",
-                "--reruns",
-                "0",
                 "-o",
                 "timeout=0",
                 "-p",
