@@ -273,7 +273,7 @@ def try_demo(machine: Machine, line: str, folder: str) -> None:
         os.killpg(process.pid, signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(15.0)
-        verdict = verdict if "so101: stopping" in log.read_text() else ""
+        verdict = verdict if "ended by Ctrl-C" in log.read_text() else ""
     end(process)
     machine.note(line, verdict, last_words(log.read_text()), seconds)
 
