@@ -234,7 +234,9 @@ def _passed_at(plan: Plan, passed: list[Array]) -> list[float]:
     for waypoint in passed:
         off = np.abs(q[begin:] - waypoint).max(axis=1)
         near = np.flatnonzero(off <= max(PASSING + step, float(off.min())))
-        left = near[0] + np.argmax(np.append(off[near[0] :] > off[near[0]], True))
-        begin += int(near[0] + np.argmin(off[near[0] : left + 1]))
+        from_here = off[near[0] :]
+        # A path that turns back may drift a little before it comes nearer.
+        left = np.argmax(np.append(from_here > np.minimum.accumulate(from_here) + step, True))
+        begin += int(near[0] + np.argmin(from_here[: left + 1]))
         times.append(min(begin * dt, plan.duration))
     return times
