@@ -113,6 +113,14 @@ def test_what_can_be_typed_into_the_emulator_is_understood():
             parse_fault(typed.removeprefix("end "), ends=typed.startswith("end "))
 
 
+def test_the_tests_that_minimal_machines_run_exist():
+    script = (ROOT / "tests" / "machines" / "try_machines.py").read_text()
+    named = re.findall(r"(tests/\S+\.py)::(\w+)", script)
+    assert named
+    for file, test in named:
+        assert f"def {test}(" in (ROOT / file).read_text(), (file, test)
+
+
 def test_every_make_target_that_is_shown_exists():
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
     shown = re.findall(r"make (\w+)", " ".join(blocks(ROOT / "README.md", "console")))

@@ -40,7 +40,7 @@ RELEASES = {"bookworm": "Debian 12", "trixie": "Debian 13"}
 USERS = ("root", "newcomer")
 SELECTION = (
     "tests/unit/test_install.py tests/unit/common/test_import_check.py "
-    "tests/module/test_process.py::test_ending_while_the_arm_moves_is_clean "
+    "tests/module/test_process.py::test_a_session_from_the_handshake_to_the_end "
     "tests/browser/test_windows_and_devices.py::test_p_plans_escape_and_space_stop_also_in_a_field_and_no_other_key_moves_the_arm"
 )
 """The tests of the trial; all of them take too long to be tried on eight machines."""
