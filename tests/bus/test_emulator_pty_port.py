@@ -163,6 +163,17 @@ def test_late_reply_comes_after_the_answer_to_the_next_question(make_emulator):
         assert replies == bytes.fromhex("FF FF 02 02 00 FB") + PONG
 
 
+def test_a_reply_is_lost_when_the_client_has_changed_its_rate_meanwhile(make_emulator):
+    emulator = make_emulator(pacing=Pacing(realtime=True, latency=0.5))  # bears a stall of 0.4 s
+    with open_port(emulator, timeout=0.8) as port:
+        port.write(PING)
+        threading.Event().wait(0.1)  # the servo answers, the adapter still holds it
+        port.baudrate = 500_000
+        assert port.read(6) == b""
+        port.baudrate, port.timeout = 1_000_000, 30.0
+        assert ask(port, PING, 6) == PONG
+
+
 def test_client_that_never_reads_blocks_nobody(make_emulator):
     emulator = make_emulator()
     with open_port(emulator) as deaf:

@@ -5,7 +5,8 @@ time that is when the last byte would have left the wire; otherwise at once. On 
 adapter's latency: like a USB adapter it holds what it received until that long after the first
 byte, and then hands over everything it has by then.
 
-A client's baud rate is read back from the terminal, so a client at the wrong rate is not heard.
+A client's baud rate is read back from the terminal, so a client at the wrong rate is not heard, and
+a reply that comes after it has changed its rate is lost.
 Unplugging closes the pseudo-terminal while a client may have it open; plugging in opens another,
 usually under another name, and ``link`` follows it.
 
@@ -129,7 +130,7 @@ class PtyPort:
     ) -> None:
         self._bus, self._now, self._pacing, self._link = bus, now, pacing, link
         self._wake_read, self._wake_write = os.pipe()
-        self._due: list[tuple[float, int, bytes]] = []  # ready time, order, bytes
+        self._due: list[tuple[float, int, bytes, int]] = []  # ready time, order, bytes, baud rate
         self._order = count()
         self._wire_free = 0.0
         self._lock = threading.Lock()
@@ -244,11 +245,12 @@ class PtyPort:
     def _receive(self, terminal: _Terminal) -> None:
         arrival = time.monotonic()
         data = os.read(terminal.master, _CHUNK)
-        replies = self._bus.feed(data, self._now(), baud=terminal.baud())
+        baud = terminal.baud()
+        replies = self._bus.feed(data, self._now(), baud=baud)
         start = max(arrival, self._wire_free)
         for reply in replies:
             ready = self._ready(reply, start if self._pacing.realtime else arrival)
-            heapq.heappush(self._due, (ready, next(self._order), reply.data))
+            heapq.heappush(self._due, (ready, next(self._order), reply.data, baud))
         if replies:
             self._wire_free = start + max(reply.after for reply in replies)
 
@@ -265,9 +267,11 @@ class PtyPort:
         now = time.monotonic()
         if not self._due or self._due[0][0] + self._pacing.latency > now:
             return
-        ready = b""
+        ready, hears = b"", terminal.baud()
         while self._due and self._due[0][0] <= now:
-            ready += heapq.heappop(self._due)[2]
+            _, _, data, baud = heapq.heappop(self._due)
+            if baud == hears:  # a client that has changed its rate meanwhile hears noise
+                ready += data
         # A client that never reads overruns its buffer, as on a real port.
         with contextlib.suppress(BlockingIOError):
             self.delivered += os.write(terminal.master, ready)
