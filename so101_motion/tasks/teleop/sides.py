@@ -17,7 +17,7 @@ from so101_motion.calib.record.zero import MIDDLE
 from so101_motion.common.errors import Interrupted, NotHolding, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, JointState
 from so101_motion.control.executor import Channel, Executor
 from so101_motion.control.following import Following
 from so101_motion.rig.hardware_rig import HardwareRig
@@ -143,7 +143,7 @@ class LocalLeader(Leader):
 
     def __init__(self, arm: LocalArm, *, lets_go: bool = True) -> None:
         self._arm, self._lets_go = arm, lets_go
-        self._t = -np.inf
+        self._reading: JointReading | None = None  # the latest
         self._ends: list[Callable[[], None]] = []
 
     def attach(self, predictor: Predictor) -> None:
@@ -179,7 +179,7 @@ class LocalLeader(Leader):
         )
 
     def _hear(self, predictor: Predictor, state: JointState) -> None:
-        is_old, self._t = state.t == self._t, state.t
+        is_old, self._reading = state.reading is self._reading, state.reading
         if is_old or state.mode is Mode.CALIBRATING:  # out of reach, or its angles mean nothing
             predictor.lose()
             return

@@ -184,10 +184,12 @@ class So101Teleop(Configured, Generic):
 
     def _sides(self) -> tuple[Leader, Follower, Clock, bool]:
         config = self._config
-        jaws = config.grippers or (None, None)
+        arms, jaws = (config.leader_arm, config.follower_arm), config.grippers or (None, None)
+        here = [ArmResource.here.get(_short(arm)) for arm in arms]
+        clocks: list[Clock] = [arm.rig.clock for arm in here if arm is not None]
+        clock = clocks[-1] if clocks else MonotonicClock()  # of both sides, and of the session
         leading, following = (
-            self._side(arm, jaw)
-            for arm, jaw in zip((config.leader_arm, config.follower_arm), jaws, strict=True)
+            self._side(arm, jaw, clock) for arm, jaw in zip(arms, jaws, strict=True)
         )
         if (
             isinstance(leading, LocalArm)
@@ -209,23 +211,21 @@ class So101Teleop(Configured, Generic):
             raise ConfigError("collision_guard", True, reason)
         else:
             follower = RemoteFollower(following)
-        clocks = [side.station.clock for side in (leading, following) if isinstance(side, LocalArm)]
         if len(set(map(id, clocks))) == 2 and not all(
             isinstance(clock, MonotonicClock) for clock in clocks
         ):
             reason = "has another clock than the leader; set simulate_time to true for both"
             raise ConfigError("follower_arm", config.follower_arm, reason)
-        clock = clocks[-1] if clocks else MonotonicClock()
         return leader, follower, clock, len(clocks) == 2
 
-    def _side(self, arm: str, jaw: str | None) -> LocalArm | RemoteArm:
+    def _side(self, arm: str, jaw: str | None, clock: Clock) -> LocalArm | RemoteArm:
         here = ArmResource.here.get(_short(arm))
         if here is None:
             return RemoteArm(
                 arm=self._client(arm, "arm"),
                 gripper=self._client(jaw, "gripper") if jaw else None,
                 loop=asyncio.get_running_loop(),
-                clock=MonotonicClock(),
+                clock=clock,
                 rate=self._config.rate,
             )
         gripper = GripperResource.here.get(_short(jaw)) if jaw else None
