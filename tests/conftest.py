@@ -11,6 +11,7 @@ from harness import lanes
 from harness.clocks import pace_simulated_arms
 from harness.heard_port import hear_terminals_of_this_process
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 from referee.official import refereed
 
 from so101_motion.common.clock import ManualClock
@@ -37,6 +38,10 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if getattr(config.option, _SEED_OPTION, None) is None:
         setattr(config.option, _SEED_OPTION, "0")  # what passes once passes again
+        # Without constants from the code that happens to be imported: they depend on which tests
+        # a worker ran before.
+        constants = providers.Constants()
+        providers._get_local_constants = lambda: constants
     if hasattr(config, "workerinput"):
         config.pluginmanager.register(lanes.Yielding(config.workerinput))
 

@@ -175,9 +175,9 @@ def is_listening(path):
         return probe.connect_ex(str(path)) == 0
 
 
-async def until(check):
+async def until(check, seconds=60.0):
     """Wait until ``check()``, plain or awaited, is true; not for ever."""
-    async with asyncio.timeout(60.0):
+    async with asyncio.timeout(seconds):
         while True:
             answer = check()
             if await answer if asyncio.iscoroutine(answer) else answer:

@@ -1,6 +1,7 @@
 """The teleoperation service: arms of its own process directly, others through Viam."""
 
 import asyncio
+import contextlib
 import csv
 from contextlib import asynccontextmanager
 from functools import partial
@@ -101,10 +102,21 @@ async def parted(client):
     return now["state"] == "waiting" and any(words in now["reason"] for words in LOST)
 
 
+async def brought_together(client, leader, follower):
+    """Bring the leader to the follower, which may still move, until the follower mirrors it."""
+    for _ in range(10):
+        here = await follower.get_joint_positions()
+        await in_the_end(partial(leader.move_to_joint_positions, here))
+        with contextlib.suppress(TimeoutError):
+            return await until(lambda: is_in(client, "mirroring"), seconds=6.0)
+    raise AssertionError(f"the follower does not mirror: {await told(client)}")
+
+
 async def followed(client, leader, follower, go, is_there):
     """Let the leader ``go()``, as a task, until ``is_there()``; begun again if they are parted."""
+    start = await leader.get_joint_positions()
     for _ in range(10):
-        await until(lambda: is_in(client, "mirroring"))
+        await brought_together(client, leader, follower)
         going = asyncio.ensure_future(in_the_end(go))
         there = False
 
@@ -117,9 +129,8 @@ async def followed(client, leader, follower, go, is_there):
         if there:
             return going
         await going
-        here = await follower.get_joint_positions()
-        back = partial(leader.move_to_joint_positions, here)
-        await in_the_end(back)
+        await brought_together(client, leader, follower)
+        await in_the_end(partial(leader.move_to_joint_positions, start))
     raise AssertionError("they are parted again and again")
 
 
@@ -278,8 +289,7 @@ async def test_a_side_elsewhere_that_does_not_answer_makes_the_follower_hold(her
         side.is_deaf = False
         status = await told(client)
         assert status["state"] == "waiting"
-        await leader.move_to_joint_positions(await follower.get_joint_positions())
-        await until(lambda: is_in(client, "mirroring"))
+        await brought_together(client, leader, follower)
 
 
 @pytest.mark.parametrize(
