@@ -12,17 +12,8 @@ from html import escape
 from typing import NamedTuple
 
 from .events import Event
-from .screen_state import Sentence, Tone
+from .screen_state import Sentence
 from .texts import capital
-
-TONES = {
-    Tone.PLAIN: "inherit",
-    Tone.GOOD: "var(--so101-good)",
-    Tone.WARM: "var(--so101-warm)",
-    Tone.BAD: "var(--so101-bad)",
-}
-"""Legible on light and on dark; see ``front.css``."""
-
 
 ROUNDED = 0.01
 """A limit so near to a whole number is shown as that; others are rounded inwards [deg, %]."""
@@ -33,10 +24,7 @@ NEAR_LIMIT = 0.03
 
 def sentence(sentence: Sentence) -> str:
     """One sentence, whole, coloured by its tone; there is room for three lines."""
-    return (
-        f'<div class="so101-says" style="color:{TONES[sentence.tone]}">'
-        f"{escape(sentence.text)}</div>"
-    )
+    return f'<div class="so101-says so101-{sentence.tone.value}">{escape(sentence.text)}</div>'
 
 
 def headline(title: str, subtitle: str, *, is_under_way: bool) -> str:
@@ -46,9 +34,8 @@ def headline(title: str, subtitle: str, *, is_under_way: bool) -> str:
     """
     kind = "so101-once so101-wizard" if is_under_way else "so101-once"
     return (
-        f'<div class="{kind}" style="padding:.4em .7em .2em">'
-        f'<div style="font-size:1.15em;font-weight:700">{escape(title)}</div>'
-        f'<div style="font-size:.8em;color:var(--so101-dim)">{escape(subtitle)}</div></div>'
+        f'<div class="so101-headline {kind}"><b>{escape(title)}</b>'
+        f"<small>{escape(subtitle)}</small></div>"
     )
 
 
@@ -60,43 +47,33 @@ def facts(rows: Iterable[tuple[str, ...]], *, lines: int = 0) -> str:
     table = [*rows]
     columns = len(table[0]) - 1 if table else 1
     cells = "".join(
-        f'<span style="color:var(--so101-dim)">{escape(name)}</span>'
-        + "".join(f'<span style="overflow-wrap:anywhere">{escape(v)}</span>' for v in values)
+        f"<i>{escape(name)}</i>" + "".join(f"<span>{escape(v)}</span>" for v in values)
         for name, *values in table
     )
-    return (
-        '<div style="display:grid;'
-        f"grid-template-columns:max-content repeat({columns},minmax(0,1fr));"
-        f"gap:.1em 1em;padding:.2em .7em .4em;font-size:.82em;min-height:{lines}lh;"
-        f'align-content:start">{cells}</div>'
-    )
+    return f'<div class="so101-facts" style="--columns:{columns};--lines:{lines}">{cells}</div>'
 
 
 def small(text: str) -> str:
-    look = "padding:0 .9em .5em;font-size:.78em;color:var(--so101-dim)"
-    return f'<div style="{look}">{escape(text)}</div>'
+    return f'<div class="so101-small">{escape(text)}</div>'
 
 
 def caption(text: str, is_old: bool) -> str:
-    old = ' class="so101-old"' if is_old else ""
-    return f'<div{old} style="padding:.2em .9em 0;font-size:.82em">{escape(text)}</div>'
+    old = " so101-old" if is_old else ""
+    return f'<div class="so101-caption{old}">{escape(text)}</div>'
 
 
 def picture(url: str | None, trouble: str) -> str:
     """A camera's picture, a ``data:`` address; grey, with what is wrong, when it is old."""
-    old = "filter:grayscale(1);opacity:.5;" if trouble else ""
-    look = f"{old}display:block;width:100%"
-    image = f'<img alt="The camera\'s picture" src="{escape(url or "")}" style="{look}">'
+    image = f'<img alt="The camera\'s picture" src="{escape(url)}">' if url else ""
     what = "No new picture" if url else "No picture"
     said = warning(capital(f"{what}: {trouble}")) if trouble else ""
-    return f'<div style="padding:.3em">{image if url else ""}{said}</div>'
+    return f'<div class="so101-picture">{image}{said}</div>'
 
 
 def warning(text: str) -> str:
     """A text in the colour of a warning; no line ends within an option such as ``-aG``."""
-    look = "padding:.2em .9em .5em;font-size:.85em;color:var(--so101-warm);overflow-wrap:anywhere"
-    whole = re.sub(r"(?<= )-\w+", r'<span style="white-space:nowrap">\g<0></span>', escape(text))
-    return f'<div style="{look}">{whole}</div>'
+    whole = re.sub(r"(?<= )-\w+", r"<span>\g<0></span>", escape(text))
+    return f'<div class="so101-warning">{whole}</div>'
 
 
 def to_copy(about: str, text: str) -> str:
@@ -106,32 +83,21 @@ def to_copy(about: str, text: str) -> str:
         "if(document.execCommand('copy'))this.textContent='Copied';t.blur()"  # Space stops again
     )
     return (
-        '<div style="padding:.3em .7em .5em;font-size:.82em;line-height:1.35">'
-        f'<div style="color:var(--so101-dim)">{escape(about)}</div>'
-        f'<textarea readonly aria-label="{escape(about)}" spellcheck="false"'
-        ' style="display:block;width:100%;height:14em;'
-        "box-sizing:border-box;margin:.5em 0;padding:.5em;font:.9em/1.3 monospace;color:inherit;"
-        f'background:#8882;border:1px solid #8886;border-radius:.2em">{escape(text)}</textarea>'
-        f'<button type="button" class="so101-copy" onclick="{escape(copy)}"'
-        ' style="width:100%;padding:.4em;border:0;border-radius:.2em;background:#ffb70f;color:#000;'
-        'font:inherit;cursor:pointer">Copy</button>'
-        "</div>"
+        f'<div class="so101-to-copy"><div>{escape(about)}</div>'
+        f'<textarea readonly aria-label="{escape(about)}" spellcheck="false">{escape(text)}'
+        "</textarea>"
+        f'<button type="button" class="so101-copy" onclick="{escape(copy)}">Copy</button></div>'
     )
 
 
 def events(items: Iterable[Event]) -> str:
     rows = "".join(
-        f'<span style="color:var(--so101-dim)">{event.at:%H:%M:%S}</span>'
-        f'<span style="color:{TONES[event.tone]};overflow-wrap:anywhere">'
-        f"{escape(event.text)}</span>"
+        f"<i>{event.at:%H:%M:%S}</i>"
+        f'<span class="so101-{event.tone.value}">{escape(event.text)}</span>'
         for event in items
     )
-    return (
-        '<div role="region" aria-label="Events" tabindex="0"'  # keys scroll it
-        ' style="display:grid;grid-template-columns:max-content 1fr;gap:.2em .7em;'
-        "padding:.5em .7em;font-size:.8em;line-height:1.3;max-height:15em;overflow-y:auto;"
-        f'font-variant-numeric:tabular-nums">{rows}</div>'
-    )
+    region = 'role="region" aria-label="Events" tabindex="0"'  # keys scroll it
+    return f'<div class="so101-events" {region}>{rows}</div>'
 
 
 class Span(NamedTuple):
@@ -208,20 +174,12 @@ def gauge(
     It turns red near its limits if it ``warns``; a closed gripper is nothing to warn of.
     """
     share = min(max((value - lower) / (upper - lower), 0.0), 1.0)
-    near = warns and min(share, 1.0 - share) < NEAR_LIMIT
-    color = "#e03131" if near else "#f08c00"
+    near = " near" if warns and min(share, 1.0 - share) < NEAR_LIMIT else ""
     least, most = math.ceil(lower - ROUNDED), math.floor(upper + ROUNDED)
     ends = f"{least} to {most} {unit}"
-    limit = "position:absolute;top:.75em;font-size:.72em;line-height:1;color:var(--so101-dim)"
     return (
-        f'<div title="{escape(name)}: {escape(ends)}" style="display:grid;'
-        "grid-template-columns:7em 1fr 4.2em;gap:.6em;align-items:center;font-size:.82em;"
-        f'line-height:2.3"><span>{escape(name)}</span>'
-        '<span style="height:.45em;border-radius:.25em;background:#8884;position:relative">'
-        f'<i style="position:absolute;left:calc({100.0 * share:.1f}% - .2em);top:-.2em;'
-        f'width:.4em;height:.85em;border-radius:.2em;background:{color}"></i>'
-        f'<small style="{limit};left:0">{least}</small>'
-        f'<small style="{limit};right:0">{most}</small></span>'
-        '<span style="text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap">'
-        f"{round(value, 1) + 0.0:.1f} {escape(unit)}</span></div>"
+        f'<div class="so101-gauge{near}" title="{escape(name)}: {escape(ends)}">'
+        f'<span>{escape(name)}</span><div><i style="left:{100.0 * share:.1f}%"></i>'
+        f"<small>{least}</small><small>{most}</small></div>"
+        f"<b>{round(value, 1) + 0.0:.1f} {escape(unit)}</b></div>"
     )

@@ -30,7 +30,7 @@ from ..scene.robot_view import Line, RobotView, segments
 from ..scene.scene_edits import held_by
 from ..scene.scene_view import SceneView
 from ..server.guarded_server import start_guarded
-from ..server.head import NOTICE, script
+from ..server.head import NOTICE, front_file
 
 FRAMES = 30.0  # pictures a second; chosen, it looks smooth and keeps the file small
 _PAUSE = 0.8  # how long the arm rests at both ends before the player begins again [s]; chosen
@@ -209,8 +209,8 @@ def _dressed(player: str, film: Film) -> str:
     facts = film.facts()
     rows = "".join(f"<i>{escape(name)}</i><span>{escape(value)}</span>" for name, value in facts)
     return (
-        f"{player[:head]}{policy}<title>{title}</title><script>{script(NOTICE)}</script>"
-        f"{player[head:body]}{_CARD_STYLE}"
+        f"{player[:head]}{policy}<title>{title}</title><script>{front_file(NOTICE)}</script>"
+        f"{player[head:body]}<style>{front_file('film.css')}</style>"
         f'<div id="so101-card"><b>{title}</b><div>{rows}</div></div>{player[body:]}'
     )
 
@@ -218,28 +218,6 @@ def _dressed(player: str, film: Film) -> str:
 _LIGHT = "__VISER_EMBED_CONFIG__={darkMode:false}"
 _AS_WISHED = "__VISER_EMBED_CONFIG__={darkMode:matchMedia('(prefers-color-scheme: dark)').matches}"
 """viser fixes the colour scheme when a film is made; ours follows the viewer's system setting."""
-
-_CARD_STYLE = """<style>
-#so101-card { position: fixed; left: 14px; top: 14px; z-index: 1; pointer-events: none;
-  max-width: min(26em, calc(100vw - 28px)); box-sizing: border-box; padding: .8em 1em;
-  border-radius: .5em; background: rgba(255, 255, 255, .88); color: #212529;
-  font: 14px/1.45 system-ui, sans-serif; overflow-wrap: anywhere;
-  box-shadow: 0 1px 6px rgba(0, 0, 0, .15) }
-#so101-card b { display: block; font-size: 1.15em; margin-bottom: .3em }
-#so101-card div { display: grid; grid-template-columns: max-content 1fr; gap: .1em 1em }
-#so101-card i { font-style: normal; opacity: .65 }
-@media (prefers-color-scheme: dark) {
-  #so101-card { background: rgba(36, 36, 36, .88); color: #dee2e6 }
-}
-@media (max-width: 600px) { #so101-card { font-size: 12px } }
-@media (max-aspect-ratio: 1) { #so101-card { top: auto; bottom: 62px } }
-.mantine-Notifications-root {
-  top: auto !important; left: auto !important; bottom: 60px; right: 12px;
-}
-@media (max-aspect-ratio: 1) {
-  .mantine-Notifications-root { top: 12px !important; bottom: auto !important }
-}
-</style>"""
 
 
 def _at(t: Array, known: Array, values: Array) -> Array:

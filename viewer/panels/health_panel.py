@@ -120,15 +120,10 @@ def _from_status(reported: Mapping[str, Any]) -> list[JointHealth]:
 
 def figures(found: Health) -> str:
     if found.silence is not None:
-        servos = f'<div style="opacity:.8">{escape(found.silence)}</div>'
+        servos = escape(found.silence)
     else:
         head = "".join(f"<span>{name}</span>" for name in ("", "V", "A", "°C", "load %", "errors"))
-        rows = "".join(map(_servo, found.servos))
-        servos = (
-            '<div style="display:grid;grid-template-columns:1fr repeat(5,max-content);'
-            'gap:.15em .75em;text-align:right;font-variant-numeric:tabular-nums">'
-            f'<div style="display:contents;color:var(--so101-dim)">{head}</div>{rows}</div>'
-        )
+        servos = f"<div><p>{head}</p>{''.join(map(_servo, found.servos))}</div>"
     lines = []
     if found.period is not None:
         lines.append(("Control cycle", f"{1000.0 * found.period:.0f} ms"))
@@ -143,18 +138,14 @@ def figures(found: Health) -> str:
         lines.append(("Disconnected", times))
     if found.last_failure is not None:
         lines.append(("Before the last failure", found.last_failure))
-    return (
-        f'<div style="padding:.5em .7em .2em;font-size:.82em">{servos}</div>{markup.facts(lines)}'
-    )
+    return f'<div class="so101-health">{servos}</div>{markup.facts(lines)}'
 
 
 def _servo(servo: JointHealth) -> str:
     count = servo.lost + servo.corrupt
     errors = _figure(f"{count}", Tone.WARM if count else Tone.PLAIN)
     if servo.is_silent:
-        figures = (
-            f'<b style="grid-column:span 4;color:{markup.TONES[Tone.BAD]}">does not answer</b>'
-        )
+        figures = '<b class="so101-bad silent">does not answer</b>'
     else:
         tone = tones(servo)
         figures = (
@@ -163,19 +154,14 @@ def _servo(servo: JointHealth) -> str:
             + _figure(f"{servo.temperature_c:.0f}", tone["celsius"])
             + _figure(f"{100.0 * abs(servo.load):.0f}", tone["load"])
         )
-    name = f'<span style="text-align:left">{escape(servo.joint)}</span>'
-    reports = ""
-    if servo.faults:
-        reports = (
-            f'<b style="grid-column:span 6;text-align:left;color:{markup.TONES[Tone.BAD]}">'
-            f"reports: {escape(', '.join(servo.faults))}</b>"
-        )
-    return f"{name}{figures}{errors}{reports}"
+    reports = escape(", ".join(servo.faults))
+    said = f'<b class="so101-bad reports">reports: {reports}</b>' if reports else ""
+    return f"<i>{escape(servo.joint)}</i>{figures}{errors}{said}"
 
 
 def _figure(text: str, tone: Tone) -> str:
-    weight = 400 if tone is Tone.PLAIN else 700
-    return f'<span style="color:{markup.TONES[tone]};font-weight:{weight}">{text}</span>'
+    kind = "span" if tone is Tone.PLAIN else "b"
+    return f'<{kind} class="so101-{tone.value}">{text}</{kind}>'
 
 
 SILENCE = "silence"  # the cause of an alarm about servos that do not answer

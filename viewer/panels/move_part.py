@@ -50,7 +50,7 @@ class ArmPanel:
         opened = 100.0 * (state.q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED)
         jaw = markup.gauge("gripper", opened, 0.0, 100.0, unit="%", warns=False)
         html = "".join((*joints, jaw))
-        self._joints.content = f'<div style="padding:.3em .7em .5em">{html}</div>'
+        self._joints.content = f'<div class="so101-gauges">{html}</div>'
 
 
 class MovePart(Part):

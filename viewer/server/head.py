@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gzip
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 from websockets.http11 import Response
@@ -17,15 +17,16 @@ _SCRIPTS = (
 )  # fmt: skip
 
 
-def script(name: str) -> str:
+@cache
+def front_file(name: str) -> str:
+    """A text file of our front end."""
     return (_FRONT / name).read_text("utf-8")
 
 
 @lru_cache(maxsize=1)
 def front() -> bytes:
-    style = (_FRONT / "front.css").read_text("utf-8")
-    scripts = "".join(map(script, _SCRIPTS))
-    return f"<head><style>{style}</style><script>{scripts}</script>".encode()
+    scripts = "".join(map(front_file, _SCRIPTS))
+    return f"<head><style>{front_file('front.css')}</style><script>{scripts}</script>".encode()
 
 
 def add_head(reply: Response) -> None:

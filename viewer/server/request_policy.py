@@ -19,6 +19,8 @@ from urllib.parse import parse_qs, urlsplit
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from .head import front_file
+
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -36,21 +38,6 @@ _POLICY = (
 server from a ``?websocket=`` parameter, and runs what that server sends."""
 
 _HTML = "text/html; charset=utf-8"
-
-_EXPIRED = """<!doctype html><html lang="en"><meta charset="utf-8">
-<meta name="viewport" content="width=device-width"><title>SO-101: the link is not valid</title>
-<style>
-body { font: 18px/1.5 system-ui, sans-serif; max-width: 34em; margin: 12vh auto; padding: 0 1em;
-  color: #1c2024; background: #fff; }
-@media (prefers-color-scheme: dark) { body { color: #f1f3f5; background: #1f2224; } }
-code { font-size: .95em; background: #8883; padding: .1em .3em; border-radius: 4px; }
-</style>
-<main><h1>This link is not valid</h1>
-<p>Copy the new one from the terminal in which <code>so101 view</code> or
-<code>so101 setup --web</code> runs; it is printed at the start.</p>
-<p>If it does not run any more, start the same command again: this link may then
-be valid again.</p></main></html>
-"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +76,7 @@ class RequestPolicy:
         key = parse_qs(urlsplit(request.path).query).get("key", [""])[0]
         if "Upgrade" not in headers and self._admits(key):
             return self._greet()
-        return _reply(401, _EXPIRED, content_type=_HTML)
+        return _reply(401, front_file("expired.html"), content_type=_HTML)
 
     def _is_ours(self, host: str) -> bool:
         name, separator, port = host.lower().rpartition(":")

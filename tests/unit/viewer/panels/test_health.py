@@ -109,8 +109,8 @@ def test_figures_are_rounded_names_escaped_and_a_silent_servo_has_none():
     page = shown(replace(WELL, is_silent=True))
     assert "does not answer" in page
     assert "12.1" not in page
-    page = shown(replace(WELL, joint="<b>x</b>", faults=("<i>",)))
-    assert "<i>" not in page
+    page = shown(replace(WELL, joint="<b>x</b>", faults=("<u>",)))
+    assert "<u>" not in page
     assert "&lt;b&gt;x&lt;/b&gt;" in page
 
 
