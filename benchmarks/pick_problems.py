@@ -26,7 +26,8 @@ NEAREST, FARTHEST, ASIDE = 0.13, 0.29, math.radians(70.0)
 APART = 0.06
 """Least distance of two places [m]; things touch each other at most at their corners."""
 
-START = np.radians([0.0, -100.0, 85.0, 70.0, 0.0])
+START = np.radians([0.0, -80.0, 60.0, 70.0, 0.0])
+"""The gripper is 168 mm above the table there, clear of everything that lies on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
