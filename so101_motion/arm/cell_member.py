@@ -28,6 +28,7 @@ from so101_motion.planning.collision.scene import Attached, as_seen_by
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
     from so101_motion.arm.gripper import Gripper
+    from so101_motion.arm.picking import Picker
     from so101_motion.arm.planning_worker import PlanningWorker
     from so101_motion.common.clock import Clock
     from so101_motion.control.executor import Executor
@@ -67,6 +68,9 @@ class RigWithExecutor(Protocol):
     clock: Clock
     planner: PlanningWorker
     gripper: Gripper
+
+    @property
+    def picker(self) -> Picker: ...
 
 
 class Stand(NamedTuple):
@@ -116,7 +120,7 @@ class CellMember:
         self.gripper, self.clock, self.worker = rig.gripper, rig.clock, rig.planner
         self.held = dict[str, tuple[Attached, ...]]()
         self._space, self._now, self._ignores = space, rig.clock.now, ignores
-        self._executor = rig.executor
+        self._executor, self._rig = rig.executor, rig
         self._expected: Trajectory | None = None  # one that was checked together with others'
         self._course: Course | None = None
         self._planned: Course | None = None
@@ -128,6 +132,10 @@ class CellMember:
     @property
     def minded(self) -> frozenset[str]:
         return frozenset(each.name for each in self._neighbours())
+
+    @property
+    def picker(self) -> Picker:
+        return self._rig.picker
 
     # Planned motions
 

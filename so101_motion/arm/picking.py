@@ -14,6 +14,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import Gripper, move_jaw
@@ -22,13 +23,16 @@ from so101_motion.arm.motion_queue import wait_here
 from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import JointState
-from so101_motion.common.units import to_deg, to_rad
+from so101_motion.common.units import in_mm, to_deg, to_rad
 from so101_motion.control.request_queue import running_future
-from so101_motion.planning.collision.scene import Attached, Scene
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import GoalMetric, LineGoal
 from so101_motion.planning.picking.grasps import Wishes
-from so101_motion.planning.picking.pick_plan import PickPlan, PickRequest, Place
+from so101_motion.planning.picking.pick_plan import HELD_STAGES, PickPlan, PickRequest, Place
 from so101_motion.planning.request import Plan, Search
+
+if TYPE_CHECKING:
+    from so101_motion.arm.cell_member import Stand
 
 TRIES = 3  # grasps that are tried, if the jaws do not hold the item; chosen
 
@@ -38,8 +42,6 @@ LOST_FOR = 10
 OTHER = to_rad(8.0)
 """How far from the expected angle a jaw may have closed on the item [rad]. Chosen: 11 mm between
 the tips, more than the gap and the errors of scenes, and less than an item beside it."""
-
-HELD_STAGES = ("lift", "carry", "lower")
 
 DOING = {
     "plan": "planning",
@@ -66,34 +68,63 @@ class Picker:
         arm: The arm; its scene has the items, and changes when one is held or put down.
         gripper: Its gripper.
         around: The scene to plan in; the arm's own if not given. Called on the arm's thread.
+
+    Attributes:
+        holding: What brought the item that is held, until another lets it go; it watches the grip.
+        upright: How held items stood before they were picked, shape (3, 3), by their names.
+        seen: Where an item is that was lost, in the base frame; None if nobody knows.
     """
+
+    seen: Callable[[str], SE3 | None] = staticmethod(lambda _: None)
 
     def __init__(
         self, arm: Arm, gripper: Gripper, around: Callable[[], Scene] | None = None
     ) -> None:
         self.arm, self.gripper = arm, gripper
         self.around = around or (lambda: arm.scene)
-        self.upright: dict[str, Array] = {}  # how held items stood before, by name
+        self.holding: PickRun | None = None
+        self.upright: dict[str, Array] = {}
 
-    def plan(self, name: str, place: Place | None = None, wishes: Wishes | None = None) -> PickPlan:
+    def plan(
+        self,
+        name: str,
+        place: Place | None = None,
+        wishes: Wishes | None = None,
+        *,
+        stand: Stand | None = None,
+        scene: Scene | None = None,
+        upright: Array | None = None,
+        share: float = 1.0,
+    ) -> PickPlan:
         """Plan to pick an item, to place it, or both; moves nothing.
 
         Args:
             name: An item of the scene, to pick it; or what the gripper holds, to place it.
             place: Where to put it; None to hold it.
             wishes: What you say about grasps.
+            stand: Where the arm will be; where it is if not given.
+            scene: In what scene; as it is now if not given.
+            upright: How a held item stood before, shape (3, 3).
+            share: Of the arm's caps that motions may have.
 
         Raises:
             ConfigError: There is no such item.
             PlanningError: It cannot be gripped, reached, carried or put there; the error says why.
         """
-        arm, search = self.arm, Search(scene=self.around())
+        arm = self.arm
+        q, q_jaw = stand or (None, None)
         task = PickRequest(
-            request=arm.request(LineGoal(T_base_tool=arm.T_base_tool), search=search),
+            request=arm.request(
+                LineGoal(T_base_tool=arm.T_base_tool),
+                limits=arm.limits.eased(share),
+                search=Search(scene=scene or self.around()),
+                q_start=q,
+                q_jaw=q_jaw,
+            ),
             item=name,
             place=place,
             wishes=wishes or Wishes(),
-            R_base_item=self.upright.get(name),
+            R_base_item=self.upright.get(name) if upright is None else upright,
         )
         return wait_here(arm.start_task(task))
 
@@ -117,7 +148,10 @@ class Picker:
             planned: What ``plan`` has returned, if the arm still is where it was.
             tell: Called with each sentence about what happens; must be brief.
         """
-        return PickRun(self, name, place, wishes or Wishes(), tries, planned, tell)
+        run = PickRun(self, name, place, wishes or Wishes(), tries, planned, tell)
+        run.watch(self.arm.start_series(run.steps()))
+        run.motion.future.add_done_callback(run.ended)
+        return run
 
     @property
     def is_held(self) -> bool:
@@ -126,12 +160,14 @@ class Picker:
 
 
 class PickRun:
-    """A picking, a placing, or both, under way.
+    """A picking, a placing, or both, under way, or a part of a longer motion.
 
     Attributes:
         future: Completes when it is done, or raises what ended it; what is held stays held.
         motion: The motion of the arm that it is.
         stage: What is being done, a key of ``DOING``.
+        is_lost: Whether the grip was lost.
+        share: Of the arm's caps that motions may have which are planned later.
         plan: What is carried out; None while it is planned.
     """
 
@@ -140,21 +176,24 @@ class PickRun:
         picker: Picker,
         name: str,
         place: Place | None,
-        wishes: Wishes,
-        tries: int,
-        planned: PickPlan | None,
-        tell: Tell,
+        wishes: Wishes = Wishes(),  # noqa: B008  # immutable
+        tries: int = TRIES,
+        planned: PickPlan | None = None,
+        tell: Tell = lambda _: None,
     ) -> None:
         self.name, self.stage, self.plan = name, "plan", planned
         self.future: Future[None] = running_future()
         self._picker, self._arm, self._gripper = picker, picker.arm, picker.gripper
         self._place, self._wishes, self._tries, self._tell = place, wishes, tries, tell
-        self._held = self._lost = False
+        self.is_lost, self.share = False, 1.0
         self._misses = 0
         self._scene = self._arm.scene
-        self.motion = self._arm.start_series(self._steps())
-        self._end_watch = self._gripper.listen(self._look)
-        self.motion.future.add_done_callback(self._ended)
+
+    def watch(self, motion: Motion) -> None:
+        """Watch the grip until the motion ends of which ``steps`` are a part."""
+        self.motion = motion
+        end_watch = self._gripper.listen(self._look)
+        motion.future.add_done_callback(lambda _: end_watch())
 
     def result(self) -> None:
         """Wait until it is done; raises what ended it earlier."""
@@ -166,38 +205,47 @@ class PickRun:
         """End it early; the arm slows to rest, and what is held stays held. Returns at once."""
         self.motion.interrupt("stop")
 
+    def told(self, error: So101Error) -> So101Error:
+        """What ended it, in its own words."""
+        doing = DOING[self.stage].format(self.name)
+        if self.is_lost:
+            at = self._lose()
+            return MotionError(
+                f"the grip on '{self.name}' was lost while {doing}; the arm has stopped, {at}"
+            )
+        still = self._picker.holding is self and self._picker.is_held
+        return error.about(f"{doing}, '{self.name}' is still held" if still else doing)
+
     # The arm's thread
 
-    def _steps(self) -> Iterator[Step]:
+    def steps(self) -> Iterator[Step]:
+        """What the arm does; all of it is planned when the first step is taken."""
         held = any(each.name == self.name for each in self._arm.scene.attached)
         if not held:
             self.plan = yield from self._picking()
         else:
-            self.plan = self.plan or self._picker.plan(self.name, self._place)
+            self.plan = self.plan or self._picker.plan(self.name, self._place, share=self.share)
             if not self._picker.is_held:
                 raise MotionError(f"the gripper does not hold '{self.name}', so it is not placed")
-        self._held = True
+        self._picker.holding = self
         plan = self.plan
         for stage in HELD_STAGES:
             if stage in plan.plans:
-                scene = plan.scenes[stage]
-                self._have(next(each for each in scene.attached if each.name == self.name))
+                self._swap(plan.applied(self._arm.scene, stage))
                 self._begin(stage)
                 yield plan.plans[stage]
                 if stage == "lift":
                     self._refuse_lost()
                     self._tell(f"'{self.name}' is held")
-        last = "end" if self._place is None else "carry"
-        held_in = plan.scenes[last].attached
         if self._place is None:
-            self._have(next(each for each in held_in if each.name == self.name))
+            self._swap(plan.applied(self._arm.scene, "end"))
+            self.stage = "carry"  # until it is put down
             return
         assert plan.q_jaw_free is not None
         self._refuse_lost()
         self._begin("let go")
-        self._held = False
-        put = next(each for each in plan.scenes["end"].obstacles if each.name == self.name)
-        self._swap(replace(self._without(), obstacles=(*self._without().obstacles, put)))
+        self._picker.holding = None
+        self._swap(plan.applied(self._arm.scene, "end"))
         self._picker.upright.pop(self.name, None)
         yield partial(self._jaw, plan.q_jaw_free)
         self._begin("leave")
@@ -211,7 +259,7 @@ class PickRun:
             if number > 1 or self.plan is None:
                 self.stage = "plan"
                 try:
-                    self.plan = self._picker.plan(self.name, self._place, wishes)
+                    self.plan = self._picker.plan(self.name, self._place, wishes, share=self.share)
                 except So101Error as error:
                     raise error if number == 1 else error.about(why) from None
             plan = self.plan
@@ -270,7 +318,8 @@ class PickRun:
             T_base_tool=SE3(back.R, back.p + into[0] - into[-1]),
             metric=GoalMetric.POSITION_AND_APPROACH,
         )
-        return self._arm.plan(goal, search=Search(scene=plan.scenes["reach"]))
+        limits = self._arm.limits.eased(self.share)
+        return self._arm.plan(goal, limits=limits, search=Search(scene=plan.scenes["reach"]))
 
     def _begin(self, stage: str) -> None:
         if self._arm.scene is not self._scene:
@@ -280,51 +329,43 @@ class PickRun:
             )
         self.stage = stage
 
-    def _have(self, held: Attached) -> None:
-        self._swap(replace(self._without(), attached=(*self._without().attached, held)))
-
-    def _without(self) -> Scene:
-        scene = self._arm.scene
-        return replace(
-            scene,
-            obstacles=tuple(each for each in scene.obstacles if each.name != self.name),
-            attached=tuple(each for each in scene.attached if each.name != self.name),
-        )
+    def _lose(self) -> str:
+        """Have the item where it is seen, or no more in the scene; says so."""
+        scene, name = self._arm.scene, self.name
+        held = next((each for each in scene.attached if each.name == name), None)
+        if held is None:
+            return "look where it lies"
+        T_last, T = self._arm.T_base_tool @ held.T_tool_object, self._picker.seen(name)
+        if T is None:
+            rest = tuple(each for each in scene.attached if each is not held)
+            self._swap(replace(scene, attached=rest))
+            where = f"was last at {in_mm(T_last.p)}"
+            return f"and '{name}', no more in its scene, {where}: look where it lies"
+        self._swap(scene.putting(name, T))
+        return f"and '{name}' lies at {in_mm(T.p)}"
 
     def _swap(self, scene: Scene) -> None:
         self._arm.scene = self._scene = scene
 
     def _refuse_lost(self) -> None:
         if not self._picker.is_held:
-            self._lost = True
+            self.is_lost = True
             raise MotionError("the grip was lost")
 
     # The I/O thread
 
     def _look(self, _: JointState) -> None:
-        if not self._held or self._lost:
+        if self._picker.holding is not self or self.is_lost:
             return
         self._misses = 0 if self._picker.is_held else self._misses + 1
         if self._misses >= LOST_FOR:
-            self._lost = True
+            self.is_lost = True
             self.motion.interrupt("a lost grip")
 
-    def _ended(self, done: Future[None]) -> None:
-        self._end_watch()
-        error, name = done.exception(), self.name
-        doing = DOING[self.stage].format(name)
+    def ended(self, done: Future[None]) -> None:
+        """Complete ``future`` as the motion has ended."""
+        error = done.exception()
         if error is None:
             self.future.set_result(None)
-        elif self._lost:
-            self._swap(self._without())
-            self.future.set_exception(
-                MotionError(
-                    f"the grip on '{name}' was lost while {doing}; the arm has stopped and"
-                    f" '{name}' is no more in its scene: look where it lies"
-                )
-            )
-        elif isinstance(error, So101Error):
-            still = f", '{name}' is still held" if self._held and self._picker.is_held else ""
-            self.future.set_exception(error.about(f"{doing}{still}"))
         else:
-            self.future.set_exception(error)
+            self.future.set_exception(self.told(error) if isinstance(error, So101Error) else error)

@@ -101,11 +101,11 @@ class TeamStep(NamedTuple):
 
     Attributes:
         plan: Gives the plan of each arm by its name; called when all of them rest.
-        then: What an arm does when it has arrived, by its name.
+        then: The steps that an arm does when it has arrived, by its name.
     """
 
     plan: Callable[[], Future[dict[str, Plan]]]
-    then: Mapping[str, Step]
+    then: Mapping[str, Step | Iterator[Step]]
 
 
 class TeamSeries:
@@ -135,8 +135,8 @@ class TeamSeries:
                 return
             step, planning = found
             yield partial(self._wait_for_part, planning, name)
-            if name in step.then:
-                yield step.then[name]
+            then = step.then.get(name, ())
+            yield from then if isinstance(then, Iterable) else (then,)
 
     @staticmethod
     def _wait_for_part(planning: TeamPlanning, name: str, motion: Motion) -> Plan | None:

@@ -127,6 +127,10 @@ def _planned(rehearsal: Rehearsal) -> str:
             )
             if not passed:
                 lines += said_for_others(leg.plans)
+                lines += (
+                    f"       with {each.item:<19}{each.duration:6.2f} s"
+                    for each in leg.picks.values()
+                )
             ending = (loop for loop in reversed(program.loops) if loop.last == index)
             lines += (f"       steps {loop.called} {loop.times} times in all" for loop in ending)
     return "\n".join((*lines, f"{rehearsal.duration:.1f} s a round with its pauses, {times}"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common.clock import Clock, MonotonicClock
-from so101_motion.common.geometry import Array
+from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.collision.scene import Scene
@@ -46,7 +46,10 @@ def open_simulated(
         keep_up(things, before, now)
         rig.gripper.feels = rig.gripper.feels or bool(now.items)
 
-    rig.arm.on_scene = follow
+    def seen(name: str) -> SE3 | None:
+        return things.where(name) if name in things.names else None
+
+    rig.arm.on_scene, rig.picker.seen = follow, seen
     rig.warm_up()
     return rig
 

@@ -283,11 +283,7 @@ def _rows(plan: PickPlan | None, run: PickRun | None, moving: bool) -> tuple[Row
 
 def _picture(plan: PickPlan) -> Picture:
     """The tool's path through all stages, and the arm at the end of each as a ghost."""
-    jaws = {"approach": plan.q_jaw_open, "reach": plan.q_jaw_open, "leave": plan.q_jaw_free}
-    ghosts = [
-        (*each.q_goal.tolist(), float(jaws.get(name) or plan.q_jaw_closed))
-        for name, each in plan.plans.items()
-    ]
+    ghosts = [(*each.q_goal.tolist(), plan.q_jaw(name)) for name, each in plan.plans.items()]
     line = np.concatenate([each.tool_path for each in plan.plans.values()])
     line = line[:: max(1, len(line) // _MOST_POINTS)]
     return Picture(ghosts=tuple(ghosts), line=tuple(map(tuple, line.round(4).tolist())))

@@ -74,12 +74,20 @@ class ArmInStep:
         if passed and aperture is not None:
             self._model.tell(words.JAW_STOPS)
 
+    def set_item(self, item: str) -> None:
+        """Set what it picks there; an empty text for nothing."""
+        passed, place = self._passed, {} if item else {"place": ""}
+        self._change(item=item or None, passes=passed and not item, **place)
+
+    def set_place(self, place: str) -> None:
+        self._change(place=place)
+
     def set_passes(self, passes: bool) -> None:
         before = self._model.waypoint(self._name)
         if not passes:
             self._change(passes=False)
             return
-        self._change(passes=True, pause=0.0, aperture=None)
+        self._change(passes=True, pause=0.0, aperture=None, item=None, place="")
         index = self._model.chosen
         if before is not None and index is not None:
             stops = self._model.program.stops_at(index)
@@ -172,6 +180,14 @@ class ProgramModel:
         }
         self._edit(self.program.with_step(stays).moved(len(self.program), index + 1))
         self.chosen = index + 1
+
+    def pick(self) -> None:
+        """Add a waypoint where the arm stands, at which it picks an item of its scene."""
+        items = self._arms.members[ARM].arm.scene.items
+        if not items:
+            raise ConfigError("item", None, "is not in the scene; give an obstacle there a mass")
+        self.record_arms()
+        self.change(ARM, item=items[0].name)
 
     def choose(self, index: int) -> None:
         if 0 <= index < len(self.program):

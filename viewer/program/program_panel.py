@@ -81,11 +81,12 @@ class ProgramPart(Part):
         """What is of use once there is a step."""
         model, button = self.model, self._context.button
         if self._is_one:
-            more = {"target": model.record_targets, "wait": model.wait}
+            more = {"target": model.record_targets, "wait": model.wait, "pick": model.pick}
             self._context.buttons(
                 "Add",
                 more,
-                "A waypoint where the ghost is, or a wait of 1 s, which Pause (s) changes",
+                "A waypoint where the ghost is; a wait of 1 s, which Pause (s) changes; or one"
+                " where the arm is, at which it picks an item",
             )
         else:
             self._add_record(
@@ -270,12 +271,15 @@ class WaypointFields:
         self._jaw = SharedField(jaw, lambda name: editor.set_aperture(_JAW[name]), context)
         opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
         self._opening = SharedField(opening, editor.set_aperture, context, units.PERCENT)
+        self._item = SharedField(gui.add_text("Pick item", ""), editor.set_item, context)
+        place = gui.add_text("Put it at", "", hint="x,y,z in mm, or on what; empty to hold it")
+        self._place = SharedField(place, editor.set_place, context)
 
     def show(self, waypoint: Waypoint | None, *, is_alone: bool) -> None:
         """Show a waypoint, or all fields grey; only an arm that moves alone may pass."""
         if waypoint is None:
             fields = (self._name, self._speed, self._pass, self._pause, self._jaw, self._opening)
-            for field in fields:
+            for field in (*fields, self._item, self._place):
                 field.offer(None)
             return
         aperture = waypoint.aperture
@@ -285,6 +289,8 @@ class WaypointFields:
         self._pause.offer(None if waypoint.passes else waypoint.pause)
         self._jaw.offer(next((name for name, each in _JAW.items() if each == aperture), _PART_WAY))
         self._opening.offer(aperture)
+        self._item.offer(waypoint.item or "")
+        self._place.offer(None if waypoint.item is None else waypoint.place)
 
 
 class LoopFields:

@@ -125,7 +125,8 @@ def running(run: ProgramRun) -> Sentence:
     index = min(where.index, len(program) - 1)
     doing = "Doing"
     if program.steps[index].keys() == {ARM}:
-        doing = {"moving": "Going to", "jaw": "Gripper at", "pausing": "Pausing at"}[where.doing]
+        doing = {"moving": "Going to", "jaw": "Gripper at", "pausing": "Pausing at",
+                 "picking": "Moving an item at"}[where.doing]  # fmt: skip
     loops = zip(where.laps, program.loops_around(index), strict=False)
     laps = "".join(f" Time {lap + 1} of {loop.times}." for lap, loop in loops)
     of = "" if program.rounds is None else f" of {program.rounds}"
@@ -198,6 +199,9 @@ def _done_at(waypoint: Waypoint) -> list[str]:
                 waypoint.aperture, f"{100.0 * waypoint.aperture:.0f} % open"
             )
         )
+    if waypoint.item is not None:
+        parts.append(f"{waypoint.item} to {waypoint.place}" if waypoint.place
+                     else f"pick {waypoint.item}")  # fmt: skip
     if waypoint.pause > 0.0:
         parts.append(f"{waypoint.pause:g} s")
     return parts

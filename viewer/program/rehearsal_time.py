@@ -54,7 +54,9 @@ class _Span:
             if plan is not None:
                 q = plan.trajectory.sample(min(max(t - self.begins, 0.0), plan.duration)).q
             q_wanted, lasts = self.jaws.get(name, (q_jaw, 0.0))
-            if t > self.arrived:
+            if name in self.leg.picks and t > self.arrived:
+                q, q_jaw = self.leg.picks[name].at(t - self.arrived)
+            elif t > self.arrived:
                 q_jaw += min((t - self.arrived) / max(lasts, 1e-9), 1.0) * (q_wanted - q_jaw)
             found[name] = Stand(q, q_jaw)
         return found
@@ -133,6 +135,8 @@ class RehearsalTime:
                 q_wanted = gripper.angle_of(each.aperture)
                 lasts = abs(q_wanted - leg.stands[name].q_jaw) / pace
                 jaws[name] = q_wanted, lasts
+            elif name in leg.picks:
+                lasts = leg.picks[name].duration
             ends = max(ends, arrived + lasts + min(each.pause, SHOWN_PAUSE))
         self._spans.append(
             _Span(

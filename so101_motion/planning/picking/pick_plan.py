@@ -16,10 +16,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
@@ -64,6 +65,9 @@ LEVEL = to_rad(2.0)  # largest tilt of an item that is put down [rad]; chosen
 TURNS = 24  # yaws that are tried where any will do; chosen
 
 STAGES = ("approach", "reach", "lift", "carry", "lower", "leave")
+HELD_STAGES = ("lift", "carry", "lower")
+
+Body = TypeVar("Body", Obstacle, Attached)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -117,6 +121,36 @@ class PickPlan:
     def duration(self) -> float:
         """How long the arm moves [s], without the time for the jaw."""
         return sum(each.duration for each in self.plans.values())
+
+    def q_jaw(self, stage: str) -> float:
+        """Where the jaw stands in a stage [rad]."""
+        q_jaw = {"leave": self.q_jaw_free}.get(stage, self.q_jaw_open)
+        return self.q_jaw_closed if q_jaw is None or stage in HELD_STAGES else q_jaw
+
+    def at(self, t: float) -> tuple[Array, float]:
+        """Joints, shape (5,), and jaw [rad] after some time without that for the jaw [s]."""
+        *before, last = self.plans
+        for stage in before:
+            if t <= self.plans[stage].duration:
+                last = stage
+                break
+            t -= self.plans[stage].duration
+        plan = self.plans[last]
+        return plan.trajectory.sample(min(max(t, 0.0), plan.duration)).q, self.q_jaw(last)
+
+    def applied(self, scene: Scene, stage: str) -> Scene:
+        """``scene`` with the item where it is from the begin of a stage on, or at the ``"end"``."""
+        then = self.scenes[stage]
+        return replace(
+            scene,
+            obstacles=_as_in(scene.obstacles, then.obstacles, self.item),
+            attached=_as_in(scene.attached, then.attached, self.item),
+        )
+
+
+def _as_in(bodies: Iterable[Body], planned: Iterable[Body], name: str) -> tuple[Body, ...]:
+    others = tuple(each for each in bodies if each.name != name)
+    return others + tuple(each for each in planned if each.name == name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -214,6 +214,8 @@ def waypoint_to(waypoint: Waypoint) -> dict[str, object]:
         content["pause_s"] = waypoint.pause
     if waypoint.passes:
         content["pass"] = True
+    if waypoint.item is not None:
+        content |= {"item": waypoint.item} | ({"place": waypoint.place} if waypoint.place else {})
     if waypoint.speed < 1.0:
         content["speed_percent"] = round(100.0 * waypoint.speed, 2)
     return content
@@ -226,7 +228,10 @@ def waypoint_from(what: str, content: object) -> Waypoint:
     try:
         given = Attributes(
             content,
-            ("name", "q_deg", "aperture_percent", "pause_s", "pass", "speed_percent"),
+            (
+                *("name", "q_deg", "aperture_percent", "pause_s", "pass", "speed_percent"),
+                *("item", "place"),
+            ),
             kind="entry",
         )
         aperture = given.number("aperture_percent", -1.0, lower=0.0, upper=100.0, unit="%")
@@ -239,6 +244,8 @@ def waypoint_from(what: str, content: object) -> Waypoint:
             pause=given.number("pause_s", 0.0, lower=0.0, upper=LONGEST_PAUSE, unit="s"),
             passes=given.flag("pass", False),
             speed=speed / 100.0,
+            item=given.text("item", "") or None,
+            place=given.text("place", ""),
         )
     except ConfigError as error:
         raise ConfigError(f"{what}: {error.key}", error.value, error.reason) from None

@@ -28,7 +28,7 @@ def check_rounds(rounds: int | None) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waypoint:
-    """A place of the arm, the jaw's aperture there, and a pause; or a place it only passes."""
+    """A place of the arm and what it does there; or a place it only passes."""
 
     name: str  # its name; need not be unique
     q: Array  # joint angles, shape (5,), [rad]
@@ -38,6 +38,10 @@ class Waypoint:
     # share of the arm's speed and acceleration caps on the step to it. If waypoints are passed, the
     # slowest step up to the next stop counts.
     speed: float = 1.0
+    # what it picks there, and where it puts it then, as for ``tasks.picking.place_from``, or holds
+    # it if that is empty; what it holds already is only put there
+    item: str | None = None
+    place: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", checked_name(self.name, what="waypoint"))
@@ -46,7 +50,12 @@ class Waypoint:
         checked_number("speed", self.speed, lower=SLOWEST, upper=1.0, unit="of the arm's")
         if self.aperture is not None:
             checked_number("aperture", self.aperture, lower=0.0, upper=1.0, unit="of its travel")
-        if self.passes and (self.pause > 0.0 or self.aperture is not None):
+        if self.place and self.item is None:
+            raise ConfigError("place", self.place, "needs an item to put there")
+        if self.item is not None and self.aperture is not None:
+            reason = "moves the gripper itself; leave the gripper as it is, or the item out"
+            raise ConfigError("item", self.item, reason)
+        if self.passes and (self.pause > 0.0 or self.aperture is not None or self.item is not None):
             what = "a pause" if self.pause > 0.0 else "a move of the gripper"
             raise ConfigError(
                 "pass", True, f"cannot be with {what}, for which the arm has to stop; leave one out"
@@ -91,6 +100,13 @@ class Program:
     @property
     def arms(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for step in self.steps for name in step))
+
+    @property
+    def picking(self) -> frozenset[str]:
+        """The arms that pick or place something."""
+        return frozenset(
+            name for step in self.steps for name, each in step.items() if each.item is not None
+        )
 
     @property
     def waypoints(self) -> tuple[Waypoint, ...]:

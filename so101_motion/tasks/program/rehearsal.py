@@ -9,7 +9,7 @@ motion, which may be ``PASSING`` off it. If a corner cannot be rounded, the arm 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
@@ -17,12 +17,15 @@ import numpy as np
 
 from so101_motion.arm.arm import START_TOLERANCE
 from so101_motion.arm.cell_member import Stand
-from so101_motion.common.errors import ConfigError, PlanningError
+from so101_motion.common.errors import ConfigError, PlanningError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal, PathGoal
+from so101_motion.planning.picking.pick_plan import PickPlan
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.tasks.picking import place_from
 from so101_motion.tasks.program.loops import Visit, times_in_round
 from so101_motion.tasks.program.program import Program, Step
 from so101_motion.tasks.program.solo import Arms, Solo
@@ -41,6 +44,12 @@ class Leg:
     plans: Mapping[str, Plan]  # the motion of each arm, by its name; none if all are there already
     at: tuple[float, ...]  # when each step is passed or reached, from the beginning [s]
     stands: Mapping[str, Stand]  # where each arm is before it, by its name
+    picks: Mapping[str, PickPlan] = field(default_factory=dict)  # what arms pick there
+
+    @property
+    def seconds(self) -> float:
+        """How long arms move [s]."""
+        return self.at[-1] + max((each.duration for each in self.picks.values()), default=0.0)
 
     @property
     def plan(self) -> Plan | None:
@@ -84,7 +93,7 @@ class Rehearsal:
         """How long arms move and pause in the first round [s]; the jaws' time comes on top."""
         pauses = [max(w.pause for w in step.values()) for step in self.program.steps]
         return sum(
-            times * (leg.at[-1] + pauses[leg.indices[-1]]) for _, leg, times in self.first_round
+            times * (leg.seconds + pauses[leg.indices[-1]]) for _, leg, times in self.first_round
         )
 
     @cached_property
@@ -119,6 +128,22 @@ class LegPlanner(Protocol):
         """Plan within ``limits``, from where the arms stand; all by the arms' names."""
 
 
+class Among(NamedTuple):
+    """Plans for arms in other scenes than theirs, by their names."""
+
+    arms: Arms
+    scenes: Mapping[str, Scene]
+
+    def plan_together(
+        self,
+        goals: Mapping[str, JointGoal | PathGoal],
+        *,
+        limits: Mapping[str, MotionLimits],
+        stands: Mapping[str, Stand],
+    ) -> dict[str, Plan]:
+        return self.arms.plan_together(goals, limits=limits, stands=stands, scenes=self.scenes)
+
+
 def rehearse(arms: Arms, program: Program) -> Rehearsal:
     """Plan all of a program; moves nothing.
 
@@ -142,18 +167,31 @@ def rehearse(arms: Arms, program: Program) -> Rehearsal:
         moves_jaw = any(name in step and step[name].aperture is not None for step in program.steps)
         if moves_jaw and arms.members[name].gripper is None:
             raise ConfigError("program", "jaw", "moves a jaw, but this arm has none")
-    stands: Mapping[str, Stand] = arms.stands()
+        if name in program.picking and arms.members[name].picker is None:
+            reason = "is picked only by an arm of this computer, or by run_program on its machine"
+            raise ConfigError("program", "item", reason)
+    stands = arms.stands()
+    scenes, upright = dict[str, Scene](), dict[str, Array]()  # as picking leaves them
     legs: dict[object, Leg] = {}
     arrivals: list[Arrival] = []
     caps = {name: arms.members[name].arm.limits for name in program.arms}
     for visit in program.visits(most=2):
-        key = visit.indices, tuple((each.q.tobytes(), each.q_jaw) for each in stands.values())
-        if key not in legs:
-            legs[key] = plan_leg(arms, program, visit.indices, stands, caps)
         index = visit.indices[-1]
+        where = tuple((each.q.tobytes(), each.q_jaw) for each in stands.values())
+        key = visit.indices, where, frozenset(scenes.items())
+        if key not in legs:
+            leg = plan_leg(Among(arms, scenes), program, visit.indices, stands, caps)
+            after = _after(arms, program.steps[index], stands)
+            picks = _picked(arms, program, index, after, scenes, upright)
+            legs[key] = replace(leg, picks=picks)
         times = times_in_round(visit.laps, program.loops_around(index))
         arrivals.append(Arrival(visit, legs[key], times))
         stands = _after(arms, program.steps[index], stands)
+        for name, plan in legs[key].picks.items():
+            last = [*plan.plans][-1]
+            stands[name] = Stand(plan.plans[last].q_goal, plan.q_jaw(last))
+            upright[plan.item] = plan.R_base_item
+            _carry(arms, scenes, name, plan)
     return Rehearsal(program=program, arrivals=tuple(arrivals))
 
 
@@ -192,6 +230,41 @@ def plan_leg(
     at = _passed_at(plans[name], [corners[number] for number in numbers[:-1]])
     ends = max(each.duration for each in plans.values())
     return Leg(indices=indices, plans=plans, at=(*at, ends), stands=stands)
+
+
+def _picked(
+    arms: Arms,
+    program: Program,
+    index: int,
+    stands: Mapping[str, Stand],
+    scenes: Mapping[str, Scene],
+    upright: Mapping[str, Array],
+) -> dict[str, PickPlan]:
+    """What each arm picks and places in a step, when it has arrived."""
+    found = {}
+    for name, each in program.steps[index].items():
+        picker = arms.members[name].picker
+        if each.item is None or picker is None:
+            continue
+        scene = scenes.get(name) or picker.around()
+        try:
+            found[name] = picker.plan(
+                each.item,
+                place_from(each.place, scene),
+                stand=stands[name],
+                scene=scene,
+                upright=upright.get(each.item),
+            )
+        except So101Error as error:
+            raise error.about(program.called(index)) from None
+    return found
+
+
+def _carry(arms: Arms, scenes: dict[str, Scene], name: str, plan: PickPlan) -> None:
+    """Have the item in all scenes where an arm brings it."""
+    picker = arms.members[name].picker
+    assert picker is not None
+    scenes[name] = plan.applied(scenes.get(name) or picker.around(), "end")
 
 
 def stands_at(q: Array, other: Array) -> bool:

@@ -6,7 +6,7 @@ Plans are played as they are. If a jaw has gripped something, the next leg is pl
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,16 +15,18 @@ from threading import Lock
 import numpy as np
 
 from so101_motion.arm.gripper import move_jaw
-from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_handle import Motion, Step
+from so101_motion.arm.picking import PickRun
 from so101_motion.arm.team_motion import TeamStep
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import Interrupted, MotionError, PlanningError, So101Error
 from so101_motion.common.units import to_rad
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.torque import slowed
+from so101_motion.tasks.picking import place_from
 from so101_motion.tasks.program.loops import Visit
 from so101_motion.tasks.program.program import ARM, SLOWEST, Program, Waypoint
-from so101_motion.tasks.program.rehearsal import Leg, Rehearsal, plan_leg, stands_at
+from so101_motion.tasks.program.rehearsal import Among, Leg, Rehearsal, plan_leg, stands_at
 from so101_motion.tasks.program.solo import Arms
 
 SAME_JAW = to_rad(5.0)
@@ -45,7 +47,7 @@ class Where:
     round: int = 0  # the round, counted from 0
     laps: tuple[int, ...] = ()  # repetition of each loop around the next stop, the outer one first
     index: int = 0  # the step that is gone to, or done, from 0
-    doing: str = "moving"  # ``"moving"``, ``"jaw"`` or ``"pausing"``
+    doing: str = "moving"  # ``"moving"``, ``"picking"``, ``"jaw"`` or ``"pausing"``
 
 
 class ProgramRun:
@@ -78,6 +80,8 @@ class ProgramRun:
         self._began: float | None = None  # when the leg under way began
         self._done = 0  # steps that were passed or reached before it, in all rounds
         self._error: So101Error | None = None  # says itself which step it is about
+        self._picks = dict[str, PickRun]()  # the last of each arm
+        self._departed = False  # whether things are elsewhere than rehearsed
         self._arms, self._planned = arms, planned
         self._now = arms.clock.now
         self.motions = arms.start_series(self._steps())
@@ -115,8 +119,8 @@ class ProgramRun:
     def _steps(self) -> Iterator[TeamStep]:
         for visit in self.program.visits():
             step = self.program.steps[visit.indices[-1]]
-            stays = {name: partial(self._stay, name, each) for name, each in step.items()}
-            yield TeamStep(partial(self._ready, visit), stays)
+            then = {name: self._does(name, each) for name, each in step.items()}
+            yield TeamStep(partial(self._ready, visit), then)
 
     def _ready(self, visit: Visit) -> Future[dict[str, Plan]]:
         """The plans of the next leg; called when all arms rest and are done with the last."""
@@ -128,6 +132,8 @@ class ProgramRun:
         except So101Error as error:
             self._error = error
             raise
+        if self.program.picking and max((visit.round, *visit.laps)) > 1:
+            self._departed = True  # rehearsed only twice
         leg = _slowed(self._checked(self.rehearsal.leg_of(visit)), self.speed)
         plans = self._arms.check_again(leg.plans)
         self.leg, self._began = leg, self._now()
@@ -139,22 +145,41 @@ class ProgramRun:
 
     def _checked(self, leg: Leg) -> Leg:
         """The planned leg, or a new plan if an arm or a jaw is elsewhere."""
-        as_planned = True
+        as_planned = not self._departed
         for name, stand in self._arms.stands().items():
             planned = leg.stands[name]
-            if float(np.max(np.abs(planned.q - stand.q))) > ARRIVED:
+            if not self._departed and float(np.max(np.abs(planned.q - stand.q))) > ARRIVED:
                 arm = "the arm" if name == ARM else name
                 raise MotionError(f"{arm} has been moved meanwhile; plan the program again")
             same_jaw = abs(stand.q_jaw - planned.q_jaw) <= SAME_JAW
             as_planned = as_planned and same_jaw and stands_at(planned.q, stand.q)
-        if as_planned or not leg.plans:
+        if as_planned or (not leg.plans and not self._departed):
             return leg
         caps = {name: self._arms.members[name].arm.limits for name in self.program.arms}
+        pickers = {name: self._arms.members[name].picker for name in self.program.picking}
+        scenes = {name: each.around() for name, each in pickers.items() if each is not None}
+        among = Among(self._arms, scenes)
         try:
-            return plan_leg(self._arms, self.program, leg.indices, self._arms.stands(), caps)
+            anew = plan_leg(among, self.program, leg.indices, self._arms.stands(), caps)
+            return replace(anew, picks=leg.picks)
         except PlanningError as error:
             self._error = error
             raise
+
+    def _does(self, name: str, waypoint: Waypoint) -> Iterator[Step]:
+        """What an arm does when it has arrived."""
+        picker, leg = self._arms.members[name].picker, self.leg
+        assert leg is not None
+        if waypoint.item is not None and picker is not None:
+            self._where = replace(self._where, index=leg.indices[-1], doing="picking")
+            planned = None if self._departed else leg.picks.get(name)
+            place = place_from(waypoint.place, picker.around())
+            run = PickRun(picker, waypoint.item, place, planned=planned)
+            self._picks[name], run.share = run, self.speed
+            run.watch(self.motions[name])
+            yield from run.steps()
+            self._departed |= run.plan is not planned
+        yield partial(self._stay, name, waypoint)
 
     def _stay(self, name: str, waypoint: Waypoint, motion: Motion) -> None:
         member, leg = self._arms.members[name], self.leg
@@ -168,13 +193,19 @@ class ProgramRun:
             self._where = replace(self._where, index=index, doing="pausing")
             motion.pause(member.clock, pause)
 
+    def _problem(self, name: str) -> BaseException | None:
+        """What ended the motion of an arm early; in the words of its picking, if that did."""
+        error, pick = self.motions[name].future.exception(), self._picks.get(name)
+        is_its = pick is not None and (pick.is_lost or self._where.doing == "picking")
+        return pick.told(error) if pick and is_its and isinstance(error, So101Error) else error
+
     def _ended(self, _: Future[None]) -> None:
         with self._lock:
             self._left -= 1
             if self._left > 0:
                 return
-        errors = [each.future.exception() for each in self.motions.values()]
-        problems = [each for each in errors if each is not None]
+        problems = [self._problem(name) for name in self.motions]
+        problems = [each for each in problems if each is not None]
         if not problems:
             self._finish_leg()
             self._where = Where(round=self._where.round, index=len(self.program))
@@ -193,11 +224,16 @@ def _slowed(leg: Leg, share: float) -> Leg:
     checked_number("speed", share, lower=SLOWEST, upper=1.0, unit="of the planned speed")
     if share == 1.0:
         return leg
-    plans = {
-        name: replace(plan, trajectory=slowed(plan.trajectory, 1.0 / share))
-        for name, plan in leg.plans.items()
-    }
-    return replace(leg, plans=plans, at=tuple(t / share for t in leg.at))
+
+    def eased(plans: Mapping[str, Plan]) -> dict[str, Plan]:
+        return {
+            name: replace(plan, trajectory=slowed(plan.trajectory, 1.0 / share))
+            for name, plan in plans.items()
+        }
+
+    picks = {name: replace(each, plans=eased(each.plans)) for name, each in leg.picks.items()}
+    at = tuple(t / share for t in leg.at)
+    return replace(leg, plans=eased(leg.plans), picks=picks, at=at)
 
 
 def start_program(arms: Arms, rehearsal: Rehearsal, *, speed: float = 1.0) -> ProgramRun:

@@ -12,6 +12,7 @@ from so101_motion.arm.arm import Arm
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import Stand
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.picking import Picker
 from so101_motion.arm.team_motion import TeamSeries, TeamStep
 from so101_motion.common.clock import Clock
 from so101_motion.planning.collision.scene import Scene
@@ -19,20 +20,32 @@ from so101_motion.planning.goals import Goal
 from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import GripperLike, RigLike
+from so101_motion.rig.rig import Rig
 from so101_motion.tasks.program.program import ARM
 
 
 class Solo:
-    """One arm; ``scene`` is that of its plans, by default the arm's own."""
+    """One arm; ``scene`` is that of its plans, by default the arm's own.
+
+    Only with a ``picker`` can it pick items.
+    """
 
     def __init__(
-        self, arm: Arm, gripper: GripperLike | None, clock: Clock, *, scene: Scene | None = None
+        self,
+        arm: Arm,
+        gripper: GripperLike | None,
+        clock: Clock,
+        *,
+        scene: Scene | None = None,
+        picker: Picker | None = None,
     ) -> None:
         self.arm, self.gripper, self.clock, self.scene = arm, gripper, clock, scene
+        self.picker = picker
 
     @classmethod
     def of(cls, rig: RigLike) -> Solo:
-        return cls(rig.arm, rig.gripper, rig.clock)
+        picker = rig.picker if isinstance(rig, Rig) else None
+        return cls(rig.arm, rig.gripper, rig.clock, picker=picker)
 
     @property
     def members(self) -> Mapping[str, Solo]:
@@ -48,8 +61,9 @@ class Solo:
         *,
         limits: Mapping[str, MotionLimits],
         stands: Mapping[str, Stand],
+        scenes: Mapping[str, Scene] | None = None,
     ) -> dict[str, Plan]:
-        stand, search = stands[ARM], Search(scene=self.scene)
+        stand, search = stands[ARM], Search(scene=(scenes or {}).get(ARM, self.scene))
         plan = self.arm.plan(
             goals[ARM], limits=limits[ARM], search=search, q_start=stand.q, q_jaw=stand.q_jaw
         )

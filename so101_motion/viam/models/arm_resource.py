@@ -26,7 +26,6 @@ from so101_motion.arm.arm import SCENE
 from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import wait_here
-from so101_motion.arm.picking import Picker
 from so101_motion.calib.record import store
 from so101_motion.common.attributes import (
     ACCELERATION_RANGE_DEG,
@@ -148,7 +147,8 @@ class ArmResource(Configured, Arm):
         self.guarded_scene = GuardedScene(arm, around, self.logger, is_used=config.guarded)
         self._manual = ManualMode(arm, self.logger, self.guarded_scene)
         self.teaching = TeachingOperation(rig, partial(store.resolve, "paths"), self._set_manual)
-        self.picking = PickOperation(Picker(arm, rig.gripper, self._scene_now))
+        rig.picker.around = self._scene_now
+        self.picking = PickOperation(rig.picker)
         self._operations: dict[str, LocalOperation] = {}
         self._ended_by = ""  # why no other motion may begin
         self._commands: dict[str, Command] = {
@@ -552,7 +552,7 @@ class ArmResource(Configured, Arm):
         content = {key: given.raw(key) for key in _PROGRAM if given.given(key)}
         program = (await asyncio.to_thread(program_from, content)).on([ARM])
         await self.set_manual_mode(False)  # holds again after a fault, too
-        solo = Solo(self._arm, jaw_of(self.rig), self.rig.clock)
+        solo = Solo(self._arm, jaw_of(self.rig), self.rig.clock, picker=self.rig.picker)
 
         def planned() -> Rehearsal:
             """Called on the arm's planning thread once it rests."""

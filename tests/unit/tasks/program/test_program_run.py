@@ -10,10 +10,16 @@ import pytest
 
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
+from so101_motion.common.errors import (
+    ConfigError,
+    InCollision,
+    Interrupted,
+    MotionError,
+    So101Error,
+)
 from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
-from so101_motion.planning.collision.scene import Capsule, Obstacle
+from so101_motion.planning.collision.scene import FLOOR_Z, Box, Capsule, Obstacle, Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import (
@@ -370,3 +376,69 @@ def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew_as_a_whole(r
     assert run.leg.plan is not rehearsal.legs[1].plan
     assert len(places) == 1 or len(run.leg.plan.path) == 4
     np.testing.assert_allclose(rig.arm.state.q, places[-1], atol=to_rad(0.1))
+
+
+# Items
+
+
+START = np.array([0.0, -1.4, 1.05, 1.2, 0.0])
+
+
+@pytest.fixture
+def among_things(clock, rig):
+    T = SE3.from_translation((0.2, 0.05, FLOOR_Z + 0.015))
+    cube = Obstacle(name="cube", shape=Box(size=np.full(3, 0.03)), T_base_obstacle=T, mass=0.02)
+    rig.arm.scene = Scene(obstacles=(cube,))
+    until(rig, rig.arm.move(JointGoal(q=START), wait=False).future.done)
+    return rig
+
+
+def test_a_program_brings_an_item_there_and_back_as_often_as_it_should(among_things):
+    rig, there, back = among_things, "150,-150,0", "200,50,0"
+    steps = at(START, item="cube"), at(A), at(START, item="cube", place=there), at(A)
+    made = program(*steps, at(START, item="cube", place=back, pause=0.5), rounds=3)
+    rehearsal = rehearse(Solo.of(rig), made)
+    (first, *_) = [leg.picks[ARM] for leg in rehearsal.legs if leg.picks]
+    carried = rehearsal.legs[1]
+    assert carried.plan.q_start == pytest.approx(first.plans["lift"].q_goal)
+    moves = sum(each.leg.at[-1] for each in rehearsal.first_round)
+    picks = sum(p.duration for e in rehearsal.first_round for p in e.leg.picks.values())
+    assert rehearsal.duration == pytest.approx(moves + picks + 0.5)
+    run = start_program(Solo.of(rig), rehearsal)
+    seen = finish(
+        rig, run, lambda: (run.where.doing, tuple(np.round(rig.things.where("cube").p, 2)))
+    )
+    assert len([k for k, (doing, p) in enumerate(seen)
+                if p == (0.15, -0.15, 0.01) and (k == 0 or seen[k - 1][1] != p)]) == 3  # fmt: skip
+    np.testing.assert_allclose(rig.things.where("cube").p, (0.2, 0.05, FLOOR_Z + 0.015), atol=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("trouble", "said"),
+    [
+        ("gone", r"waypoint 1 \(there\): .*'cube' was not held in 3 tries: the jaws closed on noth"),
+        ("lost", r"waypoint 2 \(there\): the grip on 'cube' was lost while carrying 'cube'; the arm"
+                 r" has stopped, and 'cube' lies at \("),
+        ("stop", "is still held: the motion was ended early by stop"),
+        ("unknown", r"waypoint 1 \(there\): .*cub.*cube"),
+    ],
+)  # fmt: skip
+def test_what_ends_the_picking_of_a_program_is_told_with_its_step(among_things, trouble, said):
+    rig = among_things
+    made = program(at(START, item="cub" if trouble == "unknown" else "cube"), at(A))
+    with pytest.raises(So101Error, match=said):
+        run = start(rig, made)
+        if trouble == "gone":
+            rig.things.take_away("cube")
+        until(rig, lambda: run.future.done() or rig.things.held)
+        if trouble == "lost":
+            until(rig, lambda: run.where.index == 1)
+            rig.things._let_go()
+            rig.things._fall(rig.things._things["cube"])
+        elif trouble == "stop":
+            until(rig, lambda: run.where.doing == "picking" and rig.arm.scene.attached)
+            run.stop()
+        finish(rig, run)
+    if trouble == "lost":
+        (cube,) = rig.arm.scene.items
+        np.testing.assert_array_equal(cube.T_base_obstacle.p, rig.things.where("cube").p)
