@@ -11,14 +11,12 @@ from __future__ import annotations
 import os
 import struct
 import sys
-import termios
-import tty
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from so101_motion.common.geometry import Array
+from so101_motion.common.keys import Keys
 
 AXES = 7
 
@@ -52,22 +50,18 @@ class TerminalKeys:
                 "there is no keyboard, because standard input is not a terminal. Start the command"
                 " in one, or give a gamepad: --teleop.device=/dev/input/js0"
             )
-        self._fd = sys.stdin.fileno()
-        self._before: list[Any] = termios.tcgetattr(self._fd)
-        tty.setcbreak(self._fd)
-        os.set_blocking(self._fd, False)
+        self._keys = Keys()
         self._last: dict[str, float] = {}
 
     def read(self, now: float) -> Array:
         """The seven numbers at ``now`` [s], shape (``AXES``,), -1 to 1."""
-        for key in _read(self._fd, 256).decode(errors="replace").lower():
-            self._last[key] = now
+        while typed := self._keys.read(0.0):
+            self._last |= dict.fromkeys(typed.lower(), now)
         held = {key for key, then in self._last.items() if now - then < HELD}
         return np.array([float(more in held) - float(less in held) for less, more in KEYS])
 
     def close(self) -> None:
-        os.set_blocking(self._fd, True)
-        termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._before)
+        self._keys.close()
 
 
 class Gamepad:
@@ -78,6 +72,10 @@ class Gamepad:
     """
 
     def __init__(self, path: Path) -> None:
+        if sys.platform == "win32":
+            raise ConnectionError(
+                f"no gamepad at {path}: they are read on Linux only; use the keyboard"
+            )
         try:
             self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:

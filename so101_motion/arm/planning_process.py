@@ -153,7 +153,7 @@ class PlanningProcess:
             return "closed its end of the socket"
         if isinstance(self._child, _Copy):
             return "ended"
-        if code >= 0:
+        if code >= 0:  # always on Windows
             return f"ended with exit code {code}"
         name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
         memory = ", as the system does when memory runs out" if -code == signal.SIGKILL else ""

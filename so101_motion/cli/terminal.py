@@ -10,14 +10,10 @@ a key, so that no servo is left with half of its settings.
 from __future__ import annotations
 
 import json
-import os
-import select
 import shutil
 import sys
-import termios
 import textwrap
 import time
-import tty
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import UTC, datetime
@@ -27,6 +23,8 @@ import click
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.text import Text
+
+from so101_motion.common.keys import Keys
 
 T = TypeVar("T")
 
@@ -59,12 +57,11 @@ class Terminal:
         self.pressed = ""
         self._events = events
         self._last = ""
-        self._before: list[Any] | None = None
+        self._keys: Keys | None = None
 
     def __enter__(self) -> Self:
         if self.is_manned:
-            self._before = termios.tcgetattr(sys.stdin)
-            tty.setcbreak(sys.stdin)
+            self._keys = Keys()
         if self._is_drawn:
             self._live.start()
         return self
@@ -73,8 +70,8 @@ class Terminal:
         if self._is_drawn:
             self._live.update(Text(""))
             self._live.stop()
-        if self._before is not None:
-            termios.tcsetattr(sys.stdin, termios.TCSAFLUSH, self._before)
+        if self._keys is not None:
+            self._keys.close()
 
     # Output
 
@@ -109,12 +106,10 @@ class Terminal:
         Raises:
             Quit: It is ``q``.
         """
-        if not self.is_manned:
+        if self._keys is None:
             time.sleep(seconds)
             return ""
-        if not select.select([sys.stdin], [], [], seconds)[0]:
-            return ""
-        pressed = os.read(sys.stdin.fileno(), 64).decode(errors="replace").lower()
+        pressed = self._keys.read(seconds).lower()
         if pressed.startswith("q"):
             raise Quit
         return ENTER if pressed[:1] in ("\r", "\n") else pressed[:1]

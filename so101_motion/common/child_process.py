@@ -52,11 +52,18 @@ def spawn(
     environment["PYTHONPATH"] = os.pathsep.join(_search_path())
     environment["OPENBLAS_NUM_THREADS"] = "1"  # the matrices are 6x5: threads only cost memory
     ours = str(Path(__file__).resolve().parents[2])
+    command = [sys.executable, "-P", "-c", _START, ours, module, *arguments]
+    if sys.platform == "win32":
+        for handle in pass_fds:
+            os.set_handle_inheritable(handle, True)
+        return subprocess.Popen(
+            command, stdin=stdin, stdout=stdout, env=environment, close_fds=not pass_fds,
+            creationflags=subprocess.CREATE_NEW_PROCESS_GROUP,  # which does not get Ctrl-C
+        )  # fmt: skip
     with _signals_blocked():
         return subprocess.Popen(
-            [sys.executable, "-P", "-c", _START, ours, module, *arguments],
-            stdin=stdin, stdout=stdout, env=environment, pass_fds=tuple(pass_fds),
-        )  # fmt: skip
+            command, stdin=stdin, stdout=stdout, env=environment, pass_fds=tuple(pass_fds)
+        )
 
 
 class OwnProcess:

@@ -50,6 +50,8 @@ def explain(error: ImportError) -> tuple[str, str] | None:
     if found:
         return f"the system library {found[1]} is missing", _how_to_get(found[1])
     package = (error.name or "").partition(".")[0]
+    if sys.platform == "win32" and package in ("coal", "pinocchio"):
+        return "Pinocchio, which plans, has no package for Windows", "WSL2; README.md says how"
     if not isinstance(error, ModuleNotFoundError) or package.startswith("so101_"):
         return None
     version = ".".join(map(str, sys.version_info[:2]))

@@ -57,7 +57,7 @@ class _Interrupts:
         if not self.first:
             self.first = _NAMES[signal.Signals(number).name]
             self.since = time.monotonic()
-            signal.setitimer(signal.ITIMER_REAL, _REPEAT, _REPEAT)
+            _repeat_every(_REPEAT)
         elif time.monotonic() - self.since > _PATIENCE:
             self.on_hung(self.first)
             os._exit(130)
@@ -84,11 +84,11 @@ def listen(on_hung: Callable[[str], None], on_import: Callable[[str], None]) -> 
             serves a page; it may end the program where it is.
     """
     _this.on_hung, _this.on_import = on_hung, on_import
-    for name in _NAMES:
-        number = getattr(signal, name)
+    for number in _numbers():
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _this.on_signal)
-    signal.signal(signal.SIGALRM, lambda *_: _this.raise_once())
+    if sys.platform != "win32":
+        signal.signal(signal.SIGALRM, lambda *_: _this.raise_once())
     sys.unraisablehook = _unraisable
 
 
@@ -116,14 +116,24 @@ def prolong() -> None:
 def taken() -> None:
     """Say that the signal was heard and is being obeyed: no more are raised."""
     _this.is_taken = True
-    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    _repeat_every(0.0)
 
 
 def end() -> None:
     """Ignore signals from now on: the program has ended and leaves with its exit code."""
     taken()
-    for name in _NAMES:
-        signal.signal(getattr(signal, name), signal.SIG_IGN)  # the interpreter's end leaves this
+    for number in _numbers():
+        signal.signal(number, signal.SIG_IGN)  # the interpreter's end leaves this
+
+
+def _numbers() -> list[signal.Signals]:
+    return [number for number in signal.Signals if number.name in _NAMES]
+
+
+def _repeat_every(seconds: float) -> None:
+    """Call ``raise_once`` so often; on Windows, only the next Ctrl-C does."""
+    if sys.platform != "win32":
+        signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
 
 
 @contextmanager

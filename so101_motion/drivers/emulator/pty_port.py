@@ -19,24 +19,27 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import fcntl
 import heapq
 import math
 import os
 import select
 import struct
 import sys
-import termios
 import threading
 import time
-import tty
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.realtime import use_realtime_priority
 from so101_motion.drivers.emulator.bus import Bus, Reply
+
+if sys.platform != "win32":
+    import fcntl
+    import termios
+    import tty
 
 FASTEST = 1_000_000
 """Baud rate of the port before a client sets it [bit/s]."""
@@ -59,6 +62,10 @@ class _Terminal:
     """Both ends of one pseudo-terminal."""
 
     def __init__(self) -> None:
+        if sys.platform == "win32":
+            raise ConfigError(
+                "emulate", None, "needs a pseudo-terminal, and Windows has none; use WSL2"
+            )
         self.master, self._client_side = os.openpty()
         tty.setraw(self._client_side)
         self.name = os.ttyname(self._client_side)

@@ -125,6 +125,8 @@ def programs_using(name: str) -> list[str]:
 def open_error_text(name: str, error: Exception) -> str:
     """The reason and what to do, as text, for an error of opening a port."""
     number = error.errno if isinstance(error, OSError) else None
+    if hidden := re.search(r"Error\((\d+), ", str(error)):  # pyserial on Windows has it in the text
+        number = int(hidden[1])
     if remote := re.fullmatch(r"\w+://([^/?#]+).*", name):
         return (
             "a port must be a device of this computer; serve that one as raw TCP, bridge it:"
@@ -144,9 +146,11 @@ def open_error_text(name: str, error: Exception) -> str:
 
 
 def _not_allowed(name: str) -> str:
+    if sys.platform == "win32":  # which says this of a port that is open elsewhere
+        return "in use by another program; end that first"
     group = _USUAL_GROUP
-    with contextlib.suppress(ImportError, OSError, KeyError):
-        import grp  # Windows has none
+    with contextlib.suppress(OSError, KeyError):
+        import grp
 
         group = grp.getgrgid(os.stat(name).st_gid).gr_name
     if group == "root":  # no rule of the system has given it to a group

@@ -6,18 +6,17 @@ unplugged) shows as a hang-up, an I/O error or an end of file; all become ``Port
 
 Reading, writing and discarding never wait (the port is non-blocking) and keep Python's interpreter
 lock: a thread that releases it waits half a millisecond for each busy thread to get it back, and a
-control cycle makes six such calls. Only ``poll`` releases it.
+control cycle makes six such calls. Only ``poll`` releases it. On Windows, pyserial does all this.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
-import fcntl
 import logging
 import os
 import select
-import termios
+import sys
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -28,15 +27,20 @@ from serial.tools import list_ports
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.port.port_list import open_error_text
 
+if sys.platform != "win32":
+    import fcntl
+    import termios
+
+    _libc = ctypes.PyDLL(None, use_errno=True)  # PyDLL keeps the interpreter lock
+    _libc.read.restype = _libc.write.restype = ctypes.c_ssize_t
+    _libc.read.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t)
+    _libc.write.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t)
+    _libc.tcflush.argtypes = (ctypes.c_int, ctypes.c_int)
+
 _log = logging.getLogger(__name__)
 
 _CHUNK = 4096
-_libc = ctypes.PyDLL(None, use_errno=True)  # PyDLL keeps the interpreter lock
-_libc.read.restype = _libc.write.restype = ctypes.c_ssize_t
-_libc.read.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t)
-_libc.write.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t)
-_libc.tcflush.argtypes = (ctypes.c_int, ctypes.c_int)
-_GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
+_LOOK = 0.0005  # [s] between two looks for received bytes on Windows; chosen: a reply takes as long
 
 
 class UsbIdentity(NamedTuple):
@@ -60,6 +64,9 @@ class SerialPort:
             self._serial = serial.Serial(name, baud, timeout=0, exclusive=True)
         except (OSError, ValueError) as error:
             raise PortUnavailable(name, open_error_text(name, error)) from error
+        if sys.platform == "win32":  # nobody else can open it now
+            self.discard()
+            return
         self._fd = int(self._serial.fileno())
         try:
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
@@ -76,6 +83,9 @@ class SerialPort:
 
     def write(self, data: bytes) -> None:
         try:
+            if sys.platform == "win32":
+                self._serial.write(data)
+                return
             sent = _checked(_libc.write(self._fd, data, len(data)))
             while sent < len(data):  # a full output buffer: rare, the driver sends 60 bytes
                 select.select([], [self._fd], [], 1.0)
@@ -88,6 +98,10 @@ class SerialPort:
         # poll counts whole milliseconds; rounded up it never returns early to be asked again.
         wait_ms = max(0.0, (until - time.monotonic()) * 1000.0)
         try:
+            if sys.platform == "win32":
+                while not (size := self._serial.in_waiting) and time.monotonic() < until:
+                    time.sleep(_LOOK)
+                return bytes(self._serial.read(size))
             events = self._poll.poll(wait_ms if wait_ms == 0.0 else int(wait_ms) + 1)
             if not events:
                 return b""
@@ -102,6 +116,9 @@ class SerialPort:
 
     def discard(self) -> None:
         try:
+            if sys.platform == "win32":
+                self._serial.reset_input_buffer()
+                return
             _checked(_libc.tcflush(self._fd, termios.TCIFLUSH))
         except OSError as error:
             raise self._gone(error) from error
@@ -109,8 +126,9 @@ class SerialPort:
     def close(self) -> None:
         """Close the port. May be called twice."""
         if self._serial.is_open:
-            with contextlib.suppress(OSError):
-                fcntl.ioctl(self._fd, termios.TIOCNXCL)
+            if sys.platform != "win32":
+                with contextlib.suppress(OSError):
+                    fcntl.ioctl(self._fd, termios.TIOCNXCL)
             with contextlib.suppress(OSError):
                 self._serial.close()
 
