@@ -16,13 +16,13 @@ The same request gives the same motion, byte for byte; only the times in the rep
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from so101_motion.common.errors import PlanningError, So101Error
+from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import plan_among
 from so101_motion.planning.cartesian.cartesian import CartesianPlanner
@@ -157,17 +157,6 @@ class Planner:
                 closest=(closest.first, closest.second),
             ),
         )
-
-    def plan_many(self, requests: Iterable[PlanRequest]) -> Iterator[Plan | So101Error]:
-        """Plan one after the other: each plan, or the error that says why there is none.
-
-        ``PlanningWorker.plan_many`` does the same in several processes at once.
-        """
-        for request in requests:
-            try:
-                yield self.plan(request)
-            except So101Error as error:
-                yield error
 
     def warm_up(self) -> None:
         """Run once everything that is slow the first time."""

@@ -291,15 +291,6 @@ def test_an_invalid_request_names_the_key(key, value):
         PlanRequest(q_start=HOME, goal="ready", limits=LIMITS)
 
 
-def test_many_are_planned_in_order_and_one_that_cannot_be_does_not_end_them(planner):
-    goals = [GOAL, np.radians([0, 0, 95, 0, 0]), HOME]
-    requests = [PlanRequest(q_start=HOME, goal=JointGoal(q=q), limits=LIMITS) for q in goals]
-    first, refused, last = planner.plan_many(requests)
-    assert np.array_equal(first.q_goal, GOAL)
-    assert isinstance(refused, OutsideLimits)
-    assert last.duration == 0.0
-
-
 @pytest.mark.parametrize(
     ("make", "key", "bad"),
     [
