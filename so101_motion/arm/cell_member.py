@@ -19,7 +19,7 @@ from so101_motion.common.errors import MotionError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
 from so101_motion.planning.among import crosses, crossing, delayed
-from so101_motion.planning.collision.apart import EARLY, GUARDED, first_meeting
+from so101_motion.planning.collision.apart import EARLY, GUARDED, Moving, first_meeting
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import Course, NearArms, OtherArm, stop_along
 from so101_motion.planning.collision.following_apart import Beside, close, following_apart
@@ -259,7 +259,7 @@ class CellMember:
 
     def _pair(
         self, course: Course, other: CellMember, others: Course
-    ) -> tuple[tuple[ArmBodies, Course], tuple[ArmBodies, Course], SE3]:
+    ) -> tuple[Moving, Moving, SE3]:
         """Both arms' bodies and courses, and the other's base in this one's frame."""
         attached = self.attached_to(other)
         return (

@@ -30,11 +30,12 @@ from so101_motion.planning.collision.apart import (
     PARTING,
     ROOM,
     Meeting,
+    Moving,
     first_meeting,
     nearness,
     stops_meeting,
 )
-from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import Attached, Scene, StandingArm
 from so101_motion.planning.request import Plan, PlanRequest
@@ -208,8 +209,8 @@ def _meeting(
 
 
 def _leaving(
-    mine: tuple[ArmBodies, Course],
-    theirs: tuple[ArmBodies, Course],
+    mine: Moving,
+    theirs: Moving,
     T: SE3,
     since: float,
     room: float,

@@ -33,6 +33,9 @@ PARTING = 5e-4  # how much nearer arms that part may come [m]: parts slide; chos
 UNKNOWN = 2  # as in native.h
 
 
+Moving = tuple[ArmBodies, Course]  # an arm's bodies and its course
+
+
 class Meeting(NamedTuple):
     """Where two arms would come too near to each other."""
 
@@ -56,8 +59,8 @@ def _groups(a: ArmBodies, b: ArmBodies) -> Sequence[tuple[ArmBodies, ArmBodies]]
 
 
 def first_meeting(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
+    first: Moving,
+    second: Moving,
     T_first_second: SE3,
     *,
     since: float,
@@ -79,8 +82,8 @@ def first_meeting(
 
 
 def nearness(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
+    first: Moving,
+    second: Moving,
     T_first_second: SE3,
     *,
     at: float,
@@ -99,8 +102,8 @@ def nearness(
 
 
 def clearance_over_time(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
+    first: Moving,
+    second: Moving,
     T_first_second: SE3,
     times: Array,
 ) -> list[Meeting]:
@@ -143,8 +146,8 @@ def distances(
 
 
 def gaps(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
+    first: Moving,
+    second: Moving,
     T: SE3,
     times: Array,
 ) -> Iterator[Array]:
@@ -167,8 +170,8 @@ def gaps(
 
 
 def stops_meeting(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
+    first: Moving,
+    second: Moving,
     T_first_second: SE3,
     *,
     since: float,
@@ -192,8 +195,8 @@ def stops_meeting(
 
 def _asked(
     question: str,
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
+    first: Moving,
+    second: Moving,
     T: SE3,
     figures: tuple[float, ...],
 ) -> Meeting | None:

@@ -20,6 +20,7 @@ from so101_motion.planning.collision.apart import (
     PARTING,
     UNKNOWN,
     Meeting,
+    Moving,
     first_meeting,
     gaps,
     meeting,
@@ -28,7 +29,7 @@ from so101_motion.planning.collision.apart import (
 )
 from so101_motion.planning.collision.arm_bodies import ArmBodies
 from so101_motion.planning.collision.batch_check import pointer
-from so101_motion.planning.collision.course import STEP, Course, NearArms
+from so101_motion.planning.collision.course import STEP, NearArms
 from so101_motion.planning.native.library import native
 
 PUSHED = 0.7  # nearer than this share of what was kept: pushed; a proof leaves 7/8
@@ -104,11 +105,7 @@ class Beside:
         return close(a.names[int(row[_BOUND])], name, b.names[int(row[_BOUND + 1])])
 
     def answer(
-        self,
-        first: tuple[ArmBodies, Course],
-        second: tuple[ArmBodies, Course],
-        T: SE3,
-        since: float,
+        self, first: Moving, second: Moving, T: SE3, since: float
     ) -> tuple[int, Array] | None:
         """The library's verdict for ``following_apart``; None while an object is passed."""
         library = self._tell(first, second, T, since)
@@ -121,13 +118,7 @@ class Beside:
             self.gained = asked.gained
         return found, asked.told
 
-    def look(
-        self,
-        first: tuple[ArmBodies, Course],
-        second: tuple[ArmBodies, Course],
-        T: SE3,
-        at: float,
-    ) -> None:
+    def look(self, first: Moving, second: Moving, T: SE3, at: float) -> None:
         """Find the pairs of bodies that are near each other at an instant [s], and prove nothing.
 
         The other arguments are those of ``following_apart``.
@@ -136,13 +127,7 @@ class Beside:
         if library is not None:
             library.so101_near_beside(self._address)
 
-    def _tell(
-        self,
-        first: tuple[ArmBodies, Course],
-        second: tuple[ArmBodies, Course],
-        T: SE3,
-        since: float,
-    ) -> ctypes.CDLL | None:
+    def _tell(self, first: Moving, second: Moving, T: SE3, since: float) -> ctypes.CDLL | None:
         """Hand both courses to the library; None while an object is passed between the arms."""
         a, b = first[0], second[0]
         if a.passed | b.passed:
@@ -181,8 +166,8 @@ class Beside:
 
 
 def following_apart(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
+    first: Moving,
+    second: Moving,
     T_first_second: SE3,
     *,
     since: float,
@@ -219,8 +204,8 @@ def following_apart(
 
 
 def only_part(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
+    first: Moving,
+    second: Moving,
     T_first_second: SE3,
     *,
     since: float,
