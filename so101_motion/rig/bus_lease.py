@@ -44,8 +44,8 @@ class BusLease:
         purpose: str,
         returned: Callable[[], None],
     ) -> None:
-        self._executor, self._servos, self._clock = executor, servos, clock
-        self._purpose, self._returned = purpose, returned
+        self.clock, self.purpose = clock, purpose
+        self._executor, self._servos, self._returned = executor, servos, returned
         self._is_over = False
         self._trouble: Exception | None = None  # of the watching job, for the next call
         executor.ask(lambda control: control.lend(purpose, lambda _: servos.lend())).result()
@@ -53,14 +53,6 @@ class BusLease:
     @property
     def port(self) -> str:
         return self._servos.settings.port
-
-    @property
-    def clock(self) -> Clock:
-        return self._clock
-
-    @property
-    def purpose(self) -> str:
-        return self._purpose
 
     def call(self, job: Callable[[Bus], T]) -> T:
         """Run ``job`` with the bus on the port's thread; waits for it.
@@ -117,7 +109,7 @@ class BusLease:
         try:
             self._end(None)
         except So101Error as error:
-            _log.warning("%s ended, but: %s", self._purpose, error)
+            _log.warning("%s ended, but: %s", self.purpose, error)
 
     def __enter__(self) -> BusLease:
         return self
@@ -161,11 +153,9 @@ class BusLease:
             return done.result()
         except Interrupted as error:
             raise MotionError(
-                f"{self.port} was closed while it was in use for {self._purpose}; open it again"
+                f"{self.port} was closed while it was in use for {self.purpose}; open it again"
             ) from error
 
     def _refuse_over(self) -> None:
         if self._is_over:
-            raise MotionError(
-                f"the servos are no longer in use for {self._purpose}; start it again"
-            )
+            raise MotionError(f"the servos are no longer in use for {self.purpose}; start it again")

@@ -216,10 +216,12 @@ class _Planning:
             if each.name not in goals
         ]
         take = self._alone(taker, _line(T_base_tool), [giving, *still])
-        T_tools = self._T_between(meeting.q_giver, take.q_goal)
+        T_cell_giver = giver.T_cell_base @ self._of_giver.frame(meeting.q_giver)
+        T_giver_base = T_cell_giver.inverse @ taker.T_cell_base
+        T_giver_taker = T_giver_base @ self._of_taker.frame(take.q_goal)
         taken = replace(
             self._thing,
-            T_tool_object=T_tools.inverse @ self._thing.T_tool_object,
+            T_tool_object=T_giver_taker.inverse @ self._thing.T_tool_object,
             passed_to=giver.name,
         )
         holding = _with(taker, q_start=take.q_goal, q_jaw=self._q_jaw_closed(grasp))
@@ -246,11 +248,6 @@ class _Planning:
 
     def _q_jaw_closed(self, grasp: Grasp) -> float:
         return self._jaw.angle_for(grasp.thickness)
-
-    def _T_between(self, q_giver: Array, q_taker: Array) -> SE3:
-        """The pose of the taker's tool in the giver's tool frame, at two configurations."""
-        giver = self._giver.T_cell_base @ self._of_giver.frame(q_giver)
-        return giver.inverse @ self._taker.T_cell_base @ self._of_taker.frame(q_taker)
 
     def _holding(self, giver: TeamMember) -> TeamMember:
         """The giver, with the taker allowed to touch the object."""

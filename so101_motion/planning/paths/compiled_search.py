@@ -100,21 +100,15 @@ class CompiledSearch:
         goal = self._library.so101_search_path(self._search, pointer(points))
         return list(points), int(goal)
 
-    @cached_property
-    def from_start(self) -> Tree:
-        """The tree that grew from the start."""
-        return self._tree(0)
-
-    @cached_property
-    def from_goals(self) -> Tree:
-        """The tree that grew from the goals."""
-        return self._tree(1)
-
-    def _tree(self, which: int) -> Tree:
-        count = self._library.so101_search_tree(self._search, which, None, None)
-        points, parents = np.empty((count, self._joints)), np.empty(count, dtype=np.int32)
-        self._library.so101_search_tree(self._search, which, pointer(points), pointer(parents))
-        return Tree(points, self._space, self._random.generator)
+    def trees(self) -> list[Tree]:
+        """The trees that grew from the start and from the goals."""
+        found = []
+        for which in range(2):
+            count = self._library.so101_search_tree(self._search, which, None, None)
+            points = np.empty((count, self._joints))
+            self._library.so101_search_tree(self._search, which, pointer(points), None)
+            found.append(Tree(points, self._space, self._random.generator))
+        return found
 
 
 class Tree(NamedTuple):

@@ -236,7 +236,7 @@ class PathFinder:
         if deadline.budget < BRIEF:
             message = f"no path found in {max(deadline.budget, 0.0):.3f} s; allow more time"
             return NoPath(message, where="path", blockers=())
-        trees = search.from_start, search.from_goals
+        trees = search.trees()
         counts = [len(tree.points) for tree in trees]
         blockers = [self._blockers(tree) for tree in trees]
         shut_in = [tree.spread() < CONFINED for tree in trees]

@@ -116,7 +116,9 @@ def stop(
     It leaves the path as far as the joints' braking times differ. No joint gets faster, unless it
     is accelerating now and the jerk cap forbids less.
     """
-    request = _stopping(numbers(limits, dt, q=q, qd=qd, qdd=qdd), limits)
+    request = _request(numbers(limits, dt, q=q, qd=qd, qdd=qdd), limits)
+    request.control_interface = ruckig.ControlInterface.Velocity
+    request.synchronization = ruckig.Synchronization.No
     positions, velocities, accelerations, duration = _calculated(request, dt)
     return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
 
@@ -164,13 +166,6 @@ def _request(state: list[list[float]], limits: MotionLimits) -> ruckig.InputPara
     request.max_velocity = limits.velocity.tolist()
     request.max_acceleration = limits.acceleration.tolist()
     request.max_jerk = limits.jerk.tolist()
-    return request
-
-
-def _stopping(state: list[list[float]], limits: MotionLimits) -> ruckig.InputParameter:
-    request = _request(state, limits)
-    request.control_interface = ruckig.ControlInterface.Velocity
-    request.synchronization = ruckig.Synchronization.No
     return request
 
 

@@ -83,7 +83,7 @@ def test_an_end_that_is_shut_in_is_named(model, collision, shut_in):
     low = np.radians([0.0, 34.0, -14.0, 36.5, 0.0])  # the jaw just above the table
     narrow = Tree(low[None], space, random)
     ends = (narrow, wide) if shut_in == "start" else (wide, narrow)
-    search = SimpleNamespace(from_start=ends[0], from_goals=ends[1])
+    search = SimpleNamespace(trees=lambda: ends)
     found = finder._no_path(search, Deadline(0.3))
     assert found.where == shut_in
     assert f"the {shut_in} is free but shut in, mostly by the floor: " in str(found)
