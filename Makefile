@@ -84,10 +84,12 @@ campaign: installed-dev
 
 pictures: browser
 	$(BIN)/python docs/make_screenshots.py
+	$(BIN)/python docs/make_films.py
 
 site:
 	@./setup.sh --with site
 	$(BIN)/properdocs build --strict
+	@echo "To read it: $(BIN)/python -m http.server -d site, then http://localhost:8000"
 
 browser: installed-dev
 	@sh tests/browser/install_browser.sh $(BIN)

@@ -36,6 +36,7 @@ from so101_motion.tasks.sweeps import Atlas, ReachSweep, run_sweep
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 from harness.browser_user import FEW_PICTURES  # noqa: E402  # it lives with the tests
+from harness.browser_user import Guest as Guest  # noqa: E402  # for the films
 
 PICTURES = ROOT / "docs" / "pictures"
 TABLE = ROOT / "examples" / "table.json"
@@ -61,21 +62,27 @@ DRAW_AND_FREEZE = """
 def main() -> None:
     """Write the pictures that are named, or all."""
     PICTURES.mkdir(exist_ok=True)
-    wanted = sys.argv[1:] or list(SHOTS)
+    with launched() as browser:
+        for name in sys.argv[1:] or SHOTS:
+            SHOTS[name](browser, PICTURES / f"{name}.png")
+            print(PICTURES / f"{name}.png")
+
+
+@contextmanager
+def launched() -> Iterator[Browser]:
+    """Chromium, without a window."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=next(filter(None, map(shutil.which, BROWSERS)), None),
             args=["--no-sandbox"],
         )
-        for name in wanted:
-            SHOTS[name](browser, PICTURES / f"{name}.png")
-            print(PICTURES / f"{name}.png")
+        yield browser
         browser.close()
 
 
 def preview(browser: Browser, file: Path) -> None:
     """The first plan, before it is executed."""
-    with open_simulated() as rig, _page(browser, rig) as page:
+    with open_simulated() as rig, open_page(browser, rig) as page:
         _press(page, "Plan")
         page.get_by_text("Planned.").wait_for(timeout=PATIENCE)
         _take(page, file)
@@ -83,21 +90,21 @@ def preview(browser: Browser, file: Path) -> None:
 
 def obstacles(browser: Browser, file: Path) -> None:
     """A plan over a wall."""
-    with _at_the_wall() as (rig, plan), _page(browser, rig, plan=plan) as page:
+    with _at_the_wall() as (rig, plan), open_page(browser, rig, plan=plan) as page:
         page.get_by_text("Planned.").wait_for(timeout=PATIENCE)
         _take(page, file)
 
 
 def dark(browser: Browser, file: Path) -> None:
     """The world, in the dark."""
-    with _at_the_wall() as (rig, plan), _page(browser, rig, plan=plan, scheme="dark") as page:
+    with _at_the_wall() as (rig, plan), open_page(browser, rig, plan=plan, scheme="dark") as page:
         _open_tab(page, "World")
         _take(page, file)
 
 
 def phone(browser: Browser, file: Path) -> None:
     """A plan on a phone."""
-    with _at_the_wall() as (rig, plan), _page(browser, rig, plan=plan, size=PHONE) as page:
+    with _at_the_wall() as (rig, plan), open_page(browser, rig, plan=plan, size=PHONE) as page:
         page.get_by_text("Planned.").first.wait_for(timeout=PATIENCE)
         _take(page, file)
 
@@ -107,7 +114,7 @@ def atlas(browser: Browser, file: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         run_sweep(ReachSweep(spacing=0.02), Path(folder) / "atlas")
         reach = Atlas.read(Path(folder) / "atlas")
-    with open_simulated() as rig, _page(browser, rig, atlas=reach) as page:
+    with open_simulated() as rig, open_page(browser, rig, atlas=reach) as page:
         page.get_by_role("tab", name="Atlas").click(timeout=PATIENCE)
         page.get_by_label("Slice", exact=True).click(timeout=PATIENCE)
         page.get_by_role("option", name="at one y").click(timeout=PATIENCE)
@@ -169,7 +176,7 @@ def _at_the_wall() -> Iterator[tuple[Rig, Plan]]:
 
 
 @contextmanager
-def _page(
+def open_page(
     browser: Browser,
     rig: Rig,
     *,
@@ -177,23 +184,27 @@ def _page(
     atlas: Atlas | None = None,
     size: tuple[int, int] = DESK,
     scheme: str = "light",
+    script: str = FEW_PICTURES,
 ) -> Iterator[Page]:
+    """The page of a rig in a window of a size [px], with a script that runs before its own."""
     source = replace(Source.given(rig, "Simulated arm"), atlas=atlas)
     with (
         serve_source(source, port=0, plan=plan) as served,
-        _window(browser, served.url, size, scheme) as page,
+        _window(browser, served.url, size, scheme, script) as page,
     ):
         yield page
 
 
 @contextmanager
-def _window(browser: Browser, url: str, size: tuple[int, int], scheme: str) -> Iterator[Page]:
+def _window(
+    browser: Browser, url: str, size: tuple[int, int], scheme: str, script: str = FEW_PICTURES
+) -> Iterator[Page]:
     width, height = size
     context = browser.new_context(
         viewport={"width": width, "height": height},
         color_scheme=scheme,  # type: ignore[arg-type]
     )
-    context.add_init_script(FEW_PICTURES)
+    context.add_init_script(script)
     page = context.new_page()
     page.goto(url, timeout=PATIENCE)
     try:
