@@ -191,6 +191,7 @@ class Arm(CappedJoints):
 
     @property
     def is_moving(self) -> bool:
+        """Whether the arm moves or comes to rest."""
         return self.state.arm_moving
 
     @property
@@ -255,6 +256,7 @@ class Arm(CappedJoints):
 
     @property
     def range(self) -> JointRange:
+        """The joint limits that plans keep to."""
         return self._range
 
     def set_range(self, lower: Array, upper: Array) -> None:
@@ -474,6 +476,7 @@ class Arm(CappedJoints):
     def start_stream(
         self, *, limits: MotionLimits | None = None, guard: Guard | None = SCENE
     ) -> Opening[Stream]:
+        """``stream`` without waiting until the arm rests; the result has the stream then."""
         caps = self.effective_limits(limits)
         return self._open_source(
             lambda: self._open_ended.stream(self._situation, caps, guarded=guard is not None)

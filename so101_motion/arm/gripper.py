@@ -320,6 +320,7 @@ class Gripper(JawVerbs):
 
     @property
     def is_moving(self) -> bool:
+        """Whether the jaw moves."""
         return self._executor.state.jaw_moving
 
     @property

@@ -128,6 +128,7 @@ class Motion:
             self.future.set_result(None)
 
     def refuse_interrupted(self) -> None:
+        """Raise ``Interrupted`` if a newer motion or a stop has ended this one."""
         if self._interruption.done():
             raise Interrupted(self._interruption.result())
 

@@ -215,7 +215,11 @@ class PortUnavailable(BusError):
 
 
 class NotReady(BusError):
-    """The servos of a component have not answered since it was configured; it goes on trying."""
+    """The servos of a component have not answered since it was configured; it goes on trying.
+
+    Attributes:
+        reason: What is wrong.
+    """
 
     def __init__(self, reason: str) -> None:
         self.reason = reason
@@ -352,7 +356,7 @@ class MachineUnavailable(So101Error):
 class SurroundingsUnknown(PlanningError):
     """The obstacles around the arm cannot be read from the machine, so nothing is planned.
 
-    It is about a ``component``; empty for the whole machine.
+    It is about a ``component``; empty for the whole machine. The ``remedy`` ends the message.
     """
 
     def __init__(self, reason: str, *, component: str = "", remedy: str = "") -> None:

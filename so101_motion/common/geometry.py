@@ -95,7 +95,12 @@ def given_array(key: str, given: ArrayLike, shape: tuple[int, ...], what: str) -
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SE3:
-    """A rigid transform: rotation ``R`` (3, 3) and translation ``p`` (3,) in metres."""
+    """A rigid transform.
+
+    Attributes:
+        R: Rotation matrix, shape (3, 3).
+        p: Translation, shape (3,), [m].
+    """
 
     R: Array
     p: Array
@@ -106,6 +111,7 @@ class SE3:
 
     @classmethod
     def identity(cls) -> SE3:
+        """The transform that changes nothing."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
@@ -156,6 +162,7 @@ class SE3:
 
     @property
     def inverse(self) -> SE3:
+        """The transform that undoes this one."""
         return SE3(self.R.T, -self.R.T @ self.p)
 
     @overload

@@ -15,7 +15,17 @@ from enum import Enum
 
 
 class Mode(Enum):
-    """The mode of the arm: what it is doing."""
+    """The mode of the arm: what it is doing.
+
+    Attributes:
+        LIMP: The torque is off.
+        GUIDING: It carries its own weight and yields to a hand.
+        HOLDING: It rests, with the torque on.
+        MOVING: It moves.
+        STOPPING: It comes to rest before its goal.
+        CALIBRATING: Its servos are lent to a calibration.
+        FAULT: A servo does not answer or reports an alarm; nothing moves.
+    """
 
     LIMP = "limp"
     GUIDING = "guiding"

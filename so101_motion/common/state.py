@@ -20,27 +20,35 @@ GRIPPER_JOINT = "gripper"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointReading:
-    """The measurements of a driver in one cycle."""
+    """The measurements of a driver in one cycle.
 
-    q: Array  # arm joint angles, shape (5,), [rad]
-    qd: Array  # arm joint velocities, shape (5,), [rad/s]
-    q_jaw: float  # jaw angle [rad]
-    qd_jaw: float  # jaw velocity [rad/s]
-    # what is wrong with a joint and what to do about it, by joint name. An alarm ends the motion of
-    # its joint
+    Attributes:
+        q: Arm joint angles, shape (5,), [rad].
+        qd: Arm joint velocities, shape (5,), [rad/s].
+        q_jaw: Jaw angle [rad].
+        qd_jaw: Jaw velocity [rad/s].
+        alarms: What is wrong with a joint and what to do about it, by joint name. An alarm ends the
+            motion of its joint.
+        out_of_range: Joints outside their limits, by name, with the angle [rad] at which each comes
+            back inside. Such a joint gets no goal; when it is moved, it first comes in slowly.
+        unanswered: Joints that did not answer this time, or with an impossible value; their angles
+            are the last known.
+        silent: Joints whose servos have not answered for a while, or were never there.
+        unconfirmed: Joints whose angle comes from one reply that no second one has confirmed yet.
+        in_play: Joints that may stand still while their motor crosses the play of its gears, by
+            name, with how far they fall behind then [rad]. Joints whose load keeps their gears on
+            one side are left out.
+    """
+
+    q: Array
+    qd: Array
+    q_jaw: float
+    qd_jaw: float
     alarms: Mapping[str, str] = field(default_factory=dict)
-    # joints outside their limits, by name, with the angle [rad] at which each comes back inside.
-    # Such a joint gets no goal; when it is moved, it first comes in slowly
     out_of_range: Mapping[str, float] = field(default_factory=dict)
-    # names of the joints that did not answer this time, or with an impossible value; their angles
-    # are the last known
     unanswered: frozenset[str] = frozenset()
-    # names of the joints whose servos have not answered for a while, or were never there
     silent: frozenset[str] = frozenset()
-    # names of the joints whose angle comes from a single reply that no second one has confirmed yet
     unconfirmed: frozenset[str] = frozenset()
-    # joints that may stand still while their motor crosses the play of its gears, by name, with how
-    # far they fall behind then [rad]. Joints whose load keeps their gears on one side are left out
     in_play: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

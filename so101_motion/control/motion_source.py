@@ -41,7 +41,8 @@ class MotionSource(Protocol):
         """Whether it may begin late, after joints have come inside their limits."""
 
     @property
-    def start(self) -> Setpoint: ...
+    def start(self) -> Setpoint:
+        """Where it begins."""
 
     def sample(self, k: int) -> Setpoint:
         """The setpoint of tick ``k``, counted from the first; ``MotionError`` if there is none."""

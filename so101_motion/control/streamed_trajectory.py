@@ -62,7 +62,12 @@ _SLACK = 1.01  # what rounding of the sender's times and angles may add to a fig
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TimedPoint:
-    """A point of a stream: joint angles ``q``, shape (5,), [rad], ``t`` [s] after its beginning."""
+    """A point of a stream.
+
+    Attributes:
+        t: When, after the stream began [s].
+        q: Joint angles, shape (5,), [rad].
+    """
 
     t: float
     q: Array

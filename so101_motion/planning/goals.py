@@ -131,7 +131,11 @@ class PoseGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointGoal:
-    """Bring the joints to ``q``, shape (5,), [rad], along any free path."""
+    """Bring the joints to given angles, along any free path.
+
+    Attributes:
+        q: The angles, shape (5,), [rad].
+    """
 
     q: Array
 
@@ -186,7 +190,11 @@ class LineGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LineTo:
-    """A straight segment of a tool path, to a pose."""
+    """A straight segment of a tool path.
+
+    Attributes:
+        T_base_tool: Where it ends.
+    """
 
     T_base_tool: SE3
 

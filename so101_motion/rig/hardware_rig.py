@@ -57,6 +57,7 @@ class HardwareRig(Rig):
 
     @property
     def users(self) -> int:
+        """How many rigs of this process share the servos."""
         return len(self._shared.shares)
 
     @property
@@ -115,9 +116,11 @@ class HardwareRig(Rig):
 
     @property
     def settings(self) -> ServoSettings:
+        """The port and the servos, as they were opened."""
         return self.servos.settings
 
     def is_on(self, port: str) -> bool:
+        """Whether its servos are on a port, whatever link names it."""
         return self._shared.is_on(port)
 
     def reload(self) -> None:

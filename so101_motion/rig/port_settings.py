@@ -78,6 +78,7 @@ class ServoSettings:
         return replace(self, servo_ids=servo_ids, zero_offsets=zero_offsets)
 
     def with_gripper(self, gripper_id: int) -> ServoSettings:
+        """The same with another id of the gripper's servo."""
         return replace(self, gripper_id=gripper_id)
 
     def ids(self) -> dict[str, int]:

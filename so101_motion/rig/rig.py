@@ -67,6 +67,10 @@ class Rig:
     Use it in a ``with`` block or call ``close``.
 
     Attributes:
+        arm: The five joints.
+        gripper: The jaw.
+        clock: The time that the control loop runs on.
+        executor: The control loop, which alone talks to the joints.
         planner: The planning process, shared by all rigs.
         things: What is truly around a simulated arm; None on servos.
         at_end: What ``close`` does first, one of ``session_end.ENDS``; it moves nothing unasked.

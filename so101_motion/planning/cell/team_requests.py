@@ -65,18 +65,31 @@ class TeamRequest(TeamTask[dict[str, Plan]]):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Handover:
-    """A plan to pass an object on."""
+    """A plan to pass an object on.
 
-    giver: str  # the name of the arm that holds it
-    taker: str  # the name of the arm that takes it
-    thing: Attached  # the object in the giver's gripper
-    taken: Attached  # the object in the taker's gripper
-    approach: Mapping[str, Plan]  # the motion of each arm by its name, begun and ended together
-    take: Plan  # the straight motion of the taker to the object
-    leave: Plan  # the straight motion of the giver away from it
-    q_jaw_open: float  # angle of the taker's open jaw before it takes the object [rad]
-    q_jaw_closed: float  # angle of the taker's jaw closed on the object [rad]
-    q_jaw_free: float  # angle of the giver's open jaw while it leaves [rad]
+    Attributes:
+        giver: The name of the arm that holds it.
+        taker: The name of the arm that takes it.
+        thing: The object in the giver's gripper.
+        taken: The object in the taker's gripper.
+        approach: The motion of each arm by its name, begun and ended together.
+        take: The straight motion of the taker to the object.
+        leave: The straight motion of the giver away from it.
+        q_jaw_open: Angle of the taker's open jaw before it takes the object [rad].
+        q_jaw_closed: Angle of the taker's jaw closed on the object [rad].
+        q_jaw_free: Angle of the giver's open jaw while it leaves [rad].
+    """
+
+    giver: str
+    taker: str
+    thing: Attached
+    taken: Attached
+    approach: Mapping[str, Plan]
+    take: Plan
+    leave: Plan
+    q_jaw_open: float
+    q_jaw_closed: float
+    q_jaw_free: float
 
     @property
     def duration(self) -> float:

@@ -69,13 +69,20 @@ class Clearance(NamedTuple):
 
     It is negative by the depth if they overlap; 0 if they overlap and the depth is not known,
     because the second is a surface only.
+
+    Attributes:
+        distance: The distance [m].
+        first: A link by its human name, such as ``"upper arm"``, or a held object.
+        second: Another link, ``"floor"`` or an obstacle.
+        margin: Distance they must keep [m].
+        called: The names of the two in messages.
     """
 
-    distance: float  # [m]
-    first: str  # a link by its human name, such as ``"upper arm"``, or a held object
-    second: str  # another link, ``"floor"`` or an obstacle
-    margin: float  # distance they must keep [m]
-    called: tuple[str, str]  # the names of the two in messages
+    distance: float
+    first: str
+    second: str
+    margin: float
+    called: tuple[str, str]
 
     @property
     def room(self) -> float:

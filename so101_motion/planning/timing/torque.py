@@ -59,10 +59,15 @@ _TOLERANCE = 1e-3  # of a limit, relative; chosen far below the masses' error
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Payload:
-    """The mass that the gripper carries."""
+    """The mass that the gripper carries.
 
-    mass: float  # its mass [kg]
-    com: tuple[float, float, float]  # its centre of mass in the tool frame, x, y, z [m]
+    Attributes:
+        mass: Its mass [kg].
+        com: Its centre of mass in the tool frame, x, y, z [m].
+    """
+
+    mass: float
+    com: tuple[float, float, float]
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.mass <= HEAVIEST:

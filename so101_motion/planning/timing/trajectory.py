@@ -18,7 +18,13 @@ from so101_motion.common.geometry import Array, frozen_array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setpoint:
-    """Position, velocity and acceleration of a trajectory at one instant; shapes (n,), SI."""
+    """A trajectory at one instant.
+
+    Attributes:
+        q: Position, shape (n,), [rad].
+        qd: Velocity, shape (n,), [rad/s].
+        qdd: Acceleration, shape (n,), [rad/s^2].
+    """
 
     q: Array
     qd: Array
