@@ -18,6 +18,7 @@ from so101_motion.rig.cell_rigs import CellRigs
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
 from so101_motion.setup.identify_operation import IdentifyOperation
+from so101_motion.tasks.picking import PickOperation
 from so101_motion.tasks.program import ARM, Solo
 from so101_motion.viam.client import MachineRig
 
@@ -31,8 +32,8 @@ from .panels.health_panel import HealthPart
 from .panels.hold_buttons import HoldButtons, waiting
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
-from .panels.pick_panel import PickPart
 from .panels.share_panel import SharePart
+from .panels.task_panel import TaskPart
 from .program.program_panel import ProgramPart
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
@@ -164,7 +165,7 @@ class Preview(ServedPage):
             for name, each in self._tab_for_each("Teach", rigs)
         ]
         picks = [
-            PickPart(each, rigs[name], source.place, title=name or "Pick", node=move.nodes[name])
+            _picks(each, rigs[name], source.place, title=name or "Pick", node=move.nodes[name])
             for name, each in self._tab_for_each("Pick", rigs)
         ]
         fade = {name: stage.fade for name, stage in move.stages.items()}
@@ -255,3 +256,18 @@ def _servos(context: PageContext, rig: HardwareRig, panel: viser.PanelHandle) ->
     with panel.add_tab("Servos", viser.Icon.RULER_MEASURE):
         servos.build(context.gui)
     return servos
+
+
+def _picks(context: PageContext, rig: RigLike, place: str, *, title: str, node: str) -> Part:
+    """The Pick tab; ``place`` is proposed."""
+    with context.tabs.add_tab(title):
+        return TaskPart(
+            context,
+            rig,
+            "picking",
+            ("pick", "place", "run"),
+            lambda rig: PickOperation(rig.picker, place),
+            cannot="This arm's module on the machine cannot pick and place.",
+            node=f"{node}/pick",
+            color=(140, 95, 200),
+        )

@@ -1,0 +1,114 @@
+"""The panel of an operation of one arm, such as picking, and its picture in the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from concurrent.futures import Future
+
+import numpy as np
+
+from so101_motion.common.errors import MachineUnavailable
+from so101_motion.common.modes import Mode
+from so101_motion.common.operation import Operation, Picture, View
+from so101_motion.rig.protocols import RigLike
+from so101_motion.rig.rig import Rig
+from so101_motion.viam.client import MachineRig
+
+from ..page import markup
+from ..page.operation_panel import OperationPanel
+from ..page.page_context import PageContext, Part
+from ..page.screen_state import Sentence, Tone
+from ..scene.robot_view import Color, Line, SweepView, segments
+
+
+class TaskPart(Part):
+    """The widgets are made where the caller has put the cursor.
+
+    Args:
+        name: The operation's name on a machine.
+        moves: Those of its commands that move the arm.
+        here: Makes the operation of an arm of this computer.
+        cannot: What to say of a machine whose module does not have it.
+        node: The scene node to draw under.
+    """
+
+    def __init__(
+        self,
+        context: PageContext,
+        rig: RigLike,
+        name: str,
+        moves: Collection[str],
+        here: Callable[[Rig], Operation],
+        *,
+        cannot: str,
+        node: str,
+        color: Color,
+    ) -> None:
+        self._context, self._rig = context, rig
+        self._name, self._moves, self._here = name, moves, here
+        self._color = color
+        self._line = Line(context.server.scene, f"{node}/path")
+        self._ghosts = SweepView(context.server.scene, f"{node}/ghosts", color=color)
+        self._drawn: Picture | None = None
+        self._opening = self._open()
+        self._was_impossible = self._was_faulty = False
+        self._panels: list[OperationPanel] = []
+        cannot_html = markup.sentence(Sentence(cannot, Tone.WARM))
+        self._cannot = context.gui.add_html(cannot_html, visible=False)
+        self.add(OperationPanel(context, self._operation, draw=self._draw))
+
+    def add(self, panel: OperationPanel) -> None:
+        """Show one more panel of this arm, and close it with this part."""
+        panel.build(self._context.gui)
+        self._panels.append(panel)
+
+    def _open(self) -> Future[Operation]:
+        rig = self._rig
+        if isinstance(rig, MachineRig):
+            return self._context.in_background(lambda: rig.operation(self._name, self._moves))
+        assert isinstance(rig, Rig)
+        local: Future[Operation] = Future()
+        local.set_result(self._here(rig))
+        return local
+
+    def _operation(self) -> Operation | None:
+        opening = self._opening
+        if not opening.done():
+            return None
+        error = opening.exception()
+        if isinstance(error, MachineUnavailable):
+            self._opening = self._open()
+        return None if error is not None else opening.result()
+
+    @property
+    def _is_impossible(self) -> bool:
+        return self._opening.done() and self._opening.exception() is not None
+
+    def refresh(self) -> bool:
+        was_faulty, self._was_faulty = self._was_faulty, self._rig.arm.state.mode is Mode.FAULT
+        if was_faulty and not self._was_faulty:
+            for panel in self._panels:
+                panel.forget_trouble()
+        was_impossible, self._was_impossible = self._was_impossible, self._is_impossible
+        have_news = [panel.refresh() for panel in self._panels]
+        return any(have_news) or was_impossible != self._was_impossible
+
+    def show(self) -> None:
+        self._cannot.visible = self._is_impossible
+        for panel in self._panels:
+            panel.show()
+
+    def _draw(self, view: View) -> None:
+        picture = view.picture or Picture()
+        if picture == self._drawn:
+            return
+        self._drawn = picture
+        line = segments(np.array(picture.line)) if len(picture.line) > 1 else None
+        self._line.show(line, self._color)
+        ghosts = np.array(picture.ghosts).reshape(-1, 6)
+        q_jaw = float(ghosts[0, 5]) if len(ghosts) else 0.0
+        self._ghosts.show(ghosts[:, :5] if len(ghosts) else None, q_jaw, self._rig.arm.model)
+
+    def close(self) -> None:
+        for panel in reversed(self._panels):
+            panel.close()
