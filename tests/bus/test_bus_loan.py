@@ -4,11 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from harness.emulated_rig import PATIENCE, hardware_bench, rad
+from harness.emulated_rig import hardware_bench, rad
 from harness.held_calibration import filed, hold_calibration
 from serial.tools import list_ports
 
-from so101_motion.calib.access import BusAccess
 from so101_motion.calib.procedure.eeprom import write_calibration
 from so101_motion.calib.record import store
 from so101_motion.common.errors import MotionError, NoReply, PortUnavailable
@@ -16,7 +15,6 @@ from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import open_hardware
 
 NOBODY = {"servo_ids": None, "gripper_id": None}
 
@@ -35,15 +33,6 @@ def let_go(bus):
 
 
 # Having the bus
-
-
-def test_the_borrower_s_jobs_run_and_their_errors_come_back(bench):
-    loan: BusAccess = bench.open().lend_bus("calibration")
-
-    assert loan.call(lambda bus: bus.read(3, reg.ID)) == 3
-    assert (loan.port, loan.clock) == (str(bench.port), bench.clock)
-    with pytest.raises(ZeroDivisionError):
-        loan.call(lambda bus: 1 // 0)
 
 
 def test_lending_moves_nothing_and_other_requests_are_refused_with_the_reason(bench):
@@ -367,14 +356,3 @@ def test_an_arm_that_is_switched_on_later_is_seen_and_a_component_can_use_it(ben
     arm = bench.open()
     assert arm.arm.state.mode is Mode.HOLDING
     assert torque(bench) == [1] * 6
-
-
-def test_a_port_nobody_uses_closes_with_its_only_borrower(bench):
-    rig = bench.open(**NOBODY)
-    rig.lend_bus("motor setup")
-    rig.close()
-    with (
-        open_hardware(bench.settings(**NOBODY), clock=bench.clock, reply_timeout=PATIENCE) as again,
-        again.lend_bus("motor setup") as loan,
-    ):
-        assert loan.call(lambda bus: bus.scan()) == [1, 2, 3, 4, 5, 6]

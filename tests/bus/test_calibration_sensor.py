@@ -10,9 +10,6 @@ from harness.emulated_rig import ModelBench
 from harness.held_calibration import put
 from viam.components.arm import JointPositions
 
-from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import HeldCalibration
-from so101_motion.calib.procedure.journal import Journal
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.modes import Mode
@@ -292,30 +289,6 @@ async def test_a_client_that_goes_away_leaves_no_half_step(bench):
             await step
         now = await sensor.get_readings()
         assert (now["calibration_state"], "error" in now) == (state, False)
-
-
-async def test_what_a_crash_left_is_seen_to_when_the_servos_answer(data, planning_process):
-    bench = ModelBench(data, ids={})
-    try:
-        file = data / "so101_calibration.json"
-        before = HeldCalibration(homing_offset=0, range_min=800, range_max=3000)
-        meanwhile = HeldCalibration(homing_offset=77)
-        journal.write(file, Journal(before={"gripper": before}, meanwhile={"gripper": meanwhile}))
-        gripper = bench.world.servo("gripper")
-        gripper.memory.keep(emu.OFFSET, 77)
-        gripper.memory.keep(emu.MIN_POSITION, 0)
-        gripper.memory.keep(emu.MAX_POSITION, 4095)
-
-        sensor = new_sensor(bench)
-        assert "could not be restored" in (await sensor.get_readings())["notes"][0]
-        bench.world.connect("gripper")
-        await bench.pass_time(1.5)
-        notes = (await sensor.get_readings())["notes"]
-        assert "the servos' settings were restored" in notes[0]
-        assert held(bench)[5][:3] == [0, 800, 3000]
-        assert not journal.path_for(file).exists()
-    finally:
-        await bench.end()
 
 
 # The steps of a setup

@@ -349,12 +349,3 @@ def test_lerobots_file_marks_a_leader_and_is_not_suggested(table):
     assert "blue.json" in report.sentence
     gripper = next(s for s in report.suggestions if "gripper" in s.name)
     assert gripper.attributes["gripper_type"] == "leader"
-
-
-def test_a_file_that_viam_server_has_deleted_is_still_found(table):
-    emulator = table.arm()
-    file = table.data / "mine.json"
-    store.save(file, table.calibrate(emulator, 0))
-    store.load(file)
-    file.unlink()
-    assert table.only().calibration == file

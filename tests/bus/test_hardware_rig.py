@@ -10,7 +10,6 @@ from so101_motion.common.errors import (
     ConfigError,
     NoReply,
     OtherCalibration,
-    OutsideLimits,
 )
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -77,14 +76,6 @@ def test_a_gripper_alone_can_be_joined_by_its_arm(bench):
 # Calibration
 
 
-def test_the_servos_registers_serve_when_there_is_no_file(bench):
-    rig = bench.open()
-
-    assert {setup.source for setup in rig.servos.setups.values()} == {"registers"}
-    pan = rig.servos.calibration["shoulder_pan"]
-    assert (pan.range_min, pan.range_max) == (737, 3452)
-
-
 def test_servos_without_a_calibration_have_the_files_until_their_power_goes(bench):
     path = filed(bench)
     before = bench.q_deg
@@ -98,17 +89,6 @@ def test_servos_without_a_calibration_have_the_files_until_their_power_goes(benc
     assert "gripper: the servo holds no calibration" in " ".join(rig.servos.notes)
     assert rig.arm.state.q[0] == pytest.approx(rad(360.0 * 48 / 4096), abs=rad(0.5))
     assert bench.q_deg == pytest.approx(before, abs=0.5)
-
-
-def test_another_homing_offset_moves_no_joint_even_if_it_is_driven(bench):
-    bench.open().close()
-    bench.advance(0.5)
-    before = bench.q_deg
-    rig = bench.open(calibration_file=filed(bench, offsets={"shoulder_pan": 200}))
-    bench.advance(1.0)
-
-    assert bench.q_deg == pytest.approx(before, abs=0.6)
-    assert rig.arm.state.q[0] == pytest.approx(rad(360.0 * (48 - 200) / 4096), abs=rad(0.6))
 
 
 def test_another_calibration_is_refused_and_when_it_is_accepted_no_joint_moves(bench):
@@ -153,34 +133,6 @@ def test_a_bad_joint_of_a_file_gives_way_to_its_servo_and_a_bad_file_to_all(
     assert is_unused == (from_servos == set(record.JOINTS))
 
 
-def test_a_servo_whose_limits_make_no_sense_has_the_defaults(bench):
-    for joint, limits in (("elbow_flex", (3000, 1000)), ("gripper", (0, 4095))):
-        for row, limit in zip((emu.MIN_POSITION, emu.MAX_POSITION), limits, strict=True):
-            memory(bench, joint).keep(row, limit)
-    servos = bench.open().servos
-    used = {
-        joint: (setup.calibration.range_min, setup.calibration.range_max)
-        for joint, setup in servos.setups.items()
-        if setup.source == "defaults"
-    }
-    assert used == {"elbow_flex": (500, 3500), "gripper": (2048, 3248)}
-    notes = " ".join(servos.notes)
-    assert "elbow_flex: the limits in the servo (3000 to 1000) make no sense" in notes
-    assert "gripper: the limits in the servo (0 to 4095) are wider than the jaw" in notes
-
-
-def test_a_component_that_brings_a_file_changes_angles_and_moves_nothing(bench):
-    gripper = bench.open(servo_ids=None)
-    bench.advance(0.5)
-    before = bench.q_deg
-    arm = bench.open(gripper_id=None, calibration_file=filed(bench))
-    bench.advance(1.0)
-
-    assert arm.servos is gripper.servos
-    assert bench.q_deg == pytest.approx(before, abs=0.5)
-    assert arm.arm.state.q_ref == pytest.approx(arm.arm.state.q, abs=rad(0.5))
-
-
 def test_what_a_file_says_now_is_taken_up_when_its_user_accepts_it(bench):
     path = filed(bench)
     rig = bench.open(calibration_file=path)
@@ -199,33 +151,7 @@ def test_what_a_file_says_now_is_taken_up_when_its_user_accepts_it(bench):
     bench.finish(bench.go(rig, *np.degrees(rig.arm.state.q)))
 
 
-def test_goals_outside_the_calibrated_range_are_refused(bench):
-    rig = bench.open(calibration_file=filed(bench))
-    with pytest.raises(OutsideLimits, match=r"shoulder_pan.*calibrated range"):
-        bench.finish(bench.go(rig, 98, 0, 0, 0, 0))
-    with pytest.raises(OutsideLimits, match="shoulder_pan"):
-        rig.arm.retarget(np.radians([98.0, 0, 0, 0, 0]))
-
-    assert not rig.arm.is_moving
-
-
 # The gripper
-
-
-def test_it_stops_at_what_it_grabs_and_holds_it_gently(bench):
-    rig = bench.open()
-    bench.finish(rig.gripper.move(0.95, wait=False))
-    bench.world.put_object(0.06)
-    bench.finish(rig.gripper.grab(wait=False))
-    bench.advance(5.0)
-    jaw = rig.servos.health[5]
-
-    assert rig.gripper.is_holding
-    assert 0.1 < abs(jaw.load) < 0.35
-    assert jaw.faults == ()
-    bench.world.take_object()
-    bench.advance(1.0)
-    assert not rig.gripper.is_holding
 
 
 @pytest.mark.emulated(reply_timeout=2.0)

@@ -6,9 +6,7 @@ from harness.emulated_rig import rad
 
 from so101_motion.common.errors import (
     PortUnavailable,
-    ServoAlarm,
 )
-from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.planning.goals import JointGoal
 
@@ -31,23 +29,6 @@ def test_setting_up_anew_without_a_port_says_what_helps_and_succeeds_by_itself_l
     assert rig.servos.is_connected
     bench.finish(rig.executor.hold())
     assert bench.q_deg == pytest.approx(before, abs=0.5)
-
-
-def test_a_hot_servo_ends_the_motion_by_name_and_refuses_until_it_is_cool(bench):
-    rig = bench.open()
-    motion = bench.go(rig, 60, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 0.5)
-    bench.world.warm("elbow_flex", 66.0)
-    with pytest.raises(ServoAlarm, match=r"elbow_flex.*66 degC") as caught:
-        bench.finish(motion)
-    assert caught.value.joint == "elbow_flex"
-    assert len(caught.value.recent) > 10
-    with pytest.raises(ServoAlarm, match="elbow_flex"):
-        bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
-    bench.finish(rig.gripper.move(0.5, wait=False))  # nothing else is lost
-    bench.world.warm("elbow_flex", 30.0)
-    bench.advance(1.0)
-    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
 
 
 class Weight:
@@ -97,19 +78,6 @@ def test_a_warm_servo_slows_the_arm_down(bench):
 
 def goal_of(pan_deg):
     return JointGoal(q=np.radians([float(pan_deg), 0, 0, 0, 0]))
-
-
-def test_two_servos_with_one_id_are_a_fault_until_one_of_them_has_another(bench):
-    rig = bench.open()
-    bench.advance(0.5)
-    bench.world.servos[1].drive.shaft.output += 40.0
-    bench.emulator.begin(parse_fault("twin:2=1"))
-    bench.advance(2.0)
-    assert rig.arm.state.fault is not None
-    bench.emulator.end(parse_fault("twin:2=1"))
-    bench.advance(2.0)
-    bench.finish(rig.executor.hold())
-    bench.finish(bench.go(rig, 10, 0, 0, 0, 0))
 
 
 def test_an_answer_lost_at_that_moment_does_not_bring_a_limp_joint_back(bench):

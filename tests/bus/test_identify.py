@@ -17,7 +17,6 @@ from so101_motion.cli.measuring import nameless, text
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import Interrupted, MotionError, NotPossibleNow
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.planning.goals import JointGoal
 from so101_motion.setup.identify import SWEEPS, Identification, StandardMotions
@@ -176,14 +175,6 @@ def test_the_operation_plans_first_moves_when_told_to_and_stops(bench, rig):
     operation.close()
 
 
-def test_an_emulated_arm_has_the_servos_of_a_file():
-    world = build_world(EmulatorOptions(figures={"wrist_flex": PAN}))
-    wrist, elbow = (world.servo(name).drive.shaft for name in ("wrist_flex", "elbow_flex"))
-    for shaft in (wrist, elbow):
-        shaft.step(1.0, bridge=True, load=0.0)
-    assert wrist.velocity != elbow.velocity
-
-
 # What report-arm records
 
 
@@ -209,15 +200,6 @@ def test_motions_are_recorded_in_the_format_that_the_benchmark_reads(bench, tmp_
     assert motion["t_s"][0] == 0.0
     assert np.diff(motion["t_cmd_s"]).min() >= 0.0
     assert arm_of(file).registers["p_gain"] == 32
-
-
-def test_an_arm_that_is_stopped_holds_and_the_recording_is_an_error(bench):
-    rig = bench.open()
-    bench.advance(1.0)
-    motions = StandardMotions(rig)
-    with pytest.raises(Interrupted):
-        moved(bench, motions, Identification(rig).outline(), until=lambda: rig.arm.state.arm_moving)
-    assert np.abs(rig.arm.state.qd_ref).max() == 0.0
 
 
 def test_a_report_needs_servos_and_names_no_port_and_no_folder(tmp_path):

@@ -57,19 +57,6 @@ def test_a_limp_joint_outside_stays_limp_and_the_others_are_held(bench):
     assert "the next move brings it in, slowly" in remark
 
 
-def test_a_driven_joint_outside_stays_driven_where_it_is(bench):
-    bench.open().close()
-    bench.advance(1.0)
-    before = bench.q_deg
-    path = filed(bench, shoulder_lift=(2130, 3000), gripper=(2100, 3300))
-    rig = bench.open(calibration_file=path)
-    bench.advance(3.0)
-
-    assert bench.q_deg == pytest.approx(before, abs=0.5)
-    assert [torque(bench, i) for i in range(1, 7)] == [1] * 6
-    assert set(rig.arm.state.reading.out_of_range) == {"shoulder_lift", "gripper"}
-
-
 @pytest.mark.parametrize("driven", [False, True])
 def test_holding_again_does_not_move_it_either(bench, driven):
     if driven:

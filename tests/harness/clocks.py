@@ -100,14 +100,17 @@ _monotonic = time.monotonic  # the real one, also while ``everywhere`` is in for
 
 
 class PacedClock(MonotonicClock):
-    """Real time that stands still while the machine does: no thread that attends is ever late."""
+    """Real time that stands still while the machine does: no thread that attends is ever late.
+
+    A thread that is joined has the time that it takes: nobody moves this clock ahead of the real one.
+    """
 
     STEP = 0.03
     """How far it advances at a time [s]; a longer pause of the machine is no time at all."""
 
     def __init__(self):
         self._time = ManualClock(_monotonic())
-        self.attend, self.wait, self.join = self._time.attend, self._time.wait, self._time.join
+        self.attend, self.wait = self._time.attend, self._time.wait
         self._stepped = (self._time.now(), _monotonic())
         threading.Thread(target=self._run).start()
 

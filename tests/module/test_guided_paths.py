@@ -89,33 +89,6 @@ async def test_the_time_limit_of_manual_mode_ends_the_recording_and_it_is_kept(
     assert told["points"] >= 2
 
 
-async def test_a_stop_a_cancelled_call_and_a_newer_move_end_a_replay(arm, client):
-    await ask(client, "record_path", name="wave")
-    await lead(arm, client, *CORNERS)
-    await ask(client, "end_path")
-    for end in ("newer", "stop", "cancel"):
-        task = asyncio.ensure_future(ask(client, "replay_path", name="wave"))
-        while not arm.rig.arm.is_moving:
-            assert not task.done()
-            await advance(client, 0.0)
-            await asyncio.sleep(0)
-        await advance(client, 0.2)
-        if end == "newer":
-            home = JointPositions(values=[0.0] * 5)
-            await in_time(client, client.move_to_joint_positions(home))
-            await refused(task, Status.ABORTED)
-        elif end == "stop":
-            await client.stop()
-            await refused(task, Status.CANCELLED)
-        else:
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-        async with asyncio.timeout(30):
-            while await client.is_moving():
-                await advance(client, 0.01)
-
-
 @pytest.mark.parametrize(
     ("request_", "says"),
     [

@@ -176,12 +176,6 @@ async def test_turns_are_limited_when_asked_for(arm, motion):
     assert await in_time(arm, motion.move("arm", at(220, 80, 100), constraints=loose))
 
 
-async def test_a_turn_of_nothing_is_refused_by_the_name_it_has_in_the_request(motion):
-    fixed = Constraints(orientation_constraint=[OrientationConstraint()])
-    with pytest.raises(GRPCError, match="orientation_tolerance_degs"):
-        await motion.move("arm", at(220, 80, 100), constraints=fixed)
-
-
 async def test_contacts_can_be_allowed_by_name(arm, motion):
     crate = around(box("crate", (60, 60, 60), 250, 0, 30))
     with pytest.raises(GRPCError, match="crate"):

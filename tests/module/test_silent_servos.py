@@ -17,11 +17,9 @@ from grpclib import Status
 from harness.emulated_port import emulated_port, patiently, works
 from harness.fake_parent import (
     ARM,
-    CALIBRATION,
     GRIPPER,
     HARDWARE_ARM,
     HARDWARE_GRIPPER,
-    SENSOR,
     SIMULATED,
     running_module,
     until,
@@ -190,24 +188,3 @@ async def test_a_component_that_is_still_connecting_is_removed_at_once(empty_por
         module.process.send_signal(signal.SIGTERM)
         assert await module.ended() == 0
     Bus(SerialPort(empty_port)).close()
-
-
-async def test_arm_gripper_and_sensor_that_wait_for_their_servos_share_the_port(emulated, module):
-    arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port, **PATIENT}, "arm")
-    gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"arm": "arm"}, "gripper")
-    sensor = await within(
-        AT_ONCE, module.add(SENSOR, CALIBRATION, {"port": emulated.port}, "sensor")
-    )
-
-    async def has_port():
-        return (await sensor.get_status())["connected"]
-
-    await until(has_port)  # the port is there, though one of its servos is not
-    await names(gripper, "elbow_flex")
-    await refused(gripper.open(), Status.UNAVAILABLE, "elbow_flex")
-    await emulated.fault("end dead:3")
-    await until(lambda: works(arm.get_geometries))
-    await patiently(gripper.open)
-    for component in (arm, gripper):
-        status = await component.do_command({"command": "controller_status"})
-        assert status["ref_count"] == 3

@@ -36,18 +36,6 @@ async def start(client, call):
     return task
 
 
-async def test_a_full_pose_that_was_reached_before_is_reached_again(client):
-    await in_time(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
-    goal = await client.get_end_position()
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    extra = {"goal_metric_type": "full_pose"}
-    await in_time(client, client.move_to_position(goal, extra=extra))
-    pose = await client.get_end_position()
-
-    assert (pose.x, pose.y, pose.z) == pytest.approx((goal.x, goal.y, goal.z), abs=0.2)
-    assert pose.theta == pytest.approx(goal.theta, abs=1.0)
-
-
 async def test_what_cannot_be_is_refused_and_moves_nothing(client):
     above = Pose(x=250, y=0, z=150, o_z=1)
 
@@ -75,35 +63,6 @@ async def test_what_cannot_be_is_refused_and_moves_nothing(client):
     assert not await client.is_moving()
 
 
-async def test_a_point_out_of_reach_is_refused_with_how_far_and_where_to_go_instead(client):
-    with pytest.raises(GRPCError) as caught:
-        await in_time(client, client.move_to_position(Pose(x=600, y=0, z=200, o_z=1)))
-
-    assert caught.value.status is Status.FAILED_PRECONDITION
-    assert "mm" in caught.value.message
-    assert "nearest" in caught.value.message.lower()
-
-
-@pytest.mark.parametrize(
-    ("values", "status", "says"),
-    [
-        ([0, 0, 95, 0, 0], Status.OUT_OF_RANGE, ("elbow_flex", "95", "90.8")),
-        ([-111, 0, 0, 0, 0], Status.OUT_OF_RANGE, ("shoulder_pan", "-111", "-109.99")),
-        ([], Status.INVALID_ARGUMENT, ("got 0 joint values", "elbow_flex")),
-        ([0, 0, 0, 0], Status.INVALID_ARGUMENT, ("got 4 joint values", "elbow_flex")),
-        ([0, 0, 0, 0, 0, 0], Status.INVALID_ARGUMENT, ("got 6 joint values",)),
-        ([0, math.nan, 0, 0, 0], Status.INVALID_ARGUMENT, ("shoulder_lift", "finite")),
-    ],
-)
-async def test_joint_values_that_cannot_be_are_refused_by_name(client, values, status, says):
-    for call in (
-        client.move_to_joint_positions(joints(*values)),
-        client.move_to_joint_positions(joints(*values), extra={"wait": False}),
-        client.move_through_joint_positions([joints(*HOME), joints(*values)]),
-    ):
-        await refused(call, status, *says)
-
-
 async def test_a_motion_that_is_planned_again_goes_on_to_a_new_goal(client):
     replan = {"replan": True}
     await in_time(client, client.move_to_joint_positions(joints(*HOME), extra=replan))
@@ -114,35 +73,6 @@ async def test_a_motion_that_is_planned_again_goes_on_to_a_new_goal(client):
         await old
     reached = await client.get_end_position()
     assert (reached.x, reached.y, reached.z) == pytest.approx((250, 0, 150), abs=1.0)
-
-
-async def come_to_rest(client):
-    assert await client.is_moving()
-    while await client.is_moving():
-        await advance(client, 0.05)
-
-
-INTO_THE_TABLE = (0, 60, 0, 40, 0)
-
-
-async def test_a_target_in_the_table_is_not_reached(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    await client.move_to_joint_positions(joints(*INTO_THE_TABLE), extra={"wait": False})
-    await come_to_rest(client)
-    assert (await client.get_end_position()).z > 0.0
-
-    extra = {"interpolate": False}
-    into = client.move_through_joint_positions([joints(*INTO_THE_TABLE)], extra=extra)
-    with pytest.raises(GRPCError, match="close to the floor"):
-        await in_time(client, into)
-    assert (await client.get_end_position()).z > 0.0
-
-
-async def test_without_the_guard_a_target_in_the_table_is_reached():
-    async with guarded_arm(simulate_time=False, collision_guard=False) as client:
-        await client.move_to_joint_positions(joints(*INTO_THE_TABLE), extra={"wait": False})
-        await come_to_rest(client)
-        assert (await client.get_end_position()).z < 0.0
 
 
 async def test_an_arm_that_is_being_removed_begins_no_other_move():
