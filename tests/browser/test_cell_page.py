@@ -76,24 +76,6 @@ def test_a_common_motion_is_planned_executed_and_stopped(guest, arms):
     assert guest.problems == []
 
 
-def test_the_plan_is_downloaded_as_a_table_of_one_arm(guest, tmp_path):
-    page = guest.page
-    page.get_by_role("tab", name="Share", exact=True).click()
-    for label, wanted in (("File", "Table, degrees (CSV)"), ("Of", "arm 2")):
-        field = page.get_by_role("combobox", name=label, exact=True).filter(visible=True)
-        field.click()
-        page.get_by_role("option", name=wanted).filter(visible=True).click()
-        guest.until(lambda field=field, wanted=wanted: wanted in field.input_value())
-        page.wait_for_timeout(300)  # the page sends one message per panel every 50 ms
-    guest.comes_to([], guest.barriers)
-    with page.expect_download() as download:
-        guest.press("Download")
-    download.value.save_as(tmp_path / "table.csv")
-    assert download.value.suggested_filename.endswith("-arm-2.csv")
-    assert "shoulder_pan" in (tmp_path / "table.csv").read_text()
-    page.get_by_role("tab", name="Move", exact=True).click()
-
-
 def test_each_arm_is_jogged_by_itself(guest, arms):
     page, (first, second) = guest.page, arms.rigs.values()
 
@@ -184,30 +166,6 @@ def test_a_program_is_recorded_from_targets_and_by_hand_repeated_in_a_loop_and_p
         np.testing.assert_array_equal(rig.arm.state.q, q)  # only ghosts have moved
     guest.press("remove")
     guest.until(lambda: not guest.says("1 to 2 run 3×"))
-    page.get_by_role("tab", name="Move", exact=True).click()
-    assert guest.problems == []
-
-
-def test_a_path_is_taught_to_one_arm_while_the_other_holds(guest, arms):
-    page, (first, second) = guest.page, arms.rigs.values()
-    guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in (first, second)))
-    page.get_by_role("tab", name="Teach", exact=True).click()
-    guest.until(lambda: guest.button("Record a path").count() == 1)
-    arm_tab(guest, "arm 2").click()
-    start = second.arm.state.q
-    guest.press("Record a path")
-    guest.until(lambda: guest.says('Recording "path", '))
-    assert second.arm.state.mode is Mode.GUIDING
-    assert first.arm.state.mode is Mode.HOLDING
-    for share in np.linspace(0.0, 1.0, 8):
-        push(second, start + share * np.radians([8.0, 0.0, 0.0, 5.0, 0.0]))
-        page.wait_for_timeout(60)
-    guest.press("End the recording")
-    guest.until(lambda: "/arms/1/teach/path" in guest.nodes())
-    guest.until(lambda: guest.button("Plan replay").is_enabled())
-    guest.press("Plan replay")
-    guest.until(lambda: guest.button("Replay").is_enabled())
-    guest.comes_to([], guest.barriers)
     page.get_by_role("tab", name="Move", exact=True).click()
     assert guest.problems == []
 

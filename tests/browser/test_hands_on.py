@@ -4,12 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from harness.browser_user import LAPTOP, READY, move_to
-from so101_viewer import Source, serve_source
+from harness.browser_user import READY, move_to
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-from so101_motion.rig.simulated_rig import open_simulated
 
 VIEW = "window.__viserMutable.camera.position.toArray()"
 
@@ -44,33 +42,6 @@ def switch_on(guest):
     guest.until(lambda: guest.page.get_by_label("gripper, open").is_enabled())
 
 
-def direction(guest, rig, key):
-    """Which way the tool goes while a key is held."""
-    before = tip(rig)
-    on = guest.page.locator(f'.so101-jog[data-jog="on"]:visible [data-key="{key}"]:enabled')
-    looks = 0
-
-    def is_moved():
-        nonlocal looks
-        if looks % 30 == 0 and not moves(rig):  # anew: the page may have built its buttons anew
-            guest.page.keyboard.up(key)
-            guest.until(lambda: on.count() == 1)
-            guest.page.keyboard.down(key)
-        looks += 1
-        return float(np.linalg.norm(tip(rig) - before)) > 0.005
-
-    guest.until(is_moved)
-    guest.page.keyboard.up(key)
-    guest.until(lambda: not moves(rig))
-    way = tip(rig) - before
-    return np.asarray(way / np.linalg.norm(way))
-
-
-def sum_of(what, *sides):
-    box = what.bounding_box()
-    return float("nan") if box is None else float(sum(box[side] for side in sides))
-
-
 def is_chosen(guest, name):
     return guest.button(name).get_attribute("aria-pressed") == "true"
 
@@ -79,30 +50,6 @@ def choose(guest, *names):
     for name in names:
         guest.press(name)
         guest.until(lambda name=name: is_chosen(guest, name))
-
-
-def test_the_tool_is_jogged_along_the_axes_of_the_base_and_its_own(jogging, rig):
-    jogging.until(lambda: is_chosen(jogging, "joints") and is_chosen(jogging, "slow"))
-    view = jogging.page.evaluate(VIEW)
-    choose(jogging, "medium", "base")  # a busy page lets go of a key late
-    jogging.until(lambda: not is_chosen(jogging, "joints"))
-    np.testing.assert_allclose(direction(jogging, rig, "r"), [0.0, 0.0, 1.0], atol=0.05)
-    np.testing.assert_allclose(direction(jogging, rig, "s"), [-1.0, 0.0, 0.0], atol=0.05)
-    choose(jogging, "tool")
-    axis = rig.arm.model.frame(rig.arm.state.q_ref, "tool").R[:, 2]
-    np.testing.assert_allclose(direction(jogging, rig, "f"), -axis, atol=0.05)
-    jaw = jogging.page.get_by_label("gripper, open")
-    jogging.resize((390, 844))  # all of it is seen on a phone
-    jogging.until(lambda: jaw.is_visible() and sum_of(jaw, "y", "height") <= 844.0)
-    jogging.resize(LAPTOP)
-    jogging.until(jaw.is_visible)
-    jogging.press("End jogging")
-    jogging.until(lambda: not jogging.page.get_by_label("gripper, open").is_enabled())
-    jogging.page.keyboard.down("s")  # viser's own keys fly through the picture, these do not
-    jogging.page.wait_for_timeout(500)
-    jogging.page.keyboard.up("s")
-    np.testing.assert_allclose(jogging.page.evaluate(VIEW), view, atol=1e-3)
-    assert jogging.problems == []
 
 
 def test_the_arm_follows_the_arrows_as_long_as_they_are_dragged(jogging, rig):
@@ -199,41 +146,3 @@ def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(guest, rig, o
     np.testing.assert_allclose(rig.arm.state.q, there, atol=to_rad(1.0))
     assert (own_files / "paths" / "wave.json").exists()
     guest.in_front("Move")
-
-
-def test_the_arm_follows_a_leader_that_a_hand_moves_until_stop(visit, rig):
-    opened = []  # not until it is wanted
-
-    def open_leader():
-        opened.append(open_simulated())
-        return opened[-1]
-
-    source = Source(title="Arm", open=lambda: rig, lasts=True, open_leader=open_leader)
-    with serve_source(source, port=0) as preview:
-        guest = visit()
-        guest.open(preview.url)
-        guest.in_front("Teach")
-        guest.until(lambda: guest.says("Keep a hand on the leader"))
-        assert opened == []
-        guest.press("Follow the leader")
-        guest.until(lambda: guest.says("Following the leader."))
-        (leader,) = opened
-        assert leader.arm.state.mode is Mode.LIMP
-        there = np.radians([-30.0, 10.0, 5.0, 5.0, 0.0])
-
-        def is_led():
-            """Whether it is there; a hand keeps near an arm that a busy machine has stopped."""
-            off = there - rig.arm.state.q
-            push(leader, rig.arm.state.q + np.clip(off, -to_rad(4.0), to_rad(4.0)))
-            slow = np.abs(rig.arm.state.qd).max() < to_rad(2.0)
-            return bool(np.abs(off).max() < to_rad(2.0) and slow)
-
-        guest.until(is_led)
-        guest.press("STOP")
-        guest.until(lambda: guest.button("Follow the leader").count() == 1)
-        push(leader, np.zeros(5))
-        guest.page.wait_for_timeout(500)
-        np.testing.assert_allclose(rig.arm.state.q, there, atol=to_rad(2.0))
-        assert rig.arm.state.mode is Mode.HOLDING
-        assert guest.problems == []
-        guest.leave()

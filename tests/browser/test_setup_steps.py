@@ -93,65 +93,6 @@ def finish(hand):
     hand.until(is_ended, "finishing", seconds=60.0)
 
 
-def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(kit, tmp_path):
-    with serve(kit, tmp_path) as app:
-        hand = hand_on(app)
-        hand.press("Motor Setup Only")
-        hand.press("Next")
-
-        kit.world.power(15.5)
-        kit.plug_in("gripper")
-        hand.expect("it gets 15.5 V but is made for at most")
-        hand.expect("Switch the power off now")
-        assert not hand.can("Write id 6 to this motor")
-        hand.until(lambda: hand.can("Look again"), "Look again")
-        kit.world.power(12.0)
-        set_up(hand, kit, "gripper")
-        hand.expect("Unplug the motor of gripper and write 6 on it")
-        assert not hand.can("Write id 5 to this motor")  # the finished one is still connected
-
-        skip(hand, "wrist_roll")
-        hand.expect("connect only the motor of wrist_flex")
-        hand.press("Start over with the gripper")  # another kit
-        hand.expect("connect only the motor of wrist_flex")
-        hand.press("Press again to start over")
-        hand.expect("Connect only the motor of gripper")
-        set_up(hand, kit, "gripper")
-        skip(hand, "wrist_roll")
-        hand.expect("connect only the motor of wrist_flex")
-
-    with serve(kit, tmp_path) as app:
-        hand = hand_on(app)
-        hand.expect("Step 2 of 3, about 8 min left, once the arm is connected again")
-        hand.press("Next")
-        hand.expect("connect only the motor of wrist_roll")
-        assert app.last_port == kit.port  # of which Ctrl-C tells the torque
-        hand.press("Abort the setup")
-        hand.press("Press again to abort")
-        hand.expect("Aborted: nothing moved")
-        hand.until(lambda: hand.can("Motor Setup Only"), "Motor Setup Only")
-        hand.press("Motor Setup Only")
-        hand.press("Next")
-        hand.expect("connect only the motor of wrist_roll")
-        hand.press("Back")
-        hand.press("Back")
-        hand.expect("What do you need?")
-
-
-def test_a_port_that_is_not_there_is_waited_for(tmp_path):
-    with serve_setup(
-        port=0, ports=[str(tmp_path / "arm")], progress_file=tmp_path / "setup.json"
-    ) as app:
-        hand = hand_on(app)
-        hand.press("Full Setup")
-        hand.expect("there is no such port")
-        assert not hand.can("Next")
-        with new_kit(tmp_path):
-            hand.until(lambda: hand.can("Next"), "going on")
-        hand.expect("there is no such port")
-        hand.until(lambda: not hand.can("Next"), "waiting")
-
-
 def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path):
     settings = ServoSettings(port=str(tmp_path / "arm")).with_arm(SERVO_IDS)
     with (
@@ -194,50 +135,6 @@ def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(kit, 
         kit.plug_in(*SETUP_ORDER)
         finish(hand)
         assert not (tmp_path / "setup.json").exists()
-
-
-def test_a_calibration_that_is_restarted_or_aborted_leaves_the_motors_as_they_were(tmp_path):
-    with closing(Kit(tmp_path)) as kit:
-        before = [servo.memory.flash for servo in kit.world.servos]
-        kit.put(0.6)
-        held = kit.offsets
-
-        def take_the_pose(hand, then):
-            hand.press("Let go of the joints")
-            hand.press("I hold it there")
-            hand.expect(then)
-            assert kit.offsets != held
-
-        with serve(kit, tmp_path) as app:
-            hand = hand_on(app)
-            hand.press("Calibration Only")
-            hand.expect("Step 1 of 7")
-            hand.press("Next")
-            hand.expect("Step 2 of 7")
-            hand.press("Next")
-            hand.expect("it sinks at once")
-            assert [servo.memory.flash for servo in kit.world.servos] == before
-            take_the_pose(hand, "The pose is taken")
-            hand.press("Next")
-            hand.expect("Still to do: shoulder_pan")
-        with serve(kit, tmp_path) as app:
-            hand = hand_on(app)
-            hand.press("Next")
-            hand.expect("it sinks at once")  # the pose has to be taken again
-            assert not hand.can("Next")
-            assert kit.offsets == held
-            take_the_pose(hand, "Still to do: shoulder_pan")  # where it was
-            hand.press("Back")
-            hand.expect("Step 3 of 7")
-            hand.press("Back")
-            hand.expect("The calibration is under way: press Next")
-            hand.until(lambda: hand.can("Next"), "Next")
-            assert not hand.can("Verify again")
-            hand.press("Abort the setup")
-            hand.press("Press again to abort")
-            hand.expect("everything is as it was before")
-            assert kit.offsets == held
-            hand.until(lambda: hand.can("Full Setup"), "Full Setup")
 
 
 def calibrate(hand, kit, middle, begin="Let go of the joints"):

@@ -18,7 +18,7 @@ def crawl(guest, rig):
 
     def begin():
         crawl_aside(rig)
-        guest.until(lambda: guest.says("Moving"))
+        guest.until(lambda: rig.arm.is_moving and guest.says("Moving"))
 
     yield begin
     rig.arm.stop()
@@ -190,13 +190,17 @@ def test_light_and_dark_windows_keep_nobody_with_other_eyes_or_hands_away_and_mo
         guest.comes_to([shade, bad], scheme)
         guest.until(lambda: guest.barriers() == [])  # names come a moment later
         meets_no_barrier(
-            guest, "Jog", "Program", "World", "Share", "Teach", "Pick", "Events", "Move"
+            guest,
+            *("Jog", "Program", "World", "Share", "Teach", "Pick", "Events", "Move"),
+            only=shade == "dark" and "color-contrast",
         )
     guest.page.emulate_media(color_scheme="light")  # a new day
     guest.comes_to(["light", "#c92a2a"], scheme)
     np.testing.assert_array_equal(rig.arm.state.q_ref, before)
     assert guest.problems == []
 
+
+VIEW = "window.__viserMutable.camera.position.toArray()"
 
 GAMEPAD = """
 window.pad = {connected: true, axes: [0, 0, 0, 0], buttons: [...Array(16)].map(() => ({value: 0}))};
@@ -222,7 +226,12 @@ def test_jogging_lasts_as_long_as_a_key_or_a_button_or_one_of_a_gamepad_is_held(
         )
 
     page.get_by_role("tab", name="Jog").click()
+    view = page.evaluate(VIEW)
     page.keyboard.press("q")  # off until it is switched on
+    page.keyboard.down("s")  # viser's own keys fly through the picture, these do not
+    page.wait_for_timeout(500)
+    page.keyboard.up("s")
+    np.testing.assert_allclose(page.evaluate(VIEW), view, atol=1e-3)
     guest.press("Start jogging")
     guest.until(lambda: guest.says("Hold a button or its key."))
     assert at_rest(rig) or not moves()
@@ -264,13 +273,13 @@ def test_jogging_lasts_as_long_as_a_key_or_a_button_or_one_of_a_gamepad_is_held(
     assert guest.problems == []
 
 
-def meets_no_barrier(guest, *tabs):
+def meets_no_barrier(guest, *tabs, only=None):
     for name in tabs:
         tab = guest.page.get_by_role("tab", name=name, exact=True)
         tab.click()
         guest.comes_to("true", lambda tab=tab: tab.get_attribute("aria-selected"))
         guest.page.wait_for_timeout(400)
-        guest.comes_to([], lambda tab=tab: guest.barriers(tab))  # names come a moment later
+        guest.comes_to([], lambda tab=tab: guest.barriers(tab, only))  # names come a moment later
         assert tab.get_attribute("aria-selected") == "true"
 
 

@@ -74,10 +74,10 @@ for (const [name, { value }] of Object.entries(Object.getOwnPropertyDescriptors(
 
 
 LOOK_FOR_BARRIERS = """
-async (part) => {
+async (part, only) => {
   const found = await axe.run(part.closest('.mantine-Paper-root') ?? document, {
     resultTypes: ['violations'],
-    runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa'],
+    runOnly: only ? [only] : ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa'],
     preload: false,  // it would fetch what the page has loaded once more, and wait for that
   });
   return found.violations
@@ -225,11 +225,14 @@ class Guest:
         red, green, blue = color
         return (red << 16) + (green << 8) + blue
 
-    def barriers(self, tab=None):
-        """Barriers that axe calls serious for people with a disability; of ``tab`` or all."""
+    def barriers(self, tab=None, only=None):
+        """Barriers that axe calls serious for people with a disability; of ``tab`` or all.
+
+        ``only`` names the one rule that is looked at.
+        """
         if not self.page.evaluate("'axe' in window"):
             self.page.evaluate(AXE_SCRIPT)
-        found = (tab or self.page.locator("html")).evaluate(LOOK_FOR_BARRIERS)
+        found = (tab or self.page.locator("html")).evaluate(LOOK_FOR_BARRIERS, only or None)
         return found
 
     def finger(self, *way):

@@ -102,7 +102,7 @@ _monotonic = time.monotonic  # the real one, also while ``everywhere`` is in for
 class PacedClock(MonotonicClock):
     """Real time that stands still while the machine does: no thread that attends is ever late.
 
-    A thread that is joined has the time that it takes: nobody moves this clock ahead of the real one.
+    A thread that is joined takes its own time: nothing moves this clock ahead of the real one.
     """
 
     STEP = 0.03
