@@ -1,7 +1,6 @@
 """The calibration sensor on a port that an arm and a gripper use as well."""
 
 import asyncio
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -245,22 +244,6 @@ async def test_saving_can_be_tried_again_when_a_cable_was_loose(bench):
     await bench.pass_time(1.2)
     assert (await do(sensor, "save_calibration"))["state"] == "idle"
     assert (await sensor.get_readings())["last_save_error"] == ""
-
-
-async def test_a_calibration_that_was_saved_is_taken_back_in_the_file_and_in_the_servos(bench):
-    sensor = new_sensor(bench)
-    await record(bench, sensor)
-    file = Path((await do(sensor, "save_calibration"))["calibration_file"])
-    before, kept = held(bench), store.read(file).calibration
-    await record(bench, sensor, middle=0.45)
-    assert "save or abort it" in await refused(sensor, "restore_calibration")
-    await do(sensor, "save_calibration")
-    assert "version" in await refused(sensor, "restore_calibration", number=99)
-    assert "whole number" in await refused(sensor, "restore_calibration", number=1.5)
-    answer = await do(sensor, "restore_calibration", number=1)
-    assert answer["calibration_file"] == str(file)
-    assert store.read(file).calibration == kept
-    assert held(bench) == before
 
 
 async def test_a_servo_that_is_missing_at_the_start_is_named_and_the_arm_stays_up(bench):

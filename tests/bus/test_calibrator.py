@@ -1,7 +1,5 @@
 """Calibrating on a port that goes away; holding an arm that has no component, letting it go."""
 
-import math
-
 import numpy as np
 import pytest
 from harness.heard_port import HeardEmulator
@@ -121,16 +119,6 @@ def test_a_calibration_under_way_is_ended_first(arm):
         with pytest.raises(CalibrationError, match="under way"):
             call()
     assert not any(arm.driven)
-
-
-def test_an_arm_without_a_component_can_be_held_where_it_stands_and_moved(arm):
-    assert arm.rig.arm.state.mode is Mode.LIMP
-    assert arm.calibrator.hold().holds
-    assert all(arm.driven)
-    arm.pass_time(0.2)
-    before = arm.rig.arm.state.q
-    arm.pass_time(0.5)
-    assert arm.rig.arm.state.q == pytest.approx(before, abs=math.radians(3.0))  # it has weight
 
 
 def test_servos_that_miss_the_first_look_are_held_as_well(arm, monkeypatch):

@@ -141,14 +141,6 @@ def test_a_calibration_that_is_killed_while_it_saves_is_completed_by_the_next_st
         assert rows == [reg.encode_offset(entry.homing_offset), entry.range_min, entry.range_max]
 
 
-def test_quitting_before_the_start_changes_nothing(arm):
-    with Typist("calibrate", "--port", arm.port) as person:
-        person.sees("about to go limp")
-        person.presses("q")
-        person.sees("nothing was changed")
-        assert person.code() == 7
-
-
 def test_a_servo_that_is_missing_is_named_and_nothing_is_left_half_done(arm, tmp_path):
     arm.world.disconnect("wrist_flex")
     file = str(tmp_path / "x.json")

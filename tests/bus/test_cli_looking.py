@@ -116,18 +116,12 @@ def test_a_configuration_is_printed_that_the_models_accept(arm, file):
     assert HardwareArmConfig.from_attributes(arm_["attributes"]).connection.port == arm.port
     assert HardwareGripperConfig.from_attributes(gripper["attributes"]).servo_id == 6
     assert calibration["model"] == "devrel:so101:calibration"
+    for component in configuration["components"]:
+        assert component["attributes"]["calibration_file"] == str(file)
     assert arm_["frame"] == {"parent": "world"}
     assert gripper["frame"] == {"parent": arm_["name"]}
     (module,) = configuration["modules"]
     assert module["executable_path"].endswith("run.sh")
-
-
-def test_a_file_that_was_saved_anywhere_is_found_again_and_configured_by_its_path(arm, file):
-    asked = ("viam", "config", "--port", arm.port, "--json")
-    _, told = looked(*asked, until=lambda _, told: "calibration_file" in on_port(told, arm))
-    assert on_port(told, arm)["calibration_file"] == str(file)
-    for component in told["configuration"]["components"]:
-        assert component["attributes"]["calibration_file"] == str(file)
 
 
 def test_a_port_without_an_arm_is_configured_for_nobody(tmp_path):

@@ -112,20 +112,3 @@ def test_what_follows_into_something_yields_and_keeps_its_torque(bench, joint):
     assert blocked < 80, "an overload is 80 % of the drive for 2 s"
     assert pushes(bench, joint) < 150
     assert rig.arm.state.fault is None
-
-
-@pytest.mark.emulated(q_start=(0.0, -1.6057, 1.3614, 1.0472, 0.0, 0.0), held_kg=0.0)
-def test_a_limp_arm_that_is_switched_on_starts_from_where_it_is(bench):
-    rig = bench.open()
-    rig.arm.set_torque(False)
-    bench.advance(3.0)
-    here = bench.q_deg
-    bench.finish(rig.executor.hold())
-    most = 0.0
-    for _ in range(100):
-        bench.advance(0.01)
-        most = max(most, float(abs(bench.q_deg - here).max()))
-    assert most < 1.5, "it takes up its weight"
-    plan = rig.arm.plan([0.0, -0.8, 0.8, 1.0, 0.0])
-    assert abs(plan.q_start - rig.arm.q).max() < math.radians(1.5)
-    bench.finish(rig.arm.move(plan, wait=False))

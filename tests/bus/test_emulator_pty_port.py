@@ -108,21 +108,6 @@ def test_unplugging_ends_reads_and_writes_and_plugging_in_brings_the_link_back(m
         assert ask(again, PING, 6) == PONG
 
 
-@pytest.mark.breaks("seed", reason="this client does not look before it writes a goal")
-def test_servos_live_on_while_the_port_is_unplugged(make_emulator, link, clock):
-    emulator = make_emulator(link=link)
-    goal = frame(1, Code.WRITE, bytes((42,)) + (2300).to_bytes(2, "little"))
-    with open_port(emulator) as port:
-        assert ask(port, goal, 6) == PONG
-    emulator.unplug()
-    clock.advance(2.0)
-    emulator.advance()
-    emulator.plug()
-    with open_port(emulator) as port:
-        reply = ask(port, frame(1, Code.READ, bytes((56, 2))), 8)
-    assert int.from_bytes(reply[5:7], "little") == pytest.approx(2300, abs=2)
-
-
 def test_port_can_be_unplugged_in_the_middle_of_traffic(make_emulator, link):
     emulator, fault = make_emulator(link=link), parse_fault("unplug")
     for _ in range(10):

@@ -81,9 +81,9 @@ def threads_take_turns_often():
     sys.setswitchinterval(interval)
 
 
-@pytest.fixture(params=[False, True], ids=["at once", "real time"])
-def emulator(request, clock):
-    options = EmulatorOptions(pacing=Pacing(realtime=request.param))
+@pytest.fixture
+def emulator(clock):
+    options = EmulatorOptions(pacing=Pacing(realtime=True))
     with Emulator(options, now=clock.now) as emulator:
         yield emulator
 

@@ -112,24 +112,6 @@ async def test_reinitialize_sets_everything_up_again(models, client):
     assert "elbow_flex" in answer["error"]
 
 
-async def test_what_went_wrong_on_the_wire_is_still_told_after_setting_up_again(models, client):
-    models.emulator.bus.faults.loss = 0.05
-    await models.pass_time(2.0)
-    models.emulator.bus.faults.loss = 0.0
-    before = (await ask(client, models, command="health"))["joints"]
-    assert sum(one["lost"] for one in before.values()) > 0
-    models.emulator.unplug()
-    await models.pass_time(1.0)
-    models.emulator.plug()
-    await models.pass_time(3.0)
-    assert (await ask(client, models, command="reinitialize", retries=3))["success"]
-    after = await ask(client, models, command="health")
-    assert after["port_losses"] == 1
-    for joint, one in before.items():
-        assert after["joints"][joint]["lost"] >= one["lost"]
-        assert after["joints"][joint]["answers"] > one["answers"]
-
-
 async def test_the_calibration_is_reported_with_its_source(models, client):
     answer = await ask(client, models, command="get_calibration")
     pan = answer["calibration"]["shoulder_pan"]

@@ -114,22 +114,13 @@ async def test_its_own_idea_of_open_and_closed_can_be_set(models, client):
 
 async def test_its_speed_can_be_set_and_counts(models, client):
     await models.in_time(client.grab())
-    answer = await ask(client, models, command="set_motion_params", speed=20.0)
-    assert answer["success"] is True
-    assert answer["speed"] == 20.0
-    assert (await ask(client, models, command="get_motion_params"))["speed"] == 20.0
+    answer = await ask(client, models, command="set_motion_params", speed=20.0, acceleration=500.0)
+    params = await ask(client, models, command="get_motion_params")
+    assert (params["speed"], params["acceleration"]) == (20.0, 500.0)
+    assert answer == {"success": True, **params}
     begin = models.clock.now()
     await models.in_time(client.open())
     assert models.clock.now() - begin > 5.0
-
-
-async def test_its_motion_params_can_be_read_and_written_back(models, client):
-    before = await ask(client, models, command="get_motion_params")
-    after = await ask(client, models, command="set_motion_params", **before)
-
-    assert after == {"success": True, **before}
-    lower = await ask(client, models, command="set_motion_params", acceleration=500.0)
-    assert lower["acceleration"] == 500.0
 
 
 @pytest.mark.parametrize(

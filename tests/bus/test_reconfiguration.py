@@ -99,10 +99,9 @@ async def test_an_arm_comes_back_with_another_file_while_its_gripper_stays(bench
     await bench.in_time(again.move_to_joint_positions(goal))
 
 
-@pytest.mark.parametrize("form", ["port", "arm"])
-async def test_a_file_that_the_arm_no_longer_names_is_not_in_force(bench, form):
+async def test_a_file_that_the_arm_no_longer_names_is_not_in_force(bench):
     arm = bench.new_arm(calibration_file="a.json")
-    new_gripper(bench, form)
+    new_gripper(bench, "arm")
     bench.world.servo("shoulder_pan").memory.keep(emu.MIN_POSITION, 800)
     again = await replaced(bench, arm, bench.new_arm)
 
@@ -112,7 +111,6 @@ async def test_a_file_that_the_arm_no_longer_names_is_not_in_force(bench, form):
     assert lowest(again, "shoulder_pan") == 800
 
 
-@pytest.mark.parametrize("form", ["port", "arm"])
 @pytest.mark.parametrize(
     ("before", "after", "name", "asked"),
     [
@@ -128,9 +126,9 @@ async def test_a_file_that_the_arm_no_longer_names_is_not_in_force(bench, form):
         ({"joint_zero_offsets_deg": {"elbow_flex": 1.0}}, {}, "zero_offsets", None),
     ],
 )
-async def test_an_arm_comes_back_with_other_settings(bench, form, before, after, name, asked):
+async def test_an_arm_comes_back_with_other_settings(bench, before, after, name, asked):
     arm = bench.new_arm(**before)
-    new_gripper(bench, form)
+    new_gripper(bench, "arm")
     again = await replaced(bench, arm, lambda: bench.new_arm(**after))
 
     assert getattr(again.rig.settings, name) == asked
@@ -140,10 +138,9 @@ async def test_an_arm_comes_back_with_other_settings(bench, form, before, after,
         assert zeros["middle_deg"] == pytest.approx(middle)
 
 
-@pytest.mark.parametrize("form", ["port", "arm"])
-async def test_an_arm_comes_back_with_its_servos_in_another_order(bench, form):
+async def test_an_arm_comes_back_with_its_servos_in_another_order(bench):
     arm = bench.new_arm(servo_ids=[2.0, 1.0, 3.0, 4.0, 5.0])
-    new_gripper(bench, form)
+    new_gripper(bench, "arm")
     await bench.in_time(arm.close())
     again = bench.new_arm()
 
@@ -226,10 +223,9 @@ async def test_another_file_waits_for_the_end_of_a_motion(bench, caplog):
     await bench.in_time(again.close())
 
 
-@pytest.mark.parametrize("form", ["port", "arm"])
-async def test_a_silent_jaw_does_not_keep_the_arm_from_its_new_file(bench, form):
+async def test_a_silent_jaw_does_not_keep_the_arm_from_its_new_file(bench):
     arm = bench.new_arm(calibration_file="a.json")
-    gripper = new_gripper(bench, form)
+    gripper = new_gripper(bench, "arm")
     bench.world.disconnect("gripper")
     await bench.pass_time(0.5)
     await bench.in_time(arm.close())

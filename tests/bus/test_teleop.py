@@ -76,16 +76,6 @@ def test_a_leader_that_stands_elsewhere_is_approached_slowly_and_then_mirrored(b
     assert bench.follower.q_deg == pytest.approx(bench.leader.q_deg, abs=1.5)
 
 
-def test_arms_that_stand_alike_need_no_approach(bench):
-    before = bench.follower.q_deg
-    bench.start()
-    bench.advance(1.0)
-    assert mirroring(bench)
-    assert bench.teleop.status.leader_is_limp
-    assert bench.follower.q_deg == pytest.approx(before, abs=2.0), "the hand gives in a little"
-    assert bench.follower.q_deg == pytest.approx(bench.leader.q_deg, abs=1.0)
-
-
 # Following
 
 

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness.emulated_rig import MIDDLES_DEG, arm_client, rad
+from harness.emulated_rig import MIDDLES_DEG, arm_client
 from harness.held_calibration import hold_calibration
 
 from so101_motion.calib.record import store, zero
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.encoder_zeros import shift
-from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.emulator.joint_figures import SO101
 
 ARM = JOINTS[:5]
@@ -115,20 +114,6 @@ def test_where_the_published_module_s_zeros_differ_is_told_until_one_is_chosen(
     assert elbow.zero.by == "homing"
     assert elbow.map.zero_ticks == 2047
     assert elbow.map.lower + elbow.map.upper == pytest.approx(2 * elbow.zero.angle, abs=0.01)
-
-
-def test_configured_zeros_serve_without_a_file(bench):
-    offsets = {"elbow_flex": rad(10.0)}
-    plain = bench.open(servo_ids=None)
-    before = plain.servos.setups["elbow_flex"].map.zero_ticks
-    rig = bench.open(zero_offsets=offsets)
-
-    assert rig.servos is plain.servos
-    moved = rig.servos.setups["elbow_flex"].map.zero_ticks - before
-    assert moved == pytest.approx(-10.0 * 4096 / 360)
-    says = "joint_zero_offsets_deg elbow_flex 10 deg and wrist_roll 1 deg"
-    with pytest.raises(ConfigError, match=says):
-        bench.open(gripper_id=None, zero_offsets={"wrist_roll": rad(1.0)})
 
 
 def test_a_calibration_that_viam_server_deleted_is_in_force_again_and_that_is_said(
