@@ -114,23 +114,23 @@ def place(verb, tmp_path, file):
     return ("--port", port, *(("--calibration", file) if takes_file else ()))
 
 
-@pytest.mark.parametrize("verb", LOOKS, ids=" ".join)
-def test_what_looks_at_an_arm_stores_nothing(arm, files, tmp_path, monkeypatch, verb):
-    monkeypatch.chdir(tmp_path)
-    file, before = file_of(tmp_path / "other.json", 30), stored(arm)
-    result = CliRunner().invoke(cli, [*verb, *place(verb, tmp_path, file)])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.output
-    assert stored(arm) == before
+def test_what_looks_at_an_arm_stores_nothing(arm, files, tmp_path, monkeypatch):
+    for verb in LOOKS:
+        monkeypatch.chdir(tmp_path)
+        file, before = file_of(tmp_path / "other.json", 30), stored(arm)
+        result = CliRunner().invoke(cli, [*verb, *place(verb, tmp_path, file)])
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.output
+        assert stored(arm) == before
 
 
-@pytest.mark.parametrize("verb", MOVES, ids=" ".join)
-def test_what_moves_an_arm_refuses_another_calibration(arm, files, tmp_path, monkeypatch, verb):
-    monkeypatch.chdir(tmp_path)
-    file, before = file_of(tmp_path / "other.json", 30), stored(arm)
-    result = CliRunner().invoke(cli, [*verb, *place(verb, tmp_path, file), "--yes"])
-    assert result.exit_code == REFUSED, result.output
-    assert "so101 calibration write" in result.output
-    assert stored(arm) == before
+def test_what_moves_an_arm_refuses_another_calibration(arm, files, tmp_path, monkeypatch):
+    for verb in MOVES:
+        monkeypatch.chdir(tmp_path)
+        file, before = file_of(tmp_path / "other.json", 30), stored(arm)
+        result = CliRunner().invoke(cli, [*verb, *place(verb, tmp_path, file), "--yes"])
+        assert result.exit_code == REFUSED, result.output
+        assert "so101 calibration write" in result.output
+        assert stored(arm) == before
 
 
 @pytest.mark.parametrize(

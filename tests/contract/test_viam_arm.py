@@ -171,17 +171,14 @@ async def test_without_waiting_the_call_returns_at_once_and_the_arm_goes_on(serv
     assert await served.rests() == pytest.approx(goal, abs=0.5)
 
 
-@pytest.mark.parametrize(
-    ("values", "status", "says"),
-    [
+async def test_a_goal_that_cannot_be_is_refused_and_nothing_moves(served):
+    for values, status, says in [
         ([0, 0, 0, 0], Status.INVALID_ARGUMENT, "got 4 joint values"),
         ([0, 0, 0, 0, 0, 0], Status.INVALID_ARGUMENT, "got 6 joint values"),
         ([0, float("nan"), 0, 0, 0], Status.INVALID_ARGUMENT, "shoulder_lift"),
         ([0, 0, 120, 0, 0], Status.OUT_OF_RANGE, "elbow_flex"),
-    ],
-)
-async def test_a_goal_that_cannot_be_is_refused_and_nothing_moves(served, values, status, says):
-    before = await served.place()
-    for extra in ({}, {"wait": False}):
-        await refused(served.move(values, extra=extra), status, says)
-    assert await served.rests() == pytest.approx(before, abs=0.3)
+    ]:
+        before = await served.place()
+        for extra in ({}, {"wait": False}):
+            await refused(served.move(values, extra=extra), status, says)
+        assert await served.rests() == pytest.approx(before, abs=0.3)

@@ -89,9 +89,8 @@ async def test_the_time_limit_of_manual_mode_ends_the_recording_and_it_is_kept(
     assert told["points"] >= 2
 
 
-@pytest.mark.parametrize(
-    ("request_", "says"),
-    [
+async def test_invalid_input_is_refused_with_a_sentence(client):
+    for request_, says in [
         ({"command": "record_path"}, "letters, digits"),
         ({"command": "record_path", "name": "../x"}, "letters, digits"),
         ({"command": "record_path", "name": "a", "enabled_for": -1}, "enabled_for"),
@@ -106,10 +105,8 @@ async def test_the_time_limit_of_manual_mode_ends_the_recording_and_it_is_kept(
         ({"command": "restore_path", "kept_as": "1 ../x"}, "letters, digits"),
         ({"command": "restore_path", "kept_as": "../1 x"}, "is not kept"),
         ({"command": "play_path", "name": "a"}, "replay_path"),
-    ],
-)
-async def test_invalid_input_is_refused_with_a_sentence(client, request_, says):
-    await refused(client.do_command(request_), Status.INVALID_ARGUMENT, says)
+    ]:
+        await refused(client.do_command(request_), Status.INVALID_ARGUMENT, says)
 
 
 async def test_two_recordings_at_once_and_one_that_is_there_are_refused(arm, client):
@@ -186,16 +183,13 @@ async def test_a_stop_ends_a_program_without_an_end(arm, client):
     await refused(running, Status.CANCELLED)
 
 
-@pytest.mark.parametrize(
-    ("asked", "says"),
-    [
+async def test_an_invalid_program_is_refused_and_nothing_moves(arm, client):
+    for asked, says in [
         (request(), "has no waypoint"),
         (request(A, B, loops=[{"from": 1, "to": 3, "times": 2}]), "within the program's 2 steps"),
         (request(A, rounds=1.5), "whole number"),
         (request(A, laps=2), "laps"),
         (request([0, 80, 20, 0, 0]), "waypoint 1 (1): "),
-    ],
-)
-async def test_an_invalid_program_is_refused_and_nothing_moves(arm, client, asked, says):
-    await refused(in_time(client, client.do_command(asked)), None, says)
-    np.testing.assert_array_equal(arm.rig.arm.state.q_ref, np.zeros(5))
+    ]:
+        await refused(in_time(client, client.do_command(asked)), None, says)
+        np.testing.assert_array_equal(arm.rig.arm.state.q_ref, np.zeros(5))

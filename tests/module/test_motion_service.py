@@ -185,22 +185,17 @@ async def test_contacts_can_be_allowed_by_name(arm, motion):
     assert await in_time(arm, motion.move("arm", at(250, 0, 60), crate, allowed))
 
 
-@pytest.mark.parametrize(
-    ("component", "destination", "extra", "says"),
-    [
+async def test_impossible_requests_are_refused_in_a_sentence(motion):
+    for component, destination, extra, says in [
         ("arm", at(900, 0, 100), {}, "reach"),
         ("arm", at(200, 0, 100, "moon"), {}, "moon"),
         ("camera", at(200, 0, 100), {}, "is not attached to arm"),
         ("arm", at(200, 0, 100), {"goal_metric_type": "positon_only"}, "position_only"),
         ("arm", at(200, 0, 100), {"timeout": -1}, "timeout"),
         ("arm", at(float("nan"), 0, 100), {}, "finite"),
-    ],
-)
-async def test_impossible_requests_are_refused_in_a_sentence(
-    motion, component, destination, extra, says
-):
-    with pytest.raises(GRPCError, match=says):
-        await motion.move(component, destination, extra=extra)
+    ]:
+        with pytest.raises(GRPCError, match=says):
+            await motion.move(component, destination, extra=extra)
 
 
 async def test_giving_up_the_call_stops_the_arm(arm, motion):

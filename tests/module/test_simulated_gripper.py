@@ -116,9 +116,8 @@ async def test_the_short_forms_work_and_are_clamped(client, until):
     assert (await client.do_command({"get": True}))["position"] == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    ("request_", "says"),
-    [
+async def test_a_request_that_is_not_understood_is_answered_with_the_known_ones(client):
+    for request_, says in [
         ({"command": "set_position"}, "percentage"),
         ({"command": "set_position", "percentage": math.nan}, "finite"),
         ({"command": "set_position", "percentage": "half"}, "a number"),
@@ -126,12 +125,8 @@ async def test_the_short_forms_work_and_are_clamped(client, until):
         ({"command": "set_positon"}, 'did you mean "set_position"?'),
         ({"sett": 5.0}, 'did you mean "set"?'),
         ({}, "known: "),
-    ],
-)
-async def test_a_request_that_is_not_understood_is_answered_with_the_known_ones(
-    client, request_, says
-):
-    await refused(client.do_command(request_), Status.INVALID_ARGUMENT, says)
+    ]:
+        await refused(client.do_command(request_), Status.INVALID_ARGUMENT, says)
 
 
 @pytest.mark.parametrize("by", ["a stop", "its client"])
