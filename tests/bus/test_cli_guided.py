@@ -52,11 +52,13 @@ def eeprom(kit):
 
 
 def sweep(kit):
-    """Lead all joints at once to both their stops and back."""
-    pause = threading.Event()
-    for share in (*np.linspace(0.5, 0, 15), *[0] * 6, *np.linspace(0, 1, 30), *[1] * 6, 0.5):
+    """Lead all joints at once to both their stops and back, as fast as they are read."""
+    read = threading.Semaphore(0)
+    kit.bus.observers.append(lambda _t, _data: read.release())
+    for share in (*np.linspace(0.5, 0, 15), 0, 0, *np.linspace(0, 1, 30), 1, 1, 0.5):
         put(kit.world, share)
-        pause.wait(0.015)
+        for _ in range(4):  # the first may have been under way before
+            assert read.acquire(timeout=60.0)
 
 
 def until_recording(person):
@@ -73,10 +75,7 @@ def until_asked_to_save(person, arm):
     until_recording(person)
     person.presses("\n")
     person.sees("Finish the recording: move every joint")
-    for _ in range(10):  # once, unless a busy machine missed a joint at its stop
-        sweep(arm)
-        if person.will_see("Finish the recording in", 5.0):
-            break
+    sweep(arm)
     person.sees("Finish the recording in")
     person.sees("Look at what was recorded")
 

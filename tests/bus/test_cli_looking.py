@@ -13,7 +13,6 @@ from so101_motion.drivers.bus import registers
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.drivers.servo_types import ServoFigures
 from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
@@ -31,7 +30,7 @@ def own_home(tmp_path, monkeypatch):
 
 @pytest.fixture
 def arm(tmp_path):
-    options = EmulatorOptions(link=tmp_path / "arm", pacing=Pacing(realtime=True))
+    options = EmulatorOptions(link=tmp_path / "arm")
     with Emulator(options) as emulator:
         yield emulator
 
@@ -55,18 +54,9 @@ def run(*arguments):
     return CliRunner().invoke(main, list(arguments))
 
 
-def looked(*arguments, until):
-    """The outcome of a verb that only looks, with its JSON.
-
-    Here a verb waits for servos as briefly as on an arm, so a busy machine may keep some of them
-    from being heard; somebody who reads that looks again.
-    """
-    for _ in range(10):
-        result = run(*arguments)
-        told = json.loads(result.stdout) if "--json" in arguments and result.stdout else {}
-        if until(result, told):
-            break
-    return result, told
+def told(*arguments):
+    """What a verb tells a program."""
+    return json.loads(run(*arguments, "--json").stdout)
 
 
 def memories(arm):
@@ -81,35 +71,26 @@ def on_port(told, arm):
 
 
 def test_a_port_is_listed_with_what_is_on_it(arm):
-    whole = "a follower arm with 5 joints and a gripper"
-    result, _ = looked("ports", "--port", arm.port, until=lambda result, _: whole in result.stdout)
+    result = run("ports", "--port", arm.port)
     assert result.exit_code == 0
-    assert whole in result.stdout
-    asked = ("ports", "--port", arm.port, "--json")
-    _, told = looked(*asked, until=lambda _, told: len(on_port(told, arm)["servo_ids"]) == 6)
-    found = on_port(told, arm)
+    assert "a follower arm with 5 joints and a gripper" in result.stdout
+    found = on_port(told("ports", "--port", arm.port), arm)
     assert found["has_arm"], found["found"]
     assert found["servo_ids"] == [1, 2, 3, 4, 5, 6]
 
 
 def test_all_arms_are_in_one_table_and_nobody_has_moved(arm, file):
     before = memories(arm)
-    _, told = looked(
-        *("arms", "--port", arm.port, "--json"), until=lambda _, told: not told["arms"][0]["wrong"]
-    )
-    assert told["arms"][0]["calibration_file"] == str(file)
+    (found,) = told("arms", "--port", arm.port)["arms"]
+    assert found["calibration_file"] == str(file)
     assert memories(arm) == before
 
 
 # A configuration
 
 
-def names_three(result, _told):
-    return result.stdout.count('"model"') == 3
-
-
 def test_a_configuration_is_printed_that_the_models_accept(arm, file):
-    result, _ = looked("viam", "config", "--port", arm.port, until=names_three)
+    result = run("viam", "config", "--port", arm.port)
     assert result.exit_code == 0, result.output
     configuration = json.loads(result.stdout)
     arm_, gripper, calibration = configuration["components"]
@@ -152,8 +133,7 @@ def awake(planning_process):
 def test_a_sound_arm_is_fit_to_be_moved(arm, file, tmp_path):
     before = memories(arm)
     page = tmp_path / "doctor.md"
-    asked = ("doctor", "--port", arm.port, "--report", str(page))
-    result, _ = looked(*asked, until=lambda result, _: "ready to move" in result.stderr)
+    result = run("doctor", "--port", arm.port, "--report", str(page))
     assert result.exit_code == 0, result.output
     assert "ready to move" in result.stderr
     assert memories(arm) == before
@@ -170,26 +150,19 @@ def test_a_held_arm_stays_held_and_is_said_to_be_although_nobody_drives_it(arm):
         bus.write(servo_id, registers.TORQUE_ENABLE, 1)
     bus.close()
 
-    def is_held(_, told):
-        return any("the joints are held" in check["sentence"] for check in told["checks"])
-
-    assert is_held(*looked("doctor", "--port", arm.port, "--json", until=is_held))
-    asked = ("status", "--port", arm.port, "--json")
-    _, told = looked(*asked, until=lambda _, told: told["mode"] == "holding")
-    assert told["mode"] == "holding"
+    checks = told("doctor", "--port", arm.port)["checks"]
+    assert any("the joints are held" in check["sentence"] for check in checks)
+    assert told("status", "--port", arm.port)["mode"] == "holding"
     assert [servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos] == [1] * 6
 
 
 def test_an_arm_with_a_loose_cable_is_not_fit_and_all_else_is_reported_too(arm, file):
     arm.world.disconnect("gripper")
 
-    def failed(told):
-        return [check for check in told["checks"] if check["verdict"] == "fail"]
-
-    asked = ("doctor", "--port", arm.port, "--calibration", str(file), "--json")
-    result, told = looked(*asked, until=lambda _, told: len(failed(told)) == 1)
+    result = run("doctor", "--port", arm.port, "--calibration", str(file), "--json")
     assert result.exit_code == 6
-    failed = failed(told)
+    told = json.loads(result.stdout)
+    failed = [check for check in told["checks"] if check["verdict"] == "fail"]
     assert [check["name"] for check in failed] == ["servo 6"]
     assert "cable" in failed[0]["fix"]
     assert told["bus"]["asked"] == 1000
@@ -219,12 +192,12 @@ def test_the_simulated_arm_needs_no_port():
 
 def test_a_file_is_compared_with_what_the_servos_hold(arm, file):
     asked = ("calibration", "diff", str(file), "--port", arm.port)
-    result, _ = looked(*asked, until=lambda result, _: result.exit_code == 0)
+    result = run(*asked)
     assert result.exit_code == 0, result.output
     assert "the same as in the servos" in result.stdout
     arm.world.servo("elbow_flex").memory.keep(reg.MAX_POSITION, 3000)
     arm.world.disconnect("gripper")
-    result, _ = looked(*asked, until=lambda result, _: "elbow_flex: range_max" in result.stdout)
+    result = run(*asked)
     assert result.exit_code == 6
     assert "elbow_flex: range_max is" in result.stdout
     assert "gripper: missing in the servos" in result.stdout
@@ -235,14 +208,13 @@ def test_a_file_is_compared_with_what_the_servos_hold(arm, file):
 
 def test_the_status_of_a_limp_arm_is_reported_and_it_stays_limp(arm, file):
     before = memories(arm)
-    result, _ = looked("status", "--port", arm.port, until=lambda r, _: "elbow_flex" in r.stdout)
+    result = run("status", "--port", arm.port)
     assert result.exit_code == 0, result.output
     assert "limp" in result.stdout
     assert "elbow_flex" in result.stdout
-    asked = ("status", "--port", arm.port, "--json")
-    _, told = looked(*asked, until=lambda _, told: len(told["joints_found"]) == 6)
-    assert told["joints_found"] == list(JOINTS)
-    assert told["q_deg"]["shoulder_pan"] == pytest.approx(0.0, abs=10.0)
+    status = told("status", "--port", arm.port)
+    assert status["joints_found"] == list(JOINTS)
+    assert status["q_deg"]["shoulder_pan"] == pytest.approx(0.0, abs=10.0)
     assert memories(arm) == before
 
 
@@ -251,14 +223,12 @@ def test_what_a_calibration_and_a_setup_would_do_is_said_and_nothing_is_written(
     result = run("calibrate", "--port", arm.port, "--dry-run", "--file", "new.json")
     assert result.exit_code == 0, result.output
     assert "would release" in result.stdout
-    told = run("calibrate", "--port", arm.port, "--dry-run", "--joint", "gripper", "--json").stdout
-    assert json.loads(told)["joints"] == ["gripper"]
+    plan = told("calibrate", "--port", arm.port, "--dry-run", "--joint", "gripper")
+    assert plan["joints"] == ["gripper"]
     result = run("setup", "--port", arm.port, "--dry-run", "--joint", "wrist_flex")
     assert result.exit_code == 0, result.output
     assert "the motor of wrist_flex: id 4" in result.stdout
-    asked = ("setup", "--port", arm.port, "--dry-run", "--json")
-    _, told = looked(*asked, until=lambda _, told: told["would_set_up"] == [])
-    assert told["would_set_up"] == []
+    assert told("setup", "--port", arm.port, "--dry-run")["would_set_up"] == []
     assert memories(arm) == before
     assert not list((tmp_path / "work").iterdir())
 

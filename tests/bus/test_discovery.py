@@ -174,16 +174,12 @@ def test_a_port_that_is_hardly_a_servo_adapter_is_asked_at_one_rate_only(table):
     assert not table.only().has_arm
 
 
+@pytest.mark.long
 def test_real_timing_of_the_wire_is_quick_enough(table):
     table.arm(pacing=Pacing(realtime=True, latency=0.002))
-    took = []
-    for _ in range(5):  # others may have had the processor
-        begin = time.monotonic()
-        assert table.only().has_arm
-        took.append(time.monotonic() - begin)
-        if took[-1] < 1.0:
-            break
-    assert min(took) < 1.0
+    begin = time.monotonic()
+    assert table.only().has_arm
+    assert time.monotonic() - begin < 1.0
 
 
 def test_no_port_at_all_is_explained(table):
@@ -314,22 +310,22 @@ def test_the_file_that_says_what_the_servos_hold_is_configured(table):
         assert f"its servos agree with {table.data / name}" in report.sentence
 
 
-def test_another_arms_file_is_not_taken(table):
+@pytest.mark.parametrize(
+    ("name", "is_taken", "says"),
+    [
+        ("so101_calibration.json", False, "calibrated, but no calibration file was found"),
+        ("58CD_calibration.json", True, "though its servos hold something else"),
+    ],
+)
+def test_of_files_that_servos_do_not_hold_the_one_with_their_adapters_name_is_taken(
+    table, name, is_taken, says
+):
     emulator = table.arm()
-    table.write(table.data / "so101_calibration.json", table.calibrate(emulator, 0))
+    table.write(table.data / name, table.calibrate(emulator, 0))
     table.calibrate(emulator, 50)
     report = table.only()
-    assert report.calibration is None
-    assert "its servos are calibrated, but no calibration file was found" in report.sentence
-
-
-def test_the_file_with_the_adapters_name_is_taken_even_so_and_it_is_said(table):
-    emulator = table.arm()
-    table.write(table.data / "58CD_calibration.json", table.calibrate(emulator, 0))
-    table.calibrate(emulator, 50)
-    report = table.only()
-    assert report.calibration == table.data / "58CD_calibration.json"
-    assert "though its servos hold something else" in report.sentence
+    assert report.calibration == (table.data / name if is_taken else None)
+    assert says in report.sentence
 
 
 def test_a_broken_file_is_not_configured(table):

@@ -42,13 +42,6 @@ class Typist:
                 assert words in self._seen, f"ended without {words!r}: {self._seen[-1500:]}"
         self._seen = self._seen[self._seen.index(words) + len(words) :]
 
-    def will_see(self, words, within):
-        """Whether words come on the screen in that time [s]."""
-        until = time.monotonic() + within
-        while words not in self._seen and time.monotonic() < until:
-            self._look(0.1)
-        return words in self._seen
-
     def presses(self, keys):
         os.write(self._person, keys.encode())
 
