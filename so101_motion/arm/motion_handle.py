@@ -42,6 +42,11 @@ class Motion:
         self._wake = threading.Event()  # set when it is interrupted
         self.halt: Callable[[str], object] | None = None
 
+    def __repr__(self) -> str:
+        if not self.future.done():
+            return "<Motion under way>"
+        return f"<Motion {self.future.exception() or 'arrived'}>"
+
     def result(self, timeout: float | None = None) -> None:
         """Wait until the arm has arrived, for ``timeout`` on the wall clock [s] at most.
 

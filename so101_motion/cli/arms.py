@@ -63,19 +63,26 @@ def arms(
     if max_speed is not None and cell is None:
         raise click.UsageError("--max-speed belongs to --cell")
     with quietly(), busy_message("searching the serial ports"):
-        found = [report for report in discover(extra).reports if report.has_arm]
+        reports = discover(extra).reports
+        found = [report for report in reports if report.has_arm]
+        others = [
+            each for each in reports
+            if not each.has_arm and (each.port.is_servo_adapter or each.port.name in extra)
+        ]  # fmt: skip
         wrong = [_wrong(report) for report in found]
     if as_json:
         rows = [
             {**report.to_json(), "wrong": each} for report, each in zip(found, wrong, strict=True)
         ]
         print_json("arms", {"arms": rows})
-    elif found:
+    elif found or others:
         table = Table("port", "arm", "calibration", "health", box=None, pad_edge=False)
         for report, each in zip(found, wrong, strict=True):
             kind = f"{report.role}, {report.nominal_volts or 0:g} V"
             file = report.calibration.name if report.calibration else "none"
             table.add_row(report.port.name, kind, file, each[0] if each else "ok")
+        for other in others:  # in use, without power or without a whole arm
+            table.add_row(other.port.name, "none", "", other.sentence)
         Console().print(table)
     if not found:
         aside("no arm answers; so101 ports tells why a port cannot be used")

@@ -382,3 +382,9 @@ class MachineRefused(MotionError):
 
 class WorkerError(So101Error):
     """Planning cannot run: its process died and is restarted, or its compiled part is missing."""
+
+
+def __dir__() -> list[str]:
+    return sorted(
+        n for n, e in globals().items() if isinstance(e, type) and issubclass(e, So101Error)
+    )

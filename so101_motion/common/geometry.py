@@ -90,6 +90,8 @@ def given_array(key: str, given: ArrayLike, shape: tuple[int, ...], what: str) -
             there = "rows of different lengths"
         numbers = there == " x ".join(map(str, shape))  # as many, but not numbers
         seen = "" if numbers or isinstance(given, str) else f"; these are {there}"
+        if there == "3" and shape == (5,):
+            seen += "; a point is so101.point(x, y, z)"
         raise ConfigError(key, given, f"must be {wanted}{seen}") from error
 
 

@@ -72,7 +72,7 @@ class FailureRecorder:
         except ConfigError:
             return
         content = {"written": now.isoformat(), "source": self._source, "error": str(error)}
-        error.args = (f"{error}. The second before is in {path}",)
+        error.args = (f"{error}. The second before is recorded in {path}",)
         self.latest = path
         self._writer.submit(_write, path, content, states)
 

@@ -228,8 +228,8 @@ def _software(seen: Findings) -> Iterator[Check]:
     if missing:
         yield fail("software", f"{', '.join(missing)} missing", "install so101-motion again")
     elif seen.software:
-        text = ", ".join(f"{name} {version}" for name, version in seen.software.items())
-        yield ok("software", text)
+        shown = ("so101-motion", "Python", "platform")  # the report has all
+        yield ok("software", ", ".join(f"{name} {seen.software.get(name, '')}" for name in shown))
 
 
 def _port(seen: Findings) -> Iterator[Check]:
@@ -241,11 +241,8 @@ def _port(seen: Findings) -> Iterator[Check]:
             yield fail("port", seen.port_trouble, _PLUG_IN)
         return
     if seen.port_trouble:
-        yield fail(
-            "port",
-            f"{seen.port} cannot be used: {seen.port_trouble}",
-            "so101 ports lists the ports and why one cannot be used",
-        )
+        reason, _, fix = seen.port_trouble.partition("; ")
+        yield fail("port", f"{seen.port} cannot be used: {reason}", fix or "so101 ports lists them")
         return
     yield ok("port", f"{seen.port} ({seen.adapter or 'no USB'})")
     for name, harm in seen.interfering_programs.items():
@@ -388,7 +385,7 @@ def _bus_quality(seen: Findings) -> Iterator[Check]:
         return
     spoiled = (heard.lost + heard.corrupt) / heard.asked
     text = (
-        f"{heard.asked} answers asked for, {heard.late} late, {heard.lost} lost, {heard.corrupt}"
+        f"of {heard.asked} answers {heard.late} were late, {heard.lost} lost, {heard.corrupt}"
         f" garbled; all servos in {1e3 * heard.median:.1f} ms, 99 % within"
         f" {1e3 * heard.p99:.1f} ms"
     )

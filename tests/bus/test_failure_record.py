@@ -32,7 +32,7 @@ def fail(bench, rig):
 
 
 def told(error):
-    return Path(str(error).rpartition("The second before is in ")[2])
+    return Path(str(error).rpartition("The second before is recorded in ")[2])
 
 
 def test_a_motion_that_fails_names_the_file_with_the_second_before(bench, tmp_path):
@@ -63,7 +63,7 @@ def test_a_fault_names_it_too_and_only_so_many_are_kept(bench, monkeypatch, capl
         bench.emulator.unplug()
         bench.advance(0.5)
         seen.append(rig.last_failure)
-        assert f"The second before is in {seen[-1]}" in caplog.text
+        assert f"The second before is recorded in {seen[-1]}" in caplog.text
         assert seen[-1].name in figures(read_health(rig))
         bench.emulator.plug()
         bench.advance(3.0)

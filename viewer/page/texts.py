@@ -82,7 +82,7 @@ def mode(state: JointState, *, lost: bool = False) -> str:
 
 def fault(state: JointState) -> str:
     """Why the arm is in a fault, without the file that was kept, which the Health tab names."""
-    text = (state.fault or "no reason given").partition(". The second before is in ")[0]
+    text = (state.fault or "no reason given").partition(". The second before is recorded in ")[0]
     return text.rstrip(".").removesuffix(", then let the arm hold again")
 
 

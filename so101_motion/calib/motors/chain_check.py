@@ -85,7 +85,7 @@ def _missing(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | Non
         fix += f"; {_AGAIN}"
     else:
         error = f"servo {servo_id} ({joint}) does not answer, though servos behind it do"
-        fix = f"connect {joint} alone and set it up again; its id may be wrong; {_AGAIN}"
+        fix = f"check its plugs; if they are in, its id is wrong: so101 setup --joint {joint}"
     return MotorCheck(joint=joint, servo_id=servo_id, status="not_responding", error=error, fix=fix)
 
 

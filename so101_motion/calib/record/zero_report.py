@@ -117,9 +117,8 @@ def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> ZeroReport:
     if all(zero.by == "middle" for zero in zeros.values()):
         off, _ = jaws.moved_mm(_STOPS_MIDDLE)
         sentence = (
-            "each joint's zero is the middle of its travel, so the jaws are about"
-            f" {off:.0f} mm from where they are reported, if the travels were recorded from stop to"
-            " stop; calibrate the arm with this package, or set joint_zero_offsets_deg"
+            "each joint's zero is the middle of its travel, which puts the jaws about"
+            f" {off:.0f} mm off if the travels go from stop to stop"
         )
     else:
         sentence = (

@@ -109,15 +109,19 @@ def port_problem(name: str) -> str | None:
 
 
 def programs_using(name: str) -> list[str]:
-    """The programs that have the port open, e.g. ``python3 (process 4711)``, where permitted."""
+    """The programs that have the port open, e.g. ``python3 (process 4711)``, where permitted.
+
+    The program behind a pseudo-terminal, such as an emulator, is not one of them.
+    """
     device = os.path.realpath(name)
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            links = (process / "fd").iterdir()
-            if any(os.path.realpath(link) == device for link in links):
+            opened = {os.path.realpath(link) for link in (process / "fd").iterdir()}
+            is_own = int(process.name) == os.getpid()
+            if device in opened and (is_own or not opened & {"/dev/ptmx", "/dev/pts/ptmx"}):
                 command = (process / "comm").read_text().strip()
-                own = ", this program" if int(process.name) == os.getpid() else ""
+                own = ", this program" if is_own else ""
                 found.append(f"{command} (process {process.name}{own})")
     return found
 
@@ -136,12 +140,14 @@ def open_error_text(name: str, error: Exception) -> str:
         return _NO_PORT
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         lost = adapters_without_port()
+        if re.fullmatch(r"COM\d+", name, re.IGNORECASE):
+            lost = ("in WSL2 it is a /dev/ttyACM0, once usbipd attach --wsl has handed it over",)
         return "there is no such port; " + (lost[0] if lost else "check the USB cable and the name")
     if number in (errno.EACCES, errno.EPERM):
         return _not_allowed(name)
     if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
         by = ", ".join(programs_using(name)) or "another program"
-        return f"in use by {by}; end that first"
+        return f"in use by {by}; end that program first"
     return f"cannot be opened: {error}"
 
 

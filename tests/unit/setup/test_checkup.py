@@ -154,7 +154,7 @@ LEROBOT = Path("/lerobot/mine.json")
     ("found", "name", "verdict", "sentence", "fix"),
     [
         ({"baudrate": 500_000}, "baud rate", "fail", "500000 baud", "so101 setup --repair"),
-        ({"bus_quality": replace(QUIET, late=56)}, "bus", "warn", "56 late", "latency timer"),
+        ({"bus_quality": replace(QUIET, late=56)}, "bus", "warn", "56 were late", "latency timer"),
         ({"bus_quality": LATE, "latency_timer": 0.016}, "bus", "warn", "answers come 16 ms late",
          "latency_timer"),
         ({"file": FILE, "file_trouble": "elbow_flex: id missing"}, "calibration", "fail",

@@ -20,7 +20,7 @@ def candidate(name: str, **seen: Any) -> Candidate:
 
 
 FIRST, SECOND = candidate("/dev/ttyACM0"), candidate("/dev/ttyACM1")
-BUSY = candidate("/dev/ttyACM2", port_trouble="in use by python3; end that first")
+BUSY = candidate("/dev/ttyACM2", port_trouble="in use by python3; end that program first")
 
 
 @pytest.mark.parametrize(

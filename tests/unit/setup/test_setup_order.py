@@ -75,7 +75,7 @@ def test_the_first_step_that_is_not_done_comes_next():
 
 def test_the_connection_is_judged_as_the_doctor_does():
     for seen in (
-        replace(PORT, port_trouble="in use by python3 (process 17); end that first"),
+        replace(PORT, port_trouble="in use by python3 (process 17); end that program first"),
         replace(PORT, interfering_programs={"ModemManager": "it talks to every new port"}),
         Findings(port_trouble="no adapter is plugged in"),
         Findings(lost_adapters=("a CH340 adapter is plugged in, but has no port: brltty",)),

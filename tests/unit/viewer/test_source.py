@@ -93,7 +93,7 @@ def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on():
 LOST = ArmConnection(to="arm on /dev/ttyACM0", problem="/dev/ttyACM0: the port went away")
 ARM = ArmConnection(to="arm")
 SIMULATED = ArmConnection(to="simulated arm", is_simulated=True)
-KEPT = "no reply from servo 4; check its cable. The second before is in /home/a.json"
+KEPT = "no reply from servo 4; check its cable. The second before is recorded in /home/a.json"
 RESTARTED = "servo 4 restarted: check its cable, then let the arm hold again"
 FIX = "Fix this, then press Hold."
 

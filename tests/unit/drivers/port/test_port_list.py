@@ -185,7 +185,7 @@ def test_a_port_somebody_has_open_is_reported_without_opening_it(machine):
     with open(device):
         reason = port_problem(device)
     assert f"process {os.getpid()}, this program" in reason
-    assert reason.endswith("end that first")
+    assert reason.endswith("end that program first")
 
 
 @pytest.mark.skipif(getpass.getuser() == "root", reason="root may everything")
