@@ -75,8 +75,8 @@ START_TOLERANCE = 1e-4
 _SHOWN = (
     "T_base T_base_links T_base_tool acceleration ceiling compliance follow home "
     "is_movable_by_hand is_moving jog limits model move newest plan q range retarget scene "
-    "set_acceleration set_load set_manual set_payload set_speed set_tool set_torque speed state stop "
-    "stream touching"
+    "set_acceleration set_load set_manual set_payload set_speed set_tool set_torque speed state "
+    "stop stream touching"
 )  # what ``dir`` shows: the names for programs of users
 
 
