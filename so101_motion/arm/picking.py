@@ -14,6 +14,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from threading import Thread
 from typing import TYPE_CHECKING
 
 from so101_motion.arm.arm import Arm
@@ -38,6 +39,9 @@ TRIES = 3  # grasps that are tried, if the jaws do not hold the item; chosen
 
 LOST_FOR = 10
 """After how many readings without it a grip is lost; chosen, 0.1 s: a jaw may swing for a moment"""
+
+LET_GO = to_rad(3.0)
+"""A jaw that moves so far while nothing is carried out lets go of what it holds [rad]; chosen."""
 
 OTHER = to_rad(8.0)
 """How far from the expected angle a jaw may have closed on the item [rad]. Chosen: 11 mm between
@@ -190,10 +194,9 @@ class PickRun:
         self._scene = self._arm.scene
 
     def watch(self, motion: Motion) -> None:
-        """Watch the grip until the motion ends of which ``steps`` are a part."""
+        """Watch the grip while the motion lasts of which ``steps`` are a part, and the grip."""
         self.motion = motion
-        end_watch = self._gripper.listen(self._look)
-        motion.future.add_done_callback(lambda _: end_watch())
+        self._end_watch = self._gripper.listen(self._look)
 
     def result(self) -> None:
         """Wait until it is done; raises what ended it earlier."""
@@ -227,7 +230,7 @@ class PickRun:
             self.plan = self.plan or self._picker.plan(self.name, self._place, share=self.share)
             if not self._picker.is_held:
                 raise MotionError(f"the gripper does not hold '{self.name}', so it is not placed")
-        self._picker.holding = self
+        self._q_held, self._picker.holding = self._gripper.q_jaw, self
         plan = self.plan
         for stage in HELD_STAGES:
             if stage in plan.plans:
@@ -355,11 +358,22 @@ class PickRun:
     # The I/O thread
 
     def _look(self, _: JointState) -> None:
+        is_over = self.motion.future.done()
         if self._picker.holding is not self or self.is_lost:
+            if is_over:
+                self._end_watch()
             return
-        self._misses = 0 if self._picker.is_held else self._misses + 1
-        if self._misses >= LOST_FOR:
-            self.is_lost = True
+        if is_over:  # servos that are held anew press no more
+            is_held = abs(self._gripper.q_jaw - self._q_held) < LET_GO
+        else:
+            is_held = self._picker.is_held
+        self._misses = 0 if is_held else self._misses + 1
+        if self._misses < LOST_FOR:
+            return
+        self.is_lost = True
+        if is_over:
+            Thread(target=lambda: self._tell(f"the jaw was opened, {self._lose()}")).start()
+        else:
             self.motion.interrupt("a lost grip")
 
     def ended(self, done: Future[None]) -> None:

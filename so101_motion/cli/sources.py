@@ -205,10 +205,9 @@ S = TypeVar("S", bound=AnySource)
 
 def end_as_asked(at_end: str, rig: RigLike) -> None:
     """Leave ``rig`` so when it is closed; called once a person has agreed to a motion."""
-    from so101_motion.rig.rig import Rig
-
-    if at_end != "hold" and isinstance(rig, Rig):
-        rig.at_end, rig.on_left = at_end, aside
+    if at_end != "hold":
+        session: Any = rig
+        session.at_end, session.on_left = at_end, aside
 
 
 def ending(source: Any) -> Any:
@@ -217,10 +216,9 @@ def ending(source: Any) -> Any:
 
 
 def _with_end(source: Any, at_end: str) -> Any:
-    if at_end == "hold":
-        return source
-    if not isinstance(source, Source):
-        raise click.UsageError("--at-end works only with --sim or --port; leave it out")
+    if at_end == "park" and isinstance(source, MachineSource):
+        reason = 'on a machine "at_end" of its arm does that'
+        raise click.UsageError(f"--at-end park works only with --sim or --port; {reason}")
     return replace(source, at_end=at_end)
 
 
@@ -239,6 +237,7 @@ def with_caps(source: S, speed_deg: float | None, acceleration_deg: float | None
 class CellSource:
     """Several arms that share a space."""
 
+    at_end: str = "hold"
     file: CellFile
     title: str
     path: Path | None = None  # of ``file``; None for arms that no file names
@@ -248,7 +247,10 @@ class CellSource:
         return ", ".join(each.name for each in self.file.arms)
 
     def open(self) -> CellRigs:
-        return open_arms(self.file)
+        opened = open_arms(self.file)
+        for rig in opened.rigs.values():
+            end_as_asked(self.at_end, rig)
+        return opened
 
 
 def open_arms(file: CellFile) -> CellRigs:

@@ -18,7 +18,14 @@ from so101_motion.cli.options import flag, option, together, verb
 from so101_motion.cli.param_types import IN_FILE, PORT, read_scene
 from so101_motion.cli.plan_move import plan_table
 from so101_motion.cli.shared import aside, import_preview, in_lines, note_opened, stops_on_ctrl_c
-from so101_motion.cli.sources import ARM_OR_CELL, AnySource, CellSource, Source
+from so101_motion.cli.sources import (
+    ARM_OR_CELL,
+    AnySource,
+    CellSource,
+    Source,
+    end_as_asked,
+    ending,
+)
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.units import in_mm, to_mm
 
@@ -124,7 +131,7 @@ def _demo_in_text() -> None:
 
 @verb()
 def view(
-    source: AnySource | CellSource = ARM_OR_CELL,
+    source: AnySource | CellSource = ending(ARM_OR_CELL),
     scene_file: Path | None = option(
         "A scene file: the obstacles around the arm, as for so101 plan.", IN_FILE, name="--scene"
     ),
@@ -155,7 +162,8 @@ def view(
     so101 view --port /dev/ttyACM0 --leader /dev/ttyACM1
     so101 view --cell cell.json
 
-    The page opens even if the arm is not connected yet, and reconnects when it was lost.
+    The page opens even if the arm is not connected yet, and reconnects when it was lost. With
+    --at-end the arm goes home, or is parked or let go of, when you end this.
     """  # noqa: D301
     if isinstance(source, CellSource):
         if any((scene_file, leader, atlas)):
@@ -254,6 +262,7 @@ def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
         rig: RigLike = quiet.open_to_look()
         if scene is not None:
             rig.arm.scene = scene
+        end_as_asked(source.at_end, rig)
         return rig
 
     return opened

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import logging
-import sys
 from collections.abc import Callable
 from functools import cached_property, partial
 
@@ -20,7 +19,6 @@ from so101_motion.arm.picking import TRIES, Picker, PickRun
 from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
-from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.geometry import point
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
@@ -32,7 +30,7 @@ from so101_motion.planning.picking.grasps import Wishes
 from so101_motion.planning.picking.pick_plan import Place
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import ArmConnection
-from so101_motion.rig.session_end import leave
+from so101_motion.rig.session_end import leave_as_asked
 
 _log = logging.getLogger(__name__)
 
@@ -79,6 +77,7 @@ class Rig:
 
     at_end = "hold"
     on_left: Callable[[str], None] = staticmethod(_log.warning)
+    leave = leave_as_asked
 
     def __init__(
         self,
@@ -129,20 +128,6 @@ class Rig:
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.connection.to}, {self.arm.state.mode.value}>"
-
-    def leave(self) -> None:
-        """Carry out ``at_end``, once; after an error, and if there is no way, the arm holds."""
-        how, self.at_end = self.at_end, "hold"
-        error = sys.exc_info()[1]
-        if how == "hold":
-            return
-        try:
-            if not isinstance(error, KeyboardInterrupt | None):
-                raise MotionError("something went wrong before, or it was stopped")
-            leave(self, how, self.connection.encoder_zeros)
-        except (So101Error, KeyboardInterrupt) as failed:
-            why = "it was stopped" if isinstance(failed, KeyboardInterrupt) else str(failed)
-            self.on_left(f"{how} at the end: {why}; the arm holds")
 
     @property
     def connection(self) -> ArmConnection:

@@ -8,11 +8,12 @@ until it lies on something, and let go of; a parked arm costs no current.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -26,12 +27,12 @@ from so101_motion.common.units import to_rad
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.protocols import RigLike
 
 if TYPE_CHECKING:
     from so101_motion.arm.motion_handle import Motion
     from so101_motion.common.encoder_zeros import EncoderZeros
     from so101_motion.planning.request import Plan
-    from so101_motion.rig.rig import Rig
 
 ENDS = ("hold", "release", "home", "park")
 """How an arm may be left. ``park``: at the pose of that name if one is saved, else at ``rest``."""
@@ -56,6 +57,28 @@ LONGEST = 60.0  # how long the way may take, unless less is asked for [s]; chose
 Waiter = Callable[["Future[None]", float], None]  # waits at most so long [s]; raises the error
 
 
+class Session(RigLike, Protocol):
+    """A rig that can be left; ``Rig`` describes both."""
+
+    at_end: str
+    on_left: Callable[[str], None]
+
+
+def leave_as_asked(rig: Session) -> None:
+    """Carry out ``at_end``, once; after an error, and if there is no way, the arm holds."""
+    how, rig.at_end = rig.at_end, "hold"
+    error = sys.exc_info()[1]
+    if how == "hold":
+        return
+    try:
+        if not isinstance(error, KeyboardInterrupt | None):
+            raise MotionError("something went wrong before, or it was stopped")
+        leave(rig, how, rig.connection.encoder_zeros)
+    except (So101Error, KeyboardInterrupt) as failed:
+        why = "it was stopped" if isinstance(failed, KeyboardInterrupt) else str(failed)
+        rig.on_left(f"{how} at the end: {why}; the arm holds")
+
+
 def wait_in_real_time(future: Future[None], seconds: float) -> None:
     """Wait until ``future`` is done; ``MotionError`` if it is not in time. Signals are handled.
 
@@ -74,7 +97,7 @@ def wait_in_real_time(future: Future[None], seconds: float) -> None:
 
 
 def leave(
-    rig: Rig,
+    rig: RigLike,
     how: str,
     zeros: EncoderZeros | None,
     *,
@@ -106,7 +129,7 @@ def leave(
             release_where_it_lies(rig, (q,), waiter)
 
 
-def _go(rig: Rig, q: Array, within: float, waiter: Waiter) -> None:
+def _go(rig: RigLike, q: Array, within: float, waiter: Waiter) -> None:
     arm = rig.arm
 
     def planned(motion: Motion) -> Plan:
@@ -131,7 +154,7 @@ def wait_for(motion: Motion, within: float, waiter: Waiter) -> None:
         raise
 
 
-def release_where_it_lies(rig: Rig, poses: tuple[Array, ...], waiter: Waiter) -> bool:
+def release_where_it_lies(rig: RigLike, poses: tuple[Array, ...], waiter: Waiter) -> bool:
     """Lower and release the arm if it is at one of ``poses``, each (5,), [rad]; says whether.
 
     It is lowered slowly in the direction of its weight until it lies on something: in the pose

@@ -405,6 +405,7 @@ class HardwareArmConfig(ArmConfig):
 class SimulatedGripperConfig(Config):
     """Settings of ``devrel:so101:simulated-gripper``."""
 
+    arm: str | None = attribute("arm", kind="text", ours=True)  # None for one by itself
     gripper_type: str = attribute("gripper_type", kind="choice", options=("follower", "leader"))
     mesh_detail: str = attribute("mesh_detail", kind="choice", options=("low", "high"))
 

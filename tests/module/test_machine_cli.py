@@ -42,6 +42,10 @@ def test_a_machines_arm_is_moved_as_any_other(machine):
     assert planned["q_start_deg"] == pytest.approx([10, -40, 40, 40, 0], abs=0.1)
     result = run("status", *at)
     assert "shoulder_lift" in result.stdout
+    how = ("--joints", "20,-40,40,40,0", "--speed", "120", "--at-end", "home", "--yes")
+    assert run("move", *at, *how).exit_code == 0
+    told = json.loads(run("status", *at, "--json").stdout)
+    assert [*told["q_deg"].values()][:5] == pytest.approx([0.0] * 5, abs=0.1)
 
 
 def test_a_machines_arm_is_stopped_whoever_moves_it(machine):
@@ -71,6 +75,7 @@ def test_a_machines_arm_is_stopped_whoever_moves_it(machine):
             "works only with --sim",
         ),
         (("status", "--machine", "m", "--api-key", "k"), 2, "belong together"),
+        (("view", "--machine", "m", "--at-end", "park"), 2, '"at_end" of its arm does that'),
     ],
 )
 def test_a_machine_that_cannot_be_asked_is_a_sentence_and_an_exit_code(arguments, code, says):

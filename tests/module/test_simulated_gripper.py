@@ -5,8 +5,8 @@ import json
 import math
 
 import pytest
-from grpclib import Status
-from harness.in_process_module import gripper_client, new_gripper, refused
+from grpclib import GRPCError, Status
+from harness.in_process_module import gripper_client, new_arm, new_gripper, refused
 from viam.components.arm import KinematicsFileFormat
 
 from so101_motion.common.clock import ManualClock
@@ -74,7 +74,7 @@ async def opens(client):
     return await opening(client) > 10.0
 
 
-async def test_it_opens_and_closes_and_never_grabs_anything(client, in_time):
+async def test_one_by_itself_opens_and_closes_and_never_grabs_anything(client, in_time):
     await in_time(client.open())
     assert await opening(client) == pytest.approx(100.0, abs=0.1)
     assert not await client.is_moving()
@@ -192,3 +192,27 @@ async def test_a_new_configuration_leaves_the_jaw_where_it_is(client, gripper, i
             assert await opening(client) == pytest.approx(100.0, abs=0.1)
     finally:
         await anew.close()
+
+
+async def test_the_gripper_of_an_arm_holds_what_the_arm_has_picked_until_it_opens():
+    cube = {"name": "cube", "box_mm": [30, 30, 30], "position_mm": [200, 50, 12.6], "mass_kg": 0.02}
+    arm = new_arm(obstacles=[cube])
+    gripper = new_gripper(arm="arm")
+    async with gripper_client(gripper) as client:
+        assert await client.grab() is False
+        await arm.do_command({"command": "pick", "item": "cube"})
+        assert (await client.is_holding_something()).is_holding_something
+        (held,) = (await arm.do_command({"command": "list_items"}))["held"]
+        await client.open()
+        for _ in range(500):
+            await asyncio.sleep(0.01)
+            if not (items := await arm.do_command({"command": "list_items"}))["held"]:
+                break
+        assert not (await client.is_holding_something()).is_holding_something
+    (item,) = items["items"]
+    assert held == item["name"] == "cube"
+    assert item["position_mm"] == pytest.approx([200, 50, 12.6], abs=6.0)
+    await gripper.close()
+    await arm.close()
+    with pytest.raises(GRPCError, match="is no simulated arm of this module"):
+        new_gripper(arm="ram")

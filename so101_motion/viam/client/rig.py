@@ -10,6 +10,7 @@ changes it only here.
 from __future__ import annotations
 
 import asyncio
+import logging
 import threading
 from collections.abc import Awaitable, Callable, Collection, Mapping
 from dataclasses import replace
@@ -40,6 +41,7 @@ from so101_motion.planning.goals import Goal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Search
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.session_end import leave_as_asked
 from so101_motion.viam.client.executor import STOPPING, MachineExecutor, MotionRunner
 from so101_motion.viam.client.link import LOSSES, PATIENCE, Access, Link
 from so101_motion.viam.client.machine import Machine, is_there
@@ -192,6 +194,8 @@ BUSY, IDLE = 1.0 / 30.0, 0.1
 """Time between two readings of the machine's state, while something moves and at rest [s]. Chosen:
 fast enough for the eye, and nearly free."""
 
+_log = logging.getLogger(__name__)
+
 _LOOKED_AROUND = 1.0
 """Time between two readings of what the machine has around the arm [s]; chosen, as its guard."""
 
@@ -207,7 +211,14 @@ _SHOWN = (
 
 
 class MachineRig(Machine):
-    """An arm and gripper of a running machine. ``connect`` makes it; close it after use."""
+    """An arm and gripper of a running machine. ``connect`` makes it; close it after use.
+
+    Attributes:
+        at_end: As of a ``Rig``, like ``on_left``; a machine parks its arm itself.
+    """
+
+    at_end = "hold"
+    on_left: Callable[[str], None] = staticmethod(_log.warning)
 
     def __init__(self, access: Access, *, arm: str | None, gripper: str | None) -> None:
         super().__init__(access)
@@ -358,9 +369,10 @@ class MachineRig(Machine):
 
     @interrupts.held()
     def close(self) -> None:
-        """End our own motion, if one is under way, and disconnect. May be called twice."""
+        """End our motion, do as ``at_end`` says, and disconnect. May be called twice."""
         if self._closed:
             return
+        leave_as_asked(self)
         self._closed = True
         self.arm.close()
         self._executor.end()

@@ -128,6 +128,9 @@ class GripperResource(Configured, Gripper):
         return round(clamped(100.0 * self._gripper.aperture), 3)
 
     async def close(self) -> None:
+        self._forget()
+        await in_own_thread(self.rig.close)
+
+    def _forget(self) -> None:
         if self.here.get(self.short_name) is self:
             del self.here[self.short_name]
-        await in_own_thread(self.rig.close)

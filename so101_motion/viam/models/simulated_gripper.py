@@ -1,8 +1,11 @@
-"""``devrel:so101:simulated-gripper``: a simulated gripper, which never holds an object."""
+"""``devrel:so101:simulated-gripper``: a simulated gripper, by itself or that of a simulated arm.
+
+That of an arm grips the items of the arm's scene; one by itself never holds anything.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from viam.components.gripper import Gripper
@@ -19,12 +22,13 @@ from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.models.gripper_resource import GripperResource, clamped
+from so101_motion.viam.models.simulated import SimulatedArm
 from so101_motion.viam.requests.await_motion import log_failure_of, wait_for_arrival
 from so101_motion.viam.requests.commands import Taking
 
 
 class SimulatedGripper(GripperResource):
-    """A simulated SO-101 gripper; it never holds anything."""
+    """A simulated SO-101 gripper."""
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
     CONFIG = SimulatedGripperConfig
@@ -34,7 +38,7 @@ class SimulatedGripper(GripperResource):
 
     def __init__(self, name: str, rig: Rig, config: SimulatedGripperConfig) -> None:
         super().__init__(name, rig, config)
-        self._target = self._gripper.aperture
+        self._target, self._is_alone = self._gripper.aperture, config.arm is None
         self._commands |= {
             "set_position": Taking(
                 self._set_position, ("percentage", "position_percentage", "wait")
@@ -43,9 +47,20 @@ class SimulatedGripper(GripperResource):
         }
 
     @classmethod
+    def needed(cls, wanted: SimulatedGripperConfig) -> Sequence[str]:
+        return [wanted.arm] if wanted.arm else []
+
+    @classmethod
     def build(
         cls, name: str, wanted: SimulatedGripperConfig, dependencies: Dependencies
     ) -> SimulatedGripper:
+        if wanted.arm:
+            arm = SimulatedArm.here.get(wanted.arm)
+            if not isinstance(arm, SimulatedArm):
+                raise ConfigError(
+                    "arm", wanted.arm, "is no simulated arm of this module; leave it out"
+                )
+            return cls(name, arm.rig, wanted)
         q_jaw = cls.left_at.pop(name, JAW_CLOSED)
         return cls(name, open_simulated_gripper(q_jaw_start=q_jaw), wanted)
 
@@ -58,24 +73,28 @@ class SimulatedGripper(GripperResource):
     async def grab(self, **kwargs: Any) -> bool:
         with grpc_statuses():
             await wait_for_arrival(self._start(0.0))
-        return False
+        return self._gripper.is_holding
 
     def _start(self, aperture: float) -> Motion:
         self._target = aperture
-        return self._watched(self._gripper.move(aperture, wait=False))
+        closes = aperture < self._gripper.aperture
+        go = self._gripper.grab if closes else self._gripper.move
+        return self._watched(go(aperture, wait=False))
 
     async def stop(self, **kwargs: Any) -> None:
         await super().stop(**kwargs)
         self._target = self._gripper.aperture
 
     async def close(self) -> None:
+        if not self._is_alone:
+            return self._forget()
         await super().close()
         self.left_at[self.short_name] = self._gripper.q_jaw
 
     # State
 
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
-        return Gripper.HoldingStatus(is_holding_something=False)
+        return Gripper.HoldingStatus(is_holding_something=self._gripper.is_holding)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         return convert.to_result({**await self._position(), "is_moving": await self.is_moving()})

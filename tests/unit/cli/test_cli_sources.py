@@ -8,6 +8,7 @@ from harness.command_line import refused
 from so101_motion.cli.options import verb
 from so101_motion.cli.sources import ANY_SOURCE, MachineSource, Source, with_caps
 from so101_motion.cli.verbs import main
+from so101_motion.cli.view import _opener
 from so101_motion.common import errors
 
 
@@ -59,6 +60,12 @@ def test_a_key_comes_from_the_environment_and_is_never_shown():
     result = ask("--machine", "m:1", SO101_API_KEY_ID="id", SO101_API_KEY="hunter2")
     assert "api_key_id='id'" in result.stdout
     assert "hunter2" not in result.output
+
+
+def test_an_arm_on_the_page_is_left_as_asked(planning_process):
+    opened = _opener(Source(port=None, at_end="home"), None)()
+    assert opened.at_end == "home"
+    opened.close()
 
 
 def test_caps_are_the_same_for_every_source():

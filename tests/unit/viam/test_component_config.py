@@ -271,7 +271,7 @@ URDF = next(row for row in HardwareArmConfig.rows() if row.name == "use_urdf")
     ("model", "attributes", "ignored"),
     [
         (SimulatedArmConfig, {"port": "/dev/a", "calibration_file": "a.json"}, None),
-        (SimulatedGripperConfig, {"arm": "my-arm", "port": "/dev/a", "servo_id": 6}, None),
+        (SimulatedGripperConfig, {"port": "/dev/a", "servo_id": 6}, None),
         (HardwareArmConfig, {"servo_id": 6, "gripper_type": "leader"}, None),  # near servo_ids
         (HardwareGripperConfig, {"servo_ids": [1, 2, 3, 4, 5]}, None),
         (HardwareArmConfig, {"leader_arm": "one", "rate_hz": 20}, None),  # of teleoperation
