@@ -9,7 +9,6 @@ import pytest
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
 from harness.emulated_rig import ModelBench
-from harness.fake_parent import until
 from harness.in_process_module import advance, arm_client, joints, new_arm, positions, refused
 from viam.components.arm import Arm, MoveOptions
 
@@ -77,6 +76,7 @@ async def served(request, tmp_path, planning_process):
     await models.pass_time(1.0)  # the weight is taken up
     async with arm_client(arm) as client:
         yield Served(arm, client, models.pass_time)
+        await models.pass_time(5.0)  # a move that a failed test left ends
     await models.end()
 
 
@@ -125,7 +125,7 @@ async def under_way_before_its_deadline(served, goal):
     for seconds in (0.3, 1.0, 3.0, 10.0):
         with suppress(GRPCError, asyncio.TimeoutError):
             return await served.under_way(served.move(goal, timeout=seconds))
-        await until(lambda: served.arm.rig.arm.newest_motion.future.done())
+        await served.rests()
     raise AssertionError("it is never under way before its deadline")
 
 
