@@ -15,9 +15,8 @@ It uses the standard library alone and must never block a machine, so:
 
 ``run.sh`` uses ``--background``, because viam-server ends a module that is not ready in five
 minutes, and compiling ruckig may take longer. That installation is a process of its own and writes
-to ``setup.log``. ``build.sh`` uses ``--wheels`` to compile ruckig beforehand, so that the machine
-need not. The Makefile uses ``--with viewer`` (the page in the browser) or ``--with dev`` (the
-tests).
+to ``setup.log``. The Makefile uses ``--with viewer`` (the page in the browser) or ``--with dev``
+(the tests). Where ``wheels/`` came along, as in the archive for arm64, nothing is compiled.
 """
 
 from __future__ import annotations
@@ -33,7 +32,6 @@ import signal
 import subprocess
 import sys
 import sysconfig
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -90,15 +88,13 @@ FULL = 20
 
 def main(arguments: list[str]) -> int:
     """Install, unless that is done; return the exit code."""
-    if arguments == ["--wheels"]:
-        return compile_wheels()
     match arguments:
         case [] | ["--background"]:
             extras = set()
         case ["--with", name] if name in EXTRAS:
             extras = EXTRAS[name]
         case _:
-            complain(f"usage: setup.sh [--background | --wheels | --with {'|'.join(EXTRAS)}]")
+            complain(f"usage: setup.sh [--background | --with {'|'.join(EXTRAS)}]")
             return 2
     if is_installed(extras):
         if not extras:  # make calls this each time
@@ -218,27 +214,6 @@ def slim(environment: Path) -> None:
                     file.symlink_to(first)
 
 
-def compile_wheels() -> int:
-    """Compile wheels of COMPILED for this system and Python; return the exit code."""
-    shutil.rmtree(WHEELS, ignore_errors=True)
-    with tempfile.TemporaryDirectory() as folder:
-        subprocess.run((sys.executable, "-m", "venv", folder), check=True)
-        python = str(Path(folder) / "bin" / "python")
-        command = (
-            *(python, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-input"),
-            *("--no-deps", "--no-binary", ",".join(COMPILED), "--wheel-dir", str(WHEELS)),
-            *compiled_versions(),
-        )
-        return subprocess.run(command, cwd=HERE, check=False).returncode
-
-
-def compiled_versions() -> list[str]:
-    """The pinned versions of COMPILED, from ``constraints.txt``."""
-    pins = (HERE / "constraints.txt").read_text().splitlines()
-    wanted = tuple(f"{name}==" for name in COMPILED)
-    return [pin for pin in pins if pin.startswith(wanted)]
-
-
 def run(command: tuple[str, ...], limit: float, lock: int) -> tuple[int, str]:
     """Run a command for at most ``limit`` seconds; return its exit code and its stderr.
 
@@ -329,6 +304,7 @@ def lacking_space(extras: set[str]) -> str:
     there = sum(path.lstat().st_size for path in VENV.rglob("*")) / 1e6
     installed = max(sum(MEGABYTES[name] for name in ("", *extras)) - there, 0.0)
     has_one = installed == 0.0 or any(shutil.which(name) for name in ("cc", "gcc", "clang"))
+    has_one = has_one or any(HERE.glob(f"so101_motion/planning/native/*-{platform.machine()}.so"))
     compiler = 0.0 if has_one else WITHOUT_COMPILER
     needed: dict[int, tuple[Path, float]] = {}
     cache = Path(os.path.expanduser("~/.cache"))
@@ -353,7 +329,7 @@ def lacking_space(extras: set[str]) -> str:
 
 def has_ready_wheels() -> bool:
     """Whether all wheels exist, so that nothing has to be compiled."""
-    python = f"-cp{sys.version_info.major}{sys.version_info.minor}-"
+    python = "-cp311-cp311-" if sys.version_info[:2] == (3, 11) else "-cp312-abi3-"
     shipped = {path.name.split("-")[0] for path in WHEELS.glob(f"*{python}*.whl")}
     return (sys.platform, platform.machine()) in READY or shipped.issuperset(COMPILED)
 
