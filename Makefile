@@ -6,7 +6,7 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test timing test-long test-lerobot test-data-sets test-tools check bench campaign pictures site clean browser installed-dev
+.PHONY: demo test timing test-long test-lerobot test-data-sets test-tools check check-arm64 bench campaign pictures site clean browser installed-dev
 
 demo:
 	@./setup.sh --with viewer
@@ -48,6 +48,11 @@ check: installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	@$(MAKE) test
+
+# The archive for a Raspberry Pi on emulated Debian 12 and 13; needs root, mmdebstrap and qemu.
+check-arm64: installed-dev
+	./build.sh linux/arm64
+	$(BIN)/python tests/machines/try_arm64.py
 
 bench: browser
 	@./setup.sh --with bench

@@ -199,10 +199,12 @@ async def running_module(
     services=(),
     resources=(),
     cwd=ROOT,
+    patience=60.0,
 ):
     """Start the module and be its parent until the block ends.
 
-    Yields the module, its models by API subtype, and how long it took to be ready.
+    Yields the module, its models by API subtype, and how long it took to be ready, at most
+    ``patience`` [s].
     """
     folder = Path(tempfile.mkdtemp(prefix="so101-"))  # short: a socket's path has 107 bytes
     parent_service = ParentService(list(resources))
@@ -220,7 +222,7 @@ async def running_module(
     )
     channel = None
     try:
-        await until(lambda: is_listening(socket) or process.returncode is not None)
+        await until(lambda: is_listening(socket) or process.returncode is not None, patience)
         if process.returncode is not None:
             raise RuntimeError(f"the module ended at once, code {process.returncode}")
         channel = Channel(path=str(socket))

@@ -80,6 +80,7 @@ class Machine:
         user: Who types what does not need root.
         trial: What is tried.
         rows: What was tried so far.
+        shared: A folder of this machine that it sees under the same name.
     """
 
     root: Path
@@ -87,13 +88,17 @@ class Machine:
     user: str
     trial: str
     rows: list[Row] = field(default_factory=list)
+    shared: Path | None = None
 
     @property
     def home(self) -> str:
         return "/root" if self.user == "root" else f"/home/{self.user}"
 
     def command(self, line: str, folder: str, user: str) -> list[str]:
-        """What runs a line of shell on this machine, in namespaces that end with it."""
+        """What runs a line of shell on this machine, in namespaces that end with it.
+
+        Words that are added to it are the line's ``$@``.
+        """
         home = "/root" if user == "root" else f"/home/{user}"
         path = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
         inside = f"cd {shlex.quote(folder)} && {line}"
@@ -101,11 +106,13 @@ class Machine:
             *("chroot", f"--userspec={user}", str(self.root)),
             *("env", "-i", f"HOME={home}", f"PATH={path}", "LANG=C.UTF-8"),
             *(f"{name}={value}" for name, value in passed_on().items()),
-            *("sh", "-c", inside),
+            *("sh", "-c", inside, "sh"),
         )
         mounts = f"mount -t proc proc {self.root}/proc && mount --rbind /dev {self.root}/dev"
-        script = f"{mounts} && {shlex.join(words)}"
-        return ["unshare", "--mount", "--pid", "--fork", "--kill-child", "sh", "-c", script]
+        if self.shared:
+            mounts += f" && mount --bind {self.shared} {self.root}{self.shared}"
+        script = f'{mounts} && {shlex.join(words)} "$@"'
+        return ["unshare", "--mount", "--pid", "--fork", "--kill-child", "sh", "-c", script, "sh"]
 
     def type(self, line: str, *, folder: str = "", as_root: bool = False) -> tuple[int, str, float]:
         user = "root" if as_root else self.user

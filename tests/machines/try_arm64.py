@@ -1,0 +1,216 @@
+#!/usr/bin/env python3
+"""Try the archive for arm64 on emulated minimal Debian machines, and record what happened.
+
+Needs root on a Debian, the network, and ``apt-get install mmdebstrap qemu-user-static``; ``make
+check-arm64`` makes the archive and calls this. qemu emulates the processor: everything takes ten
+times as long and more, so figures of time say little about a Raspberry Pi.
+
+What a Pi's owner types runs on the emulated processor: the environment, ``setup.sh`` with its
+imports, ``so101 demo --text``, ``run.sh``, a part of the tests. Three things would take hours there
+and are done by the machine that emulates, and the rows say so: Debian's packages are unpacked, pip
+chooses and unpacks the wheels for arm64 (it compiles nothing: sources are forbidden), and the
+client of the module asks for twelve moves. IK solutions, plans and stops are computed on both
+processors and compared.
+
+What came of each line goes to ``benchmarks/results/machines.json`` and to the terminal.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from try_machines import (
+    RELEASES,
+    RESULT,
+    ROOT,
+    Machine,
+    StoppedError,
+    archive,
+    arrives,
+    committed,
+    done,
+    megabytes,
+    passed,
+    shown_lines,
+    write,
+)
+
+sys.path.insert(0, str(ROOT / "tests"))
+
+PYTHONS = {"bookworm": "3.11", "trixie": "3.13"}
+MODULE = ROOT / "dist" / "module-linux-arm64.tar.gz"
+FOLDER = "/root/so101_motion"
+ALWAYS = ["base-files", "base-passwd", "coreutils", "dash", "grep", "sed"]
+TESTS = (
+    "tests/unit/planning/kinematics tests/unit/planning/timing tests/unit/common/test_geometry.py"
+)
+TESTERS = ("pytest", "pytest-asyncio", "pytest-timeout", "pytest-xdist", "hypothesis")
+MOVES = [(x, y, z) for x in (180, 250) for y in (-80, 0, 80) for z in (100, 180)]
+ARRIVED = 0.2
+"""How far from the goal a move may end [mm]; the emulator computes as exactly as a processor."""
+SAME = 1e-9
+"""How far numbers of both processors may be apart, in a joint [rad]; ours were identical."""
+PATIENCE = 600.0
+"""No start of the module takes as long [s]."""
+
+
+def make(root: Path, release: str, packages: list[str]) -> None:
+    """Unpack Debian and packages for arm64; nothing in it has run."""
+    source = f"deb {archive()} {release} main"
+    which = ("--mode=root", "--variant=extract", "--arch=arm64")
+    command = ["mmdebstrap", *which, f"--include={','.join(ALWAYS + packages)}"]
+    subprocess.run([*command, release, str(root), source], check=True, stdout=subprocess.DEVNULL)
+    for name in ("passwd", "group"):
+        shutil.copy(root / "usr/share/base-passwd" / f"{name}.master", root / "etc" / name)
+
+
+def pip(release: str, site: Path, *asked: str) -> None:
+    """Unpack the wheels for arm64 that pip would choose there, into a folder."""
+    version = PYTHONS[release]
+    platforms = [f"--platform=manylinux_2_{minor}_aarch64" for minor in range(36, 16, -1)]
+    python = f"--python-version={version}", "--implementation=cp", "--only-binary=:all:"
+    abis = f"--abi=cp{version.replace('.', '')}", "--abi=abi3", "--abi=none"
+    where = "--target", str(site), "--constraint", "constraints.txt"
+    command = [sys.executable, "-m", "pip", "install", "--quiet", *platforms, *python, *abis]
+    subprocess.run([*command, *where, *asked], cwd=ROOT, check=True)
+
+
+def fill(machine: Machine, release: str) -> None:
+    """What ``pip install .`` does on a Pi, from the wheels that came in the archive."""
+    folder = machine.root / FOLDER.lstrip("/")
+    site = folder / ".venv/lib" / f"python{PYTHONS[release]}" / "site-packages"
+    with tempfile.TemporaryDirectory() as name:
+        tree = shutil.copytree(folder, Path(name, "tree"), ignore=shutil.ignore_patterns(".venv"))
+        build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "-w", name, "."]
+        subprocess.run(build, cwd=tree, check=True)
+        (ours,) = Path(name).glob("so101_motion-*.whl")
+        pip(release, site, "--find-links", str(folder / "wheels"), str(ours))
+    so101 = folder / ".venv/bin/so101"
+    said = (site / "bin" / "so101").read_text().partition("\n")[2]
+    so101.write_text(f"#!{FOLDER}/.venv/bin/python\n{said}")
+    so101.chmod(0o755)
+
+
+def try_archive(machine: Machine, release: str) -> None:
+    folder = machine.root / FOLDER.lstrip("/")
+    folder.mkdir()
+    with tarfile.open(MODULE) as tar:
+        tar.extractall(folder, filter="tar")
+    machine.expect("python3 -m venv .venv", done, folder=FOLDER)
+    begin = time.monotonic()
+    fill(machine, release)
+    seconds = time.monotonic() - begin
+    machine.note("pip install . (not emulated)", "done; nothing was compiled", "", seconds)
+    filled = "import install as i; i.slim(i.VENV); i.PACKAGES.write_text(i.record(set()))"
+    machine.type(f'python3 -c "{filled}"', folder=FOLDER)
+    machine.expect("./setup.sh", done, folder=FOLDER, shown="./setup.sh (the rest: the imports)")
+    size = megabytes(folder / ".venv")
+    machine.note("(disk: .venv of the module)", f"{size} MB", "", 0.0)
+    machine.expect(".venv/bin/so101 demo --text", arrives, folder=FOLDER)
+    asyncio.run(try_moves(machine))
+    try_numbers(machine)
+    shutil.copytree(ROOT / "tests", folder / "tests")
+    site = folder / ".venv/lib" / f"python{PYTHONS[release]}" / "site-packages"
+    pip(release, site, *TESTERS)
+    line = f".venv/bin/python -m pytest -q -o timeout=0 {TESTS}"
+    machine.expect(line, passed, folder=FOLDER)
+    size = megabytes(machine.root)
+    machine.note("(disk: the whole machine)", f"{size} MB", "", 0.0)
+
+
+async def try_moves(machine: Machine) -> None:
+    """Twelve moves of a simulated arm through the module's process, by a client outside."""
+    from harness.fake_parent import ARM, SIMULATED, running_module
+    from viam.components.arm import Pose
+
+    begin = time.monotonic()
+    command = tuple(machine.command('exec ./run.sh "$@"', FOLDER, "root"))
+    arrived, first = 0, 0.0
+    async with running_module(command=command, patience=PATIENCE) as (module, _, ready):
+        arm = await module.add(ARM, SIMULATED, {"acceleration_degs_per_sec_per_sec": 500.0}, "arm")
+        for x, y, z in MOVES:
+            await arm.move_to_position(Pose(x=x, y=y, z=z, o_z=1))
+            first = first or time.monotonic() - begin
+            at = await arm.get_end_position()
+            arrived += max(abs(at.x - x), abs(at.y - y), abs(at.z - z)) <= ARRIVED
+    said = f"{arrived} of {len(MOVES)} moves arrived within {ARRIVED} mm"
+    told = f"{said}; ready after {ready:.0f} s, the first arrived after {first:.0f} s"
+    seconds = time.monotonic() - begin
+    verdict = told if arrived == len(MOVES) else ""
+    machine.note("./run.sh SOCKET; twelve moves (client not emulated)", verdict, told, seconds)
+
+
+def try_numbers(machine: Machine) -> None:
+    there = machine.root / "tmp"
+    shutil.copy(ROOT / "tests/machines/same_numbers.py", there)
+    begin = time.monotonic()
+    line = ".venv/bin/python /tmp/same_numbers.py /tmp/arm64.npz"
+    code, said, _ = machine.type(line, folder=FOLDER)
+    here = [sys.executable, "tests/machines/same_numbers.py", str(there / "x86.npz")]
+    subprocess.run(here, cwd=ROOT, check=True)
+    told = compared(there / "x86.npz", there / "arm64.npz") if code == 0 else said[-300:]
+    verdict = told if code == 0 and "FAILED" not in told else ""
+    machine.note("(numbers beside x86-64)", verdict, told, time.monotonic() - begin)
+
+
+def compared(ours: Path, theirs: Path) -> str:
+    """How many solutions, plans and stops are the same, and how far the others are apart."""
+    a, b = np.load(ours), np.load(theirs)
+    parts = [f"FAILED: {sorted(set(a) ^ set(b))} on one only"] if set(a) != set(b) else []
+    for kind, noun in (("ik", "IK solutions"), ("plan", "plans"), ("stop", "stops")):
+        names = [name for name in a if name.split(",")[0].split()[0] == kind and name in b]
+        if any(a[name].shape != b[name].shape for name in names):
+            parts.append(f"FAILED: {noun} differ in length")
+            continue
+        count = sum(len(a[name]) for name in names) if kind == "ik" else len(names)
+        apart = max(float(np.abs(a[name] - b[name]).max()) for name in names)
+        parts.append(f"{count} {noun} " + (f"within {apart:.1e} rad" if apart else "identical"))
+        if apart > SAME:
+            parts.append("FAILED: that is too far")
+    return ", ".join(parts)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--release", action="append", choices=RELEASES, help="default: both")
+    parser.add_argument("--work", type=Path, default=Path("/tmp/so101-arm64"))
+    parser.add_argument("--result", type=Path, default=RESULT)
+    given = parser.parse_args()
+    if os.geteuid() != 0 or not all(map(shutil.which, ("mmdebstrap", "qemu-aarch64-static"))):
+        sys.exit("this needs root. try: apt-get install mmdebstrap qemu-user-static binfmt-support")
+    os.nice(15)
+    rows = []
+    for release in given.release or RELEASES:
+        root = given.work / release
+        shutil.rmtree(root, ignore_errors=True)
+        sockets = given.work / "sockets"
+        sockets.mkdir(parents=True, exist_ok=True)
+        tempfile.tempdir = str(sockets)
+        name = f"{RELEASES[release]}, emulated arm64"
+        machine = Machine(root, name, "root", "archive, root", shared=sockets)
+        begin = time.monotonic()
+        (line, *_) = [line for is_root, line in shown_lines("make demo") if is_root]
+        make(root, release, line.removeprefix("apt-get install ").split())
+        (root / sockets.relative_to("/")).mkdir(parents=True)
+        machine.note(f"{line} (unpacked, not emulated)", "done", "", time.monotonic() - begin)
+        with contextlib.suppress(StoppedError):
+            try_archive(machine, release)
+        rows += machine.rows
+        write(given.result, machine.rows, committed())
+        shutil.rmtree(root)
+    return 0 if all(row.ok for row in rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
