@@ -123,16 +123,10 @@ class Newcomer:
         return float(meter.get_attribute("aria-valuenow") or "nan")
 
     def sweeps(self, kit, way, joints, until):
-        """Lead joints along their travel; again, while the page has not seen all of it."""
-        for _ in range(10):
-            for begin, end in pairwise(way):
-                for share in _shares(begin, end):
-                    kit.put(share, joints)
-                    self.guest.page.wait_for_timeout(30)
-            for _ in range(100):
-                if self.guest.says(until):
-                    return
-                self.guest.page.wait_for_timeout(50)
+        """Lead joints along their travel, until the page has seen all of it."""
+        kit.let_go()
+        for begin, end in pairwise(way):
+            kit.lead(_shares(begin, end), joints)
         self.sees(until)
 
     @staticmethod
@@ -257,21 +251,15 @@ def test_an_arm_is_calibrated_by_hand_and_a_page_that_is_loaded_anew_has_lost_no
     assert not person.can("Finish the recording")
     before = person.guest.pose_of("/setup/arm/lower_arm_link")
     kit.let_go()
-    for share in (*_shares(0.5, 0.2), *_shares(0.2, 0.5)):
-        kit.put(share, ("elbow_flex",))
-        person.guest.page.wait_for_timeout(30)
-    kit.put(0.2, ("elbow_flex",))
+    kit.lead((*_shares(0.5, 0.2), *_shares(0.2, 0.5), 0.2), ("elbow_flex",))
     person.guest.until(lambda: 25.0 < person.bar("elbow_flex") < 40.0)
     person.guest.until(lambda: person.guest.pose_of("/setup/arm/lower_arm_link") != before)
     person.reloads("Still to do: shoulder_pan, shoulder_lift")
     person.guest.until(lambda: 25.0 < person.bar("elbow_flex") < 40.0)  # nothing is lost
 
-    kit.let_go()
     person.sweeps(kit, (0.5, 0.0, 1.0, 0.5), OTHERS, until="Still to do: elbow_flex.")
     assert not person.can("Finish the recording")
-    kit.let_go()
-    all_the_way = (0.2, 0.0, 1.0, 0.5)
-    person.sweeps(kit, all_the_way, ("elbow_flex",), until="Put the arm down, then finish")
+    person.sweeps(kit, (0.2, 0.0, 1.0, 0.5), ("elbow_flex",), until="Put the arm down, then finish")
     person.presses("Finish the recording")
     person.guest.until(lambda: person.can("Next"))
     person.presses("Next")

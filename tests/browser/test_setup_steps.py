@@ -4,7 +4,6 @@ The pages, their threads, the bus and the module are real, but there is no brows
 ``test_setup_full.py``.
 """
 
-import time
 from contextlib import closing
 
 import numpy as np
@@ -152,12 +151,9 @@ def calibrate(hand, kit, middle, begin="Let go of the joints"):
     hand.expect("The pose is taken")
     hand.press("Next")
     hand.expect("Still to do: shoulder_pan, shoulder_lift")
-    ways = ((middle, 0.0), (0.0, 1.0), (1.0, middle))
-    while not hand.can("Finish the recording"):  # once, if all of it has been seen
-        for share in (share for way in ways for share in np.linspace(*way, 24)):
-            kit.put(share)
-            time.sleep(0.03)
-        hand.until_or(lambda: hand.can("Finish the recording"), seconds=3.0)
+    for way in ((middle, 0.0), (0.0, 1.0), (1.0, middle)):
+        kit.lead((*np.linspace(*way, 24), way[1], way[1]))
+    hand.until(lambda: hand.can("Finish the recording"), "Finish the recording")
     hand.press("Finish the recording")
     hand.press("Next")
     hand.expect("Look at what was recorded")

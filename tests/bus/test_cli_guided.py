@@ -2,13 +2,12 @@
 
 import json
 import signal
-import threading
 import time
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from harness.held_calibration import put
+from harness.held_calibration import lead
 from harness.terminal_user import Typist
 
 from so101_motion.calib.procedure import journal
@@ -51,16 +50,6 @@ def eeprom(kit):
     return [bytes(servo.memory.bytes[:40]) for servo in kit.world.servos]
 
 
-def sweep(kit):
-    """Lead all joints at once to both their stops and back, as fast as they are read."""
-    read = threading.Semaphore(0)
-    kit.bus.observers.append(lambda _t, _data: read.release())
-    for share in (*np.linspace(0.5, 0, 15), 0, 0, *np.linspace(0, 1, 30), 1, 1, 0.5):
-        put(kit.world, share)
-        for _ in range(4):  # the first may have been under way before
-            assert read.acquire(timeout=60.0)
-
-
 def until_recording(person):
     person.sees("about to go limp")
     person.presses("\n")
@@ -75,7 +64,7 @@ def until_asked_to_save(person, arm):
     until_recording(person)
     person.presses("\n")
     person.sees("Finish the recording: move every joint")
-    sweep(arm)
+    lead(arm, (*np.linspace(0.5, 0, 15), 0, 0, *np.linspace(0, 1, 30), 1, 1, 0.5))
     person.sees("Finish the recording in")
     person.sees("Look at what was recorded")
 

@@ -9,23 +9,16 @@ import threading
 import time
 from contextlib import contextmanager
 
-import numpy as np
-
 from harness.fake_parent import until
-from harness.held_calibration import put
+from harness.held_calibration import lead, put
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.emulator.hand import STIFFNESS, Hand, parse_script
-from so101_motion.drivers.emulator.joint_figures import JOINTS, SO101
+from so101_motion.drivers.emulator.hand import Hand, parse_script
+from so101_motion.drivers.emulator.joint_figures import JOINTS
 from so101_motion.drivers.emulator.pty_port import Pacing
-from so101_motion.drivers.servo_types import STS3215_12V
 
 NEW = dict.fromkeys(range(1, 7), 1)
 """Ids of servos that come out of the box."""
-
-SPEED = math.radians(150.0)  # of the hand; a person is slower
-REST = 0.6  # [s] that it stays at a stop; a busy machine may look elsewhere for a while
-PRESS = 2.0 * STS3215_12V.break_away  # [N m] against a stop
 
 
 class Kit:
@@ -83,32 +76,13 @@ class Kit:
     def put(self, share, joints=JOINTS):
         put(self.world, share, joints)
 
+    def lead(self, shares, joints=JOINTS):
+        lead(self._emulator, shares, joints)
+
     def hold(self, **pose):
         """Let a hand lead all joints to ``pose`` [rad], zeros by default, and keep them there."""
-        there = np.array([pose.get(joint, 0.0) for joint in JOINTS])
-        self._lead([(0.0, there, 0.0), (1.0, there, 0.0)])
-
-    def sweep(self):
-        """From zero lead all joints at once to their lower stops, the upper ones, and back.
-
-        Returns how long that takes [s].
-        """
-        held = np.zeros(len(JOINTS))
-        lower, upper = (np.array([getattr(joint, end) for joint in SO101]) for end in
-                        ("lower", "upper"))  # fmt: skip
-        t, stations, here = 0.0, [(0.0, held, 0.0)], held
-        for there, press in ((lower, -PRESS), (upper, PRESS), (held, 0.0)):
-            t += float(np.max(np.abs(there - here))) / SPEED
-            stations += [(t, there, press), (t + REST, there, press)]
-            t, here = t + REST, there
-        self._lead(stations)
-        return t + 0.2
-
-    def _lead(self, stations):
         lines = [f"0 {joint} start" for joint in JOINTS]
-        for t, q, press in stations[1:]:
-            aims = np.degrees(q + press / STIFFNESS)
-            lines += [f"{t} {joint} {aim}" for joint, aim in zip(JOINTS, aims, strict=True)]
+        lines += [f"1 {joint} {math.degrees(pose.get(joint, 0.0))}" for joint in JOINTS]
         with self.world.lock:
             self.world.hand = Hand(parse_script("\n".join(lines)), time.monotonic())
 

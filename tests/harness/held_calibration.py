@@ -1,5 +1,7 @@
 """Calibrations of emulated servos, held by them or in a file; joints put at a share of a travel."""
 
+import threading
+
 from so101_motion.calib.record import record, store
 from so101_motion.drivers.emulator import registers as emu
 
@@ -21,6 +23,25 @@ def put(world, share, joints=record.JOINTS):
         for joint in joints:
             shaft = world.servo(joint).drive.shaft
             shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
+
+
+READS = 4
+"""How often servos are read before a hand leads joints on; the first may have been on its way."""
+
+
+def lead(emulator, shares, joints=record.JOINTS):
+    """Put joints at one share of their travel after the other, as fast as somebody reads them."""
+    read = threading.Semaphore(0)
+
+    def observe(_t, _data):
+        read.release()
+
+    emulator.bus.observers.append(observe)
+    for share in shares:
+        put(emulator.world, share, joints)
+        for _ in range(READS):
+            assert read.acquire(timeout=60.0), "nobody reads"
+    emulator.bus.observers.remove(observe)
 
 
 def forget_limits(world):
