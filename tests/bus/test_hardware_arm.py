@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from harness.emulated_rig import arm_client
@@ -58,6 +59,17 @@ async def test_torque_goes_off_and_on_without_a_jump(models, client):
     assert models.q_deg[[0, 4, 5]] == pytest.approx(before[[0, 4, 5]], abs=0.35)
     assert models.q_deg == pytest.approx(before, abs=5.0), "what was falling is caught"
     assert not await client.get_manual_mode()
+
+
+async def test_servos_can_be_asked_after_in_every_way(models, client):
+    assert await ask(client, models, command="ping") == {"success": True}
+    seen = await ask(client, models, command="test_servo_communication")
+    assert (seen["success"], seen["arm_servo_ids"]) == (True, [1, 2, 3, 4, 5])
+    here = (await client.get_joint_positions()).values
+    assert np.degrees(seen["positions"]) == pytest.approx(here, abs=0.5)
+    status = await ask(client, models, command="controller_status")
+    assert f"{models.port}@1000000(refs:2" in status["config"]
+    assert (await ask(client, models, command="diagnose"))["servos_found"] == [1, 2, 3, 4, 5, 6]
 
 
 async def test_ping_names_the_servo_that_is_silent(models, client):

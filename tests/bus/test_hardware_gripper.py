@@ -4,6 +4,7 @@ import math
 import pytest
 from grpclib import GRPCError, Status
 from harness.emulated_rig import arm_client, gripper_client
+from harness.fake_parent import GRIPPER, HARDWARE_GRIPPER, config_of
 
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
@@ -143,6 +144,8 @@ async def test_requests_that_cannot_be_done_say_why(client):
 async def test_it_may_name_its_arm_instead_of_a_port(models):
     arm = models.new_arm("left")
     gripper = models.new(HardwareGripper, "hand", arm="left")
+    asked = config_of(GRIPPER, HARDWARE_GRIPPER, {"arm": "left"}, "hand")
+    assert HardwareGripper.validate_config(asked)[0] == ["left"]
 
     assert gripper.rig.executor is arm.rig.executor
     assert models.base.users == 3

@@ -566,15 +566,3 @@ def test_a_saved_program_is_among_those_of_several_arms(bench):
     model.clear()
     with pytest.raises(ConfigError, match="record a step first"):
         model.save()
-
-
-def test_an_arm_that_moves_alone_passes_and_arms_that_move_together_do_not(bench):
-    model = bench.model
-    bench.record(first=aside(55.0))
-    bench.record(first=aside(60.0))
-    model.choose(0)
-    model.edit[FIRST].set_passes(True)
-    assert bench.planned()
-    assert [leg.indices for leg in model.timeline.rehearsal.legs] == [range(2)]
-    with pytest.raises(ConfigError, match="arms that move together stop at each step"):
-        model.edit[SECOND].take_place()
