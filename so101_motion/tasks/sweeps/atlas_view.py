@@ -69,7 +69,7 @@ def shades(figure: str, values: Array) -> NDArray[np.uint8]:
 
 def voxels(atlas: Atlas, shown: Shown) -> Voxels:
     """The chosen points of an atlas that can be seen, because they are not surrounded by others."""
-    steps = _steps(atlas)
+    steps = atlas.grid.steps(atlas.points)
     rows = _chosen(atlas, shown, steps)
     nx, ny, nz = atlas.grid.counts
     there = np.zeros((nx + 2, ny + 2, nz + 2), dtype=bool)
@@ -94,13 +94,6 @@ def in_words(reach: Reach, p: Array) -> str:
             f" left, manipulability {1e3 * reach.manipulability:.2f} l",
         ]
     )
-
-
-def _steps(atlas: Atlas) -> NDArray[np.int64]:
-    """The grid indices of an atlas's points, shape (n, 3)."""
-    nx, ny, _ = atlas.grid.counts
-    numbers = atlas.points
-    return np.stack([numbers % nx, numbers // nx % ny, numbers // (nx * ny)], axis=1)
 
 
 def _chosen(atlas: Atlas, shown: Shown, steps: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -66,11 +66,13 @@ class Grid:
     def size(self) -> int:
         return math.prod(self.counts)
 
+    def steps(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """How many points along x, y, z lie before points, by their numbers, shape (n, 3)."""
+        return np.stack(np.unravel_index(numbers, self.counts, order="F"), axis=1)
+
     def points(self, numbers: NDArray[np.int64]) -> Array:
         """Points by their numbers, shape (n, 3), [m]."""
-        nx, ny, _ = self.counts
-        steps = np.stack([numbers % nx, numbers // nx % ny, numbers // (nx * ny)], axis=1)
-        return np.asarray((steps + np.array(self.first)) * self.spacing)
+        return np.asarray((self.steps(numbers) + np.array(self.first)) * self.spacing)
 
 
 @dataclass(frozen=True, kw_only=True)
