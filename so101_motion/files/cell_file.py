@@ -1,25 +1,8 @@
 """Read and write ``cell.json``: arms that share a space, their bases and the obstacles around them.
 
-Millimetres and degrees, with the unit in every name, in the frame of the cell::
-
-    {
-      "arms": [
-        {"name": "left", "port": "/dev/ttyACM0", "position_mm": [0, 0, 0]},
-        {"name": "right", "port": "/dev/ttyACM1", "calibration_id": "follower2",
-         "position_mm": [350, 0, 0], "rpy_deg": [0, 0, 180]}
-      ],
-      "scene": {
-        "obstacles": [{"name": "box", "box_mm": [80, 80, 80], "position_mm": [175, 200, 40]}]
-      }
-    }
-
-``port`` may be left out for arms that are only simulated; the scene may be left out, too. Its
-obstacles stand in the cell's frame. The objects an arm holds are listed in its entry, in its tool
-frame::
-
-    {"name": "left", "attached": [
-      {"name": "stick", "box_mm": [20, 20, 140], "position_mm": [0, 0, 140], "mass_kg": 0.05}
-    ]}
+Millimetres and degrees, with the unit in every name, in the frame of the cell; see
+``docs/cell.md``. ``port`` may be left out for arms that are only simulated; the scene may be left
+out, too. The objects an arm holds are listed in its entry, in its tool frame.
 """
 
 from __future__ import annotations

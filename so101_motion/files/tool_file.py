@@ -1,15 +1,7 @@
 """Read a tool: what is fixed to the gripper for good, such as a camera on its mount.
 
 A tool is one of the presets of the robot description (``TOOLS``), a JSON file, or the same as an
-object::
-
-    {
-      "name": "pen",
-      "tcp": {"position_mm": [0, 0, 130], "rpy_deg": [0, 0, 0]},
-      "frames": {"eraser": {"position_mm": [0, 0, 40]}},
-      "parts": [{"name": "pen", "mesh_file": "pen.stl", "position_mm": [0, 0, 100],
-                 "mass_kg": 0.02}]
-    }
+object; see ``docs/tools.md``.
 
 Everything is in the tool frame. Without ``tcp`` the tool's point is that between the jaws. Parts
 are entries like ``attached`` in a scene file; each has its centre of mass at its origin.
