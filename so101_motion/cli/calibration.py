@@ -29,7 +29,7 @@ from so101_motion.common.units import to_deg
 if TYPE_CHECKING:
     from so101_motion.calib.procedure.verification import JointComparison
     from so101_motion.calib.record.compare import Difference
-    from so101_motion.calib.record.record import Calibration
+    from so101_motion.calib.record.record import Calibration, HeldCalibration
     from so101_motion.calib.record.store import Stored
     from so101_motion.setup.discovery import PortReport
 
@@ -96,9 +96,9 @@ def diff(
     stored = store.read(store.resolve(file))
     calibration = stored.calibration
     _notes(stored)
-    there: Mapping[str, Mapping[str, int]]
+    there: Mapping[str, HeldCalibration]
     if other is not None:
-        there = compare.as_held(store.read(store.resolve(other)).calibration)
+        there = store.read(store.resolve(other)).calibration
     else:
         there = _read_registers(port)
     rows = compare.diff(calibration, there)
@@ -433,7 +433,7 @@ def _print_dry_run(wanted: Stored, as_json: bool) -> None:
     from so101_motion.calib.record import compare, store
 
     try:
-        now = compare.as_held(store.read(wanted.path).calibration)
+        now = store.read(wanted.path).calibration
     except CalibrationError:
         now = {}  # no file, or one that cannot be used and would be kept as a version
     rows = compare.diff(wanted.calibration, now, tolerance=0)
@@ -473,7 +473,7 @@ def _print_diff(rows: tuple[Difference, ...], missing: list[str], there: str) ->
         click.echo(f"the same as in {there}")
 
 
-def _read_registers(port: str | None) -> Mapping[str, Mapping[str, int]]:
+def _read_registers(port: str | None) -> Mapping[str, HeldCalibration]:
     from so101_motion.calib.motors.arm_identification import look
 
     report = port_choice.find_arm(port)

@@ -207,7 +207,7 @@ def _as_servos_hold(seen: Findings) -> Stored:
     from so101_motion.calib.record.store import Stored
 
     calibration = {
-        joint: record.from_registers(joint, facts.servo_id, **facts.calibration)[0]
+        joint: record.from_registers(joint, facts.servo_id, facts.calibration)[0]
         for joint, facts in seen.facts.items()
         if facts.is_calibrated
     }

@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from so101_motion.arm.gripper import JAW_CLOSED
-from so101_motion.calib.procedure import journal
+from so101_motion.calib.procedure import eeprom, journal
 from so101_motion.calib.record import compare, file_search, record, servo_file, store
-from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.record import JOINTS, HeldCalibration, JointCalibration
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero import MIDDLE, Zero, in_force, zero_ticks
 from so101_motion.common.errors import (
@@ -32,7 +32,6 @@ from so101_motion.common.errors import (
     ServoFault,
 )
 from so101_motion.common.state import GRIPPER_JOINT
-from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD, JointMap, Ticks
 from so101_motion.drivers.servo_types import ServoFigures
@@ -89,8 +88,8 @@ def find_joints(
     drives = bool(required or expected)
     interrupted = _end_interrupted(bus, file, drives or settings.may_file_be_missing)
     held = {joint: _held(bus, ids[joint]) for joint in present}
-    known = {joint: each for joint, each in held.items() if isinstance(each, Mapping)}
-    travels = {joint: each["range_max"] - each["range_min"] for joint, each in known.items()}
+    known = {joint: each for joint, each in held.items() if isinstance(each, HeldCalibration)}
+    travels = {joint: each.range_max - each.range_min for joint, each in known.items()}
     wrong = record.misplaced((), travels)
     if wrong and drives:
         raise ServoFault(f"{wrong}; {record.NEW_IDS}", servo_id=ids[GRIPPER_JOINT])
@@ -118,9 +117,9 @@ def find_joints(
         is_own = stored is not None and found is stored.calibration.get(joint)
         filed_zero = stored.zeros.get(joint) if stored and is_own else None
         zero = in_force(filed_zero, (settings.zero_offsets or {}).get(joint), found, joint_zero)
-        offset = _offset(found, held.get(joint)) if source == "file" else None
-        if source == "file" and isinstance(here := held.get(joint), Mapping):
-            note = _NOT_STORED if compare.is_blank(here) else None
+        offset = _offset(found, known.get(joint)) if source == "file" else None
+        if source == "file" and joint in known:
+            note = _NOT_STORED if known[joint].is_blank else None
         mapped = joint_map(joint, found, offset=offset, zero=zero)
         setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
         if note:
@@ -217,26 +216,18 @@ _NOT_STORED = (
     ' was mounted anew has to be calibrated, otherwise "so101 calibration write" stores the file'
 )
 
-_Held = Mapping[str, int] | BusError  # what a servo holds, by the names of a file; or why not known
 
-
-def _held(bus: Bus, servo_id: int) -> _Held:
+def _held(bus: Bus, servo_id: int) -> HeldCalibration | BusError:
+    """What a servo holds, or why that is not known."""
     try:
-        return {
-            name: bus.read(servo_id, register)
-            for name, register in (
-                ("homing_offset", reg.HOMING_OFFSET),
-                ("range_min", reg.MIN_POSITION),
-                ("range_max", reg.MAX_POSITION),
-            )
-        }
+        return eeprom.read_held(bus, servo_id)
     except PortUnavailable:
         raise
     except BusError as error:
         return error
 
 
-def _saved_for(known: Mapping[str, Mapping[str, int]]) -> Path | None:
+def _saved_for(known: Mapping[str, HeldCalibration]) -> Path | None:
     """The calibration file that this package has saved and that agrees with the servos."""
     for found in file_search.find():
         if (
@@ -248,13 +239,10 @@ def _saved_for(known: Mapping[str, Mapping[str, int]]) -> Path | None:
     return None
 
 
-def _offset(found: JointCalibration, held: _Held | None) -> int:
+def _offset(found: JointCalibration, held: HeldCalibration | None) -> int:
     """The homing offset that a servo gets: the file's, unless its own is just a tick beside it."""
-    if (
-        isinstance(held, Mapping)
-        and abs(held["homing_offset"] - found.homing_offset) <= compare.TOLERANCE
-    ):
-        return held["homing_offset"]
+    if held and abs(held.homing_offset - found.homing_offset) <= compare.TOLERANCE:
+        return held.homing_offset
     return found.homing_offset
 
 
@@ -263,7 +251,7 @@ def _other_calibration(
     stored: Stored | None,
     filed: Mapping[int, JointCalibration],
     ids: Mapping[str, int],
-    known: Mapping[str, Mapping[str, int]],
+    known: Mapping[str, HeldCalibration],
 ) -> OtherCalibration | None:
     """The error that the servos hold something else than the file, if they do."""
     named = {joint: filed[ids[joint]] for joint in known if ids[joint] in filed}
@@ -293,13 +281,13 @@ def _other_calibration(
 
 
 def _from_servo(
-    joint: str, servo_id: int, held: _Held | None
+    joint: str, servo_id: int, held: HeldCalibration | BusError | None
 ) -> tuple[JointCalibration, str, str | None]:
     default = replace(record.default(joint), id=servo_id)
     if held is None:
         return default, "defaults", None
     if isinstance(held, BusError):
         return default, "defaults", f"{held}. Defaults are used"
-    found, note = record.from_registers(joint, servo_id, **held)
-    believed = (found.range_min, found.range_max) == (held["range_min"], held["range_max"])
+    found, note = record.from_registers(joint, servo_id, held)
+    believed = (found.range_min, found.range_max) == (held.range_min, held.range_max)
     return found, "registers" if believed else "defaults", note

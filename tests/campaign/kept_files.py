@@ -26,9 +26,8 @@ from harness import dying
 
 from so101_motion.calib.motors.setup_view import SetupProgress
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.record import lerobot, store
-from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.record import JOINTS, HeldCalibration, JointCalibration
 from so101_motion.calib.record.zero import Zero
 from so101_motion.common.errors import So101Error
 from so101_motion.files.saved_poses import SavedPoses

@@ -9,10 +9,10 @@ from harness.calibration_rig import LentArm, recording
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
+from so101_motion.calib.procedure.eeprom import write_held
 from so101_motion.calib.procedure.travel import TravelRecorder, fit, homing_offset
 from so101_motion.calib.record import zero
-from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, HeldCalibration
 
 
 @st.composite
@@ -112,7 +112,7 @@ def test_every_joint_is_calibrated_wherever_its_seam_its_offset_and_its_pose_are
         session.stop_recording()
         stored = session.save()
     for joint, entry in stored.calibration.items():
-        assert HeldCalibration.of(entry) == arm.held(joint) == arm.flashed(joint)
+        assert entry.held == arm.held(joint) == arm.flashed(joint)
         assert 0 <= entry.range_min < entry.range_max <= 4095
         found = (entry.range_min + entry.homing_offset, entry.range_max + entry.homing_offset)
         for end, stop in zip(found, arm.stops(joint), strict=True):

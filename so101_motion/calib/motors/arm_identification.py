@@ -21,7 +21,7 @@ from typing import Literal
 
 from so101_motion.calib.record import compare
 from so101_motion.calib.record.file_search import FoundFile
-from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, HeldCalibration
 from so101_motion.common.errors import BusError, CorruptReply, PortUnavailable
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.bus import registers as reg
@@ -131,19 +131,18 @@ class ServoFacts:
         return self.holds(reg.MIN_POSITION) < self.holds(reg.MAX_POSITION)
 
     @property
-    def calibration(self) -> dict[str, int]:
-        """The calibration that it holds, under the names of a file."""
-        return {
-            "homing_offset": self.holds(reg.HOMING_OFFSET),
-            "range_min": self.holds(reg.MIN_POSITION),
-            "range_max": self.holds(reg.MAX_POSITION),
-        }
+    def calibration(self) -> HeldCalibration:
+        """The calibration that it holds."""
+        return HeldCalibration(
+            homing_offset=self.holds(reg.HOMING_OFFSET),
+            range_min=self.holds(reg.MIN_POSITION),
+            range_max=self.holds(reg.MAX_POSITION),
+        )
 
     @property
     def is_calibrated(self) -> bool:
         """Whether it has ever been given limits or an offset."""
-        limits = (self.holds(reg.MIN_POSITION), self.holds(reg.MAX_POSITION))
-        return limits != (0, reg.TICKS_PER_TURN - 1) or self.holds(reg.HOMING_OFFSET) != 0
+        return self.calibration != HeldCalibration()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,19 +168,18 @@ class ServosOnBus:
         return self._is_there(SERVO_IDS[JOINTS[-1]])
 
     @property
-    def held(self) -> dict[str, dict[str, int]]:
-        """The calibration that each servo holds, by joint, as ``compare`` takes it."""
+    def held(self) -> dict[str, HeldCalibration]:
+        """The calibration that each servo holds, by joint."""
         found = ((joint, self.servos.get(i)) for joint, i in SERVO_IDS.items())
         return {joint: facts.calibration for joint, facts in found if facts is not None}
 
     @property
     def travels(self) -> dict[str, int]:
         """The travel that its limits leave each calibrated servo [tick], by joint."""
-        found = ((joint, self.servos.get(i)) for joint, i in SERVO_IDS.items())
         return {
-            joint: facts.holds(reg.MAX_POSITION) - facts.holds(reg.MIN_POSITION)
-            for joint, facts in found
-            if facts is not None and facts.is_calibrated
+            joint: held.range_max - held.range_min
+            for joint, held in self.held.items()
+            if held != HeldCalibration()
         }
 
     @property

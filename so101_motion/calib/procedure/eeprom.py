@@ -11,12 +11,12 @@ Torque is off while the offset changes, because the servo's goal would then mean
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from so101_motion.calib.procedure.travel import around, representable
 from so101_motion.calib.record import store
-from so101_motion.calib.record.record import SERVO_IDS, JointCalibration
+from so101_motion.calib.record.record import SERVO_IDS, HeldCalibration, JointCalibration
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.errors import CalibrationError
 from so101_motion.drivers.bus import registers as reg
@@ -35,32 +35,6 @@ _LIMITS = Register(
     "position limits", reg.MIN_POSITION.address, 4, Memory.EEPROM, 0, _MAX << 16 | _MAX,
     "two words", 1, "FT",
 )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldCalibration:
-    """The calibration that a servo holds: homing offset and limits."""
-
-    homing_offset: int  # what it subtracts from its encoder's count [tick]
-    range_min: int = 0  # smallest goal it accepts [tick]
-    range_max: int = _MAX  # largest
-
-    @classmethod
-    def of(cls, entry: JointCalibration) -> HeldCalibration:
-        return cls(
-            homing_offset=entry.homing_offset,
-            range_min=entry.range_min,
-            range_max=entry.range_max,
-        )
-
-    def entry(self, like: JointCalibration) -> JointCalibration:
-        """A calibration record's entry with these values; all else is as in ``like``."""
-        return replace(
-            like,
-            homing_offset=representable(self.homing_offset),
-            range_min=self.range_min,
-            range_max=self.range_max,
-        )
 
 
 def read_held(bus: Bus, servo_id: int) -> HeldCalibration:
@@ -118,10 +92,14 @@ def write_calibration(bus: Bus, stored: Stored) -> Path | None:
     there = {joint: e for joint, e in stored.calibration.items() if e.id in answering}
     if not there:
         raise missing_servos(bus, [entry.id for entry in stored.calibration.values()], ())
-    held = {joint: read_held(bus, entry.id) for joint, entry in there.items()}
-    kept = store.keep_held(stored.path, {joint: held[joint].entry(there[joint]) for joint in there})
+    held: dict[str, JointCalibration] = {}
+    for joint, entry in there.items():
+        found = read_held(bus, entry.id)
+        offset = representable(found.homing_offset)
+        held[joint] = replace(entry, **asdict(found) | {"homing_offset": offset})
+    kept = store.keep_held(stored.path, held)
     for entry in there.values():
-        write_held(bus, entry.id, HeldCalibration.of(entry))
+        write_held(bus, entry.id, entry)
     return kept
 
 

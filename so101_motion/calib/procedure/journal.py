@@ -18,9 +18,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from so101_motion.calib.procedure.eeprom import HeldCalibration, read_held, write_held
+from so101_motion.calib.procedure.eeprom import read_held, write_held
 from so101_motion.calib.record import record, store
-from so101_motion.calib.record.record import JOINTS, SERVO_IDS, Calibration
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, Calibration, HeldCalibration
 from so101_motion.calib.record.zero import Zero
 from so101_motion.common.errors import BusError, CalibrationError, PortUnavailable
 from so101_motion.drivers.bus.bus import Bus
@@ -150,7 +150,7 @@ def _end(bus: Bus, calibration_file: Path, journal: Journal) -> str:
             "A calibration was interrupted before it was saved; the servos' settings were restored."
         )
     for joint, entry in saving.calibration.items():
-        write_held(bus, SERVO_IDS[joint], HeldCalibration.of(entry))
+        write_held(bus, SERVO_IDS[joint], entry)
     store.save(calibration_file, saving.calibration, zeros=saving.zeros)
     return "A calibration was interrupted while it was saved; it is complete now."
 
@@ -159,7 +159,7 @@ def _knows(journal: Journal, joint: str, held: HeldCalibration) -> bool:
     """Whether a servo holds a value that this calibration wrote or found."""
     known = [journal.before[joint], journal.meanwhile[joint]]
     if journal.saving is not None:
-        known.append(HeldCalibration.of(journal.saving.calibration[joint]))
+        known.append(journal.saving.calibration[joint].held)
     looks_new = held == HeldCalibration(homing_offset=held.homing_offset)
     return held in known or (
         looks_new and any(held.homing_offset == k.homing_offset for k in known)

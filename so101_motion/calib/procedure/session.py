@@ -34,7 +34,7 @@ from typing import Any
 
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.procedure import eeprom, journal, steps, travel
-from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
+from so101_motion.calib.procedure.eeprom import write_held
 from so101_motion.calib.procedure.journal import Journal, Saving
 from so101_motion.calib.procedure.sampler import Sampler
 from so101_motion.calib.procedure.steps import Command
@@ -46,7 +46,7 @@ from so101_motion.calib.procedure.view import (
     show,
 )
 from so101_motion.calib.record import record, store, zero
-from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, HeldCalibration
 from so101_motion.common.errors import CalibrationError, ConfigError, So101Error
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
@@ -190,9 +190,7 @@ class Session:
             self._lent.call(partial(eeprom.require, joints=self.joints))
             assert self._journal is not None
             self._note_down(replace(self._journal, saving=saving, is_decided=True))
-            self._write(
-                {joint: HeldCalibration.of(entry) for joint, entry in saving.calibration.items()}
-            )
+            self._write({joint: entry.held for joint, entry in saving.calibration.items()})
             stored = store.save(self.calibration_file, saving.calibration, zeros=saving.zeros)
             journal.remove(self.calibration_file)
             self._journal = None

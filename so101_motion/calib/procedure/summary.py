@@ -258,7 +258,7 @@ def in_force(joints: Mapping[str, JointView]) -> Calibration:
 def lines(joints: Mapping[str, JointView], before: Calibration) -> tuple[Row, ...]:
     rows = compare.diff(
         {joint: entry for joint, entry in before.items() if joint in joints},
-        compare.as_held(calibration_of(joints)),
+        calibration_of(joints),
     )
     moved = {row.joint for row in rows if row.differs}
     return tuple(

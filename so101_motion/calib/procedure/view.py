@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from so101_motion.calib.procedure import travel
-from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.sampler import Positions
 from so101_motion.calib.procedure.steps import INSTRUCTIONS, OFFERED, Command, State
 from so101_motion.calib.procedure.travel import Assessment, Fit, TravelArc, Verdict
 from so101_motion.calib.record import zero
-from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.calib.record.record import SERVO_IDS, HeldCalibration
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 
 TICKS_PER_DEG = TICKS_PER_TURN / 360.0

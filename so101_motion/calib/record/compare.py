@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from so101_motion.calib.record.record import JOINTS, Calibration
+from so101_motion.calib.record.record import JOINTS, Calibration, HeldCalibration
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 
 FIELDS = ("homing_offset", "range_min", "range_max")
@@ -38,7 +38,7 @@ class Difference:
 
 def diff(
     calibration: Calibration,
-    held: Mapping[str, Mapping[str, int]],
+    held: Mapping[str, HeldCalibration],
     *,
     tolerance: int = TOLERANCE,
 ) -> tuple[Difference, ...]:
@@ -48,7 +48,7 @@ def diff(
             joint=joint,
             field=field,
             filed=(filed := getattr(calibration[joint], field)),
-            held=(there := held.get(joint, {}).get(field)),
+            held=(there := getattr(held.get(joint), field, None)),
             differs=there is not None and _apart(field, there, filed) > tolerance,
         )
         for joint in JOINTS
@@ -58,7 +58,7 @@ def diff(
 
 
 def conflicts(
-    calibration: Calibration, held: Mapping[str, Mapping[str, int]]
+    calibration: Calibration, held: Mapping[str, HeldCalibration]
 ) -> tuple[Difference, ...]:
     """The differences that show that the servos were not calibrated with this calibration.
 
@@ -69,35 +69,24 @@ def conflicts(
     offsets = (
         row
         for row in diff(calibration, held)
-        if row.field == FIELDS[0] and row.differs and not is_blank(held[row.joint])
+        if row.field == FIELDS[0] and row.differs and not held[row.joint].is_blank
     )
     limits = (
         row
         for row in diff(calibration, held, tolerance=LIMIT_TOLERANCE)
-        if row.field != FIELDS[0] and row.differs and has_travel(held[row.joint])
+        if row.field != FIELDS[0] and row.differs and held[row.joint].has_travel
     )
     return tuple(sorted((*offsets, *limits), key=lambda row: JOINTS.index(row.joint)))
 
 
-def has_travel(held: Mapping[str, int]) -> bool:
-    """Whether a servo's limits are a recorded travel; new ones have a whole turn, or none."""
-    lower, upper = held["range_min"], held["range_max"]
-    return lower < upper and upper - lower < TICKS_PER_TURN - 1
-
-
-def is_blank(held: Mapping[str, int]) -> bool:
-    """Whether a servo holds no calibration: it is new, or was reset."""
-    return held[FIELDS[0]] == 0 and not has_travel(held)
-
-
-def agrees(calibration: Calibration, held: Mapping[str, Mapping[str, int]]) -> bool:
+def agrees(calibration: Calibration, held: Mapping[str, HeldCalibration]) -> bool:
     """Whether the servos that answer were calibrated with this calibration, for all it tells.
 
     A loose plug does not matter. Servos that were never calibrated agree with nothing.
     """
     compared = [joint for joint in calibration if joint in held]
     return (
-        any(has_travel(held[joint]) for joint in compared)
+        any(held[joint].has_travel for joint in compared)
         and any(joint in calibration for joint in held)
         and not any(row.differs for row in diff(calibration, held))
     )
@@ -107,10 +96,3 @@ def _apart(field: str, there: int, filed: int) -> int:
     """The difference of two numbers; offsets that are a whole turn apart are the same."""
     away = abs(there - filed)
     return min(away, abs(TICKS_PER_TURN - away)) if field == FIELDS[0] else away
-
-
-def as_held(calibration: Calibration) -> dict[str, dict[str, int]]:
-    return {
-        joint: {field: getattr(entry, field) for field in FIELDS}
-        for joint, entry in calibration.items()
-    }

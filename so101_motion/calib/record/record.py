@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from so101_motion.common.errors import CalibrationError, quoted
@@ -60,16 +60,41 @@ _AGAIN = "calibrate the arm again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JointCalibration:
+class HeldCalibration:
+    """The calibration that a servo holds, in registers 31, 9 and 11; by default a new servo's."""
+
+    homing_offset: int = 0  # what it subtracts from its encoder's count [tick]
+    range_min: int = 0  # smallest goal it accepts [tick]
+    range_max: int = TICKS_PER_TURN - 1  # largest
+
+    @property
+    def has_travel(self) -> bool:
+        """Whether the limits are a recorded travel; new servos have a whole turn, or none."""
+        return 0 < self.range_max - self.range_min < TICKS_PER_TURN - 1
+
+    @property
+    def is_blank(self) -> bool:
+        """Whether it is no calibration: the servo is new, or was reset."""
+        return self.homing_offset == 0 and not self.has_travel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointCalibration(HeldCalibration):
     """The calibration of one joint."""
 
     id: int
     drive_mode: int = 0  # not 0 if the servo counts down with the joint angle
-    homing_offset: int = 0  # what the servo subtracts from its encoder [tick]
     range_min: int = 500  # smallest position of the travel [tick], as the servo reports it
     range_max: int = 3500  # largest
     # how LeRobot-like programs scale it: 1 as 0..100, 2 as -100..100, 3 in degrees
     norm_mode: int = 3
+
+    @property
+    def held(self) -> HeldCalibration:
+        """What its servo is to hold."""
+        return HeldCalibration(
+            homing_offset=self.homing_offset, range_min=self.range_min, range_max=self.range_max
+        )
 
     def to_json(self) -> dict[str, int]:
         return {name: getattr(self, name) for name in FIELDS}
@@ -88,9 +113,9 @@ def default(joint: str) -> JointCalibration:
 
 
 def from_registers(
-    joint: str, servo_id: int, *, homing_offset: int, range_min: int, range_max: int
+    joint: str, servo_id: int, held: HeldCalibration
 ) -> tuple[JointCalibration, str | None]:
-    """Make the calibration from a servo's own registers, with a note if they look wrong.
+    """Make the calibration from what a servo holds, with a note if that looks wrong.
 
     A jaw whose limits are much wider than its travel has never been calibrated. Driven to such a
     limit it would press against its stop forever, so it gets the default.
@@ -98,26 +123,19 @@ def from_registers(
     Returns:
         The calibration, and a note for the user, without the joint's name, or None.
     """
-    found = replace(
-        default(joint),
-        id=servo_id,
-        homing_offset=homing_offset,
-        range_min=range_min,
-        range_max=range_max,
-    )
-    if not 0 <= range_min < range_max < TICKS_PER_TURN:
+    known, limits = replace(default(joint), id=servo_id), f"{held.range_min} to {held.range_max}"
+    if not 0 <= held.range_min < held.range_max < TICKS_PER_TURN:
         return (
-            replace(default(joint), id=servo_id),
-            f"the limits in the servo ({range_min} to {range_max}) make no sense,"
-            f" so defaults are used; {_AGAIN}",
+            known,
+            f"the limits in the servo ({limits}) make no sense, so defaults are used; {_AGAIN}",
         )
-    width = range_max - range_min
-    if joint == GRIPPER_JOINT and width > _WIDEST_GRIPPER:
+    if joint == GRIPPER_JOINT and held.range_max - held.range_min > _WIDEST_GRIPPER:
         return (
-            replace(default(joint), id=servo_id, homing_offset=homing_offset),
-            f"the limits in the servo ({range_min} to {range_max}) are wider than the jaw"
-            f" travels, so a narrower default is used; {_AGAIN}",
+            replace(known, homing_offset=held.homing_offset),
+            f"the limits in the servo ({limits}) are wider than the jaw travels, so a narrower"
+            f" default is used; {_AGAIN}",
         )
+    found = replace(known, **asdict(held))
     if looks_as_new(joint, found):
         return found, "new servo, not calibrated yet; calibrate the arm"
     return found, None

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.journal import Journal
 from so101_motion.calib.record import record, store
+from so101_motion.calib.record.record import HeldCalibration
 from so101_motion.common.errors import ConfigError
 from so101_motion.rig.port_settings import ServoSettings, about_unused_file, combined
 

@@ -7,10 +7,10 @@ import pytest
 from harness.calibration_rig import LentArm, all_held
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
+from so101_motion.calib.procedure.eeprom import write_held
 from so101_motion.calib.procedure.journal import Journal, Saving
 from so101_motion.calib.record import store
-from so101_motion.calib.record.record import JOINTS, SERVO_IDS, default
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, HeldCalibration, default
 from so101_motion.calib.record.zero import Zero
 from so101_motion.common.errors import CalibrationError
 from so101_motion.rig.joint_setup import find_joints
@@ -24,7 +24,7 @@ CALIBRATION = {
     joint: replace(default(joint), homing_offset=500 + i, range_min=1000 + i, range_max=2400 + i)
     for i, joint in enumerate(JOINTS)
 }
-AFTER = {joint: HeldCalibration.of(entry) for joint, entry in CALIBRATION.items()}
+AFTER = {joint: entry.held for joint, entry in CALIBRATION.items()}
 SAVING = Saving(calibration=CALIBRATION, zeros={"elbow_flex": Zero(by="stops", angle=-0.1)})
 OPEN = Journal(before=BEFORE, meanwhile=MEANWHILE)
 DECIDED = Journal(before=BEFORE, meanwhile=MEANWHILE, saving=SAVING, is_decided=True)

@@ -8,12 +8,11 @@ import pytest
 from harness.calibration_rig import UPRIGHT_DEG, LentArm, all_held, calibrate, recording
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.procedure.travel import Verdict
 from so101_motion.calib.record import store
-from so101_motion.calib.record.record import JOINTS
+from so101_motion.calib.record.record import JOINTS, HeldCalibration
 from so101_motion.common.errors import (
     CalibrationError,
     ConfigError,
@@ -238,9 +237,7 @@ def test_saving_can_be_tried_again_when_a_cable_came_loose(arm, file, after):
     assert (all_held(arm) == before) is (after == 1)  # found out before anything was written
     assert (after == 1) is not journal.read(file).is_decided
     stored = session.save()
-    assert all_held(arm) == {
-        joint: HeldCalibration.of(entry) for joint, entry in stored.calibration.items()
-    }
+    assert all_held(arm) == {joint: entry.held for joint, entry in stored.calibration.items()}
 
 
 @pytest.mark.parametrize("then", ["save", "abort"])

@@ -8,7 +8,7 @@ import pytest
 from harness.calibration_rig import Death, Died, LentArm
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
+from so101_motion.calib.procedure.eeprom import write_held
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS, JointCalibration
@@ -35,7 +35,7 @@ class Workshop:
         self.death = Death(folder)
         self.arm = LentArm(self.death)
         for joint in JOINTS:
-            write_held(self.arm.bus, SERVO_IDS[joint], HeldCalibration.of(FORMER[joint]))
+            write_held(self.arm.bus, SERVO_IDS[joint], FORMER[joint])
         if has_file:
             store.save(self.file, FORMER, zeros=ZEROS)
         # One joint whose travel will pass the seam, so that saving changes its offset again.

@@ -4,7 +4,7 @@ import pytest
 
 from so101_motion.calib.record import record
 from so101_motion.calib.record.compare import diff
-from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.record import JOINTS, HeldCalibration, JointCalibration
 from so101_motion.common.errors import CalibrationError
 
 SEED = {
@@ -148,8 +148,9 @@ def test_defaults_are_the_published_ones():
     ],
 )
 def test_registers_are_believed_when_they_make_sense(joint, held, believed, says):
-    registers = dict(zip(("homing_offset", "range_min", "range_max"), held, strict=True))
-    found, odd = record.from_registers(joint, JOINTS.index(joint) + 1, **registers)
+    offset, lower, upper = held
+    there = HeldCalibration(homing_offset=offset, range_min=lower, range_max=upper)
+    found, odd = record.from_registers(joint, JOINTS.index(joint) + 1, there)
 
     assert (found.homing_offset, found.range_min, found.range_max) == believed
     assert odd is None if says is None else says in odd
@@ -157,7 +158,7 @@ def test_registers_are_believed_when_they_make_sense(joint, held, believed, says
 
 def test_a_servo_with_the_limits_it_came_with_looks_as_new():
     for joint, expected in (("elbow_flex", True), ("wrist_roll", False)):
-        found, _ = record.from_registers(joint, 3, homing_offset=0, range_min=0, range_max=4095)
+        found, _ = record.from_registers(joint, 3, HeldCalibration())
         assert record.looks_as_new(joint, found) is expected
 
 
@@ -203,7 +204,7 @@ CALIBRATION = {
     "gripper": JointCalibration(id=6, homing_offset=1407, range_min=2031, range_max=3476),
     "shoulder_pan": JointCalibration(id=1, homing_offset=-1470, range_min=758, range_max=3292),
 }
-PAN_HELD = {"homing_offset": -1471, "range_min": 758, "range_max": 3300}
+PAN_HELD = HeldCalibration(homing_offset=-1471, range_min=758, range_max=3300)
 
 
 def test_each_number_stands_beside_what_the_servo_holds():
