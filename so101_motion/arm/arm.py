@@ -326,10 +326,10 @@ class Arm(CappedJoints):
                 raise ConfigError(
                     "limits" if search is None else "search",
                     "given",
-                    "belongs to the planning of a goal; this plan is finished",
+                    "applies while a goal is planned; this plan is already made",
                 )
             if replan:
-                raise ConfigError("replan", True, "needs a goal; this plan is finished")
+                raise ConfigError("replan", True, "needs a goal, not a finished plan")
             motion = self.start_series((to,))
         elif replan:
             asked = search or Search()
@@ -387,12 +387,12 @@ class Arm(CappedJoints):
         """
         if not isinstance(goal, JointGoal | PoseGoal):
             raise ConfigError(
-                "replan", True, "is for joint angles and poses; the way to this goal is prescribed"
+                "replan", True, "works for joint angles and poses; this goal prescribes the path"
             )
         if self.cell_member is not None and self.cell_member.minded:
             others = " and ".join(sorted(self.cell_member.minded))
             raise ConfigError(
-                "replan", True, f"is for an arm that moves alone; {others} relies on its plan"
+                "replan", True, f"works for an arm that moves alone; {others} relies on this plan"
             )
 
         in_scene = lru_cache(maxsize=1)(search)

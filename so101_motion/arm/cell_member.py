@@ -60,6 +60,9 @@ TOUCHING = 0.5 * GUARDED
 keeps them further apart."""
 
 
+FAR = 1.5  # arms whose bases are farther apart do not meet [m]: 0.45 m of reach each, and a tool
+
+
 class RigWithExecutor(Protocol):
     """An arm with the control loop that moves it, such as a ``Rig``."""
 
@@ -206,7 +209,7 @@ class CellMember:
         if math.isinf(late):
             raise crosses(*met, since=now)
         raise MotionError(
-            f"it was ready {late:.2f} s after the common motion was to begin, and would meet"
+            f"its part of the common motion was ready {late:.2f} s too late, and would meet"
             " another arm now; check how busy the computer is, then plan again"
         )
 
@@ -221,6 +224,12 @@ class CellMember:
             return self.course_at(now)
         has_ended = self._expected is not None and now > planned.t + PROMPT  # before it began
         return self.course_at(now) if has_ended else planned
+
+    @property
+    def can_meet(self) -> bool:
+        """See ``Neighbours``; an arm that cannot may be late, because no other relies on it."""
+        here = self.T_cell_base.p
+        return any(math.dist(here, each.T_cell_base.p) < FAR for each in self._neighbours())
 
     # Every tick
 

@@ -388,7 +388,8 @@ class ChannelPlayer:
     def _rest_a_while(self, motion: _Motion) -> bool:
         """Slow down, rest and go on, because joints have missed goals; False if that cannot be."""
         source = motion.source
-        if self.neighbours is not None or not isinstance(source, PlannedMotion):
+        relied_on = self.neighbours is not None and self.neighbours.can_meet
+        if relied_on or not isinstance(source, PlannedMotion):
             return False  # other arms rely on when this one will be where
         if motion.last is None:
             paused = source.paused(self.stop_limits, _REST)

@@ -120,7 +120,7 @@ def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
     given = Attributes(entry, known, kind="key of an arm")
     name, (low, high) = given.text("name", ""), SPEED_RANGE_DEG
     if not name:
-        raise ConfigError("name", name, "each arm needs a name, for messages to call it by")
+        raise ConfigError("name", name, "each arm needs a name: messages use it")
     return CellArm(
         name=name,
         T_cell_base=pose_from(given),

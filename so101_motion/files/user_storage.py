@@ -103,7 +103,7 @@ def read(
     if isinstance(written, str) and written.startswith(schema.rpartition("/")[0]):
         reason = f"is written as {written}, which this version cannot read; update it"
     else:
-        reason = f'is not a file of {what}; its "schema" must be "{schema}"'
+        reason = f'is not a {what} file; its "schema" must be "{schema}"'
     raise ConfigError(what, str(path), reason)
 
 

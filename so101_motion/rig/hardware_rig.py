@@ -248,11 +248,11 @@ def open_so101(
     file = None if calibration is None else Path(calibration)
     if file is not None and not file.is_file():
         if file.parent != Path():
-            raise ConfigError("calibration", str(file), "is no file")
+            raise ConfigError("calibration", str(file), "is not a file")
         file = lerobot.path_for(str(calibration))
         if not file.is_file():
             raise ConfigError(
-                "calibration", str(calibration), f"is no file, nor is {file}, LeRobot's by that id"
+                "calibration", str(calibration), f"is not a file, nor is {file}, LeRobot's"
             )
     settings = ServoSettings(
         port=port, servo_ids=SERVO_IDS, gripper_id=GRIPPER_ID, calibration_file=file

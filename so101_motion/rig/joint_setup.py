@@ -212,8 +212,8 @@ def _elsewhere(path: Path) -> str:
 
 
 _NOT_STORED = (
-    "the servo holds no calibration, so the file's is in force until its power goes; a servo that"
-    ' was mounted anew has to be calibrated, otherwise "so101 calibration write" stores the file'
+    "the servo holds no calibration, so the file's is used until its power goes off; if the servo"
+    ' was mounted anew, calibrate it, otherwise store the file: "so101 calibration write"'
 )
 
 

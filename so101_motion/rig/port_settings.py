@@ -151,7 +151,7 @@ def about_unused_file(shares: Sequence[ServoSettings]) -> str | None:
     return (
         f"components on {counts.port} name different calibration files: {used} is used, because"
         f" {why}, and {others[0] if newest == used else newest} is not; give all of them the same"
-        " calibration_file, or only one of them any"
+        " calibration_file, or set it on one only"
     )
 
 

@@ -309,7 +309,7 @@ class ServoDriver:
         if self._why is None:
             return "the servos have not been looked for yet; try again"
         tried = self._clock.now() - self._begun
-        return f"{self._why} (tried for {tried:.0f} s, and tried again every second)"
+        return f"{self._why} (tried for {tried:.0f} s; it goes on trying every second)"
 
     @property
     def is_connected(self) -> bool:
@@ -434,7 +434,7 @@ class ServoDriver:
             raise PortUnavailable(
                 settings.port,
                 "the servos could not be set up again yet; check the USB cable and the arm's"
-                " power. It is tried again every second",
+                " power. It goes on trying every second",
             )
         tries, self._is_asked = _GLANCE if self._is_asked else _PATIENT, True
         self._try_due = now + RETRY_PERIOD

@@ -136,7 +136,7 @@ def _go(rig: RigLike, q: Array, within: float, waiter: Waiter) -> None:
         plan = motion.wait_for(arm.start_plan(JointGoal(q=q), search=arm.search_among_known()))
         if plan.duration > within:
             raise MotionError(
-                f"the way takes {plan.duration:.1f} s and may take {within:.1f} s; raise the caps"
+                f"the way takes {plan.duration:.1f} s, {within:.1f} s are allowed; raise the caps"
             )
         return plan
 

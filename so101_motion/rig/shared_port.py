@@ -221,8 +221,8 @@ class SharedPort:
             raise ConfigError(
                 "control_rate_hz",
                 joined.rate,
-                f"the port runs at {running:g} Hz already, until no component uses it any more;"
-                " give every component on it the same, or restart the module",
+                f"the port already runs at {running:g} Hz; give every component on it the same"
+                " rate, or restart the module",
             )
         warning = about_unused_file(shares)
         if warning is not None:
@@ -308,13 +308,13 @@ class SharedPort:
         if self.rig.executor.state.reading is servos.no_reading or not self._holding.done():
             return "the servos have just been found; try again"
         if share in self._put_off and self._is_outdated:
-            return f"{self._trouble} (every request asks it again)"
+            return f"{self._trouble} (every request tries again)"
         missing = [joint for joint in share.required() if joint not in servos.setups]
         if not missing:
             return None
         first, ids = missing[0], servos.settings.ids()
         plain = f"servo {ids[first]} ({first}) did not answer; check its cable"
-        return f"{self._trouble or plain} (every request asks it again)"
+        return f"{self._trouble or plain} (every request tries again)"
 
     def set_up_soon(self, share: ServoSettings) -> Future[None]:
         """Have the port's thread set the servos up, unless they are.

@@ -122,7 +122,7 @@ class PickOperation(LocalOperation):
             return f"The gripper holds {self._held[-1]}; say where to put it."
         if not self._items:
             return "The scene has no item. Give an obstacle a mass to make it one."
-        return "Choose an item, and where to put it: x,y,z in mm, or on what; empty to hold it."
+        return "Choose an item and a place (x,y,z in mm or a name); without a place it is held."
 
     def _offers(self, moving: bool) -> tuple[Offer, ...]:
         if moving:

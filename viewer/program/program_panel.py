@@ -272,7 +272,7 @@ class WaypointFields:
         opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
         self._opening = SharedField(opening, editor.set_aperture, context, units.PERCENT)
         self._item = SharedField(gui.add_text("Pick item", ""), editor.set_item, context)
-        place = gui.add_text("Put it at", "", hint="x,y,z in mm, or on what; empty to hold it")
+        place = gui.add_text("Put it at", "", hint="x,y,z in mm or a name; empty: hold it")
         self._place = SharedField(place, editor.set_place, context)
 
     def show(self, waypoint: Waypoint | None, *, is_alone: bool) -> None:

@@ -153,7 +153,7 @@ def open_error_text(name: str, error: Exception) -> str:
 
 def _not_allowed(name: str) -> str:
     if sys.platform == "win32":  # which says this of a port that is open elsewhere
-        return "in use by another program; end that first"
+        return "in use by another program; end that program first"
     group = _USUAL_GROUP
     with contextlib.suppress(OSError, KeyError):
         import grp

@@ -104,8 +104,8 @@ class _Planning:
         if problem is not None:
             raise problem
         raise NoPath(
-            f"{self._giver.name} and {self._taker.name} cannot meet so that"
-            f" '{self._thing.name}' is passed on; hold it nearer to one end, or move the arms"
+            f"there is no pose in which {self._giver.name} can hand '{self._thing.name}' to"
+            f" {self._taker.name}; hold it nearer to one end, or move the arms"
             f" at least {ROOM * 1e3:.0f} mm closer together",
             where="goal",
             blockers=(self._thing.name,),

@@ -197,7 +197,8 @@ def _with_goals(planner: Planner, team: Sequence[TeamMember], ends: float) -> li
             near = max(met.distance, 0.0)
             raise InCollision(
                 f"at the goals {a.name}'s {met.first} would be {near * 1e3:.0f} mm from"
-                f" {b.name}'s {met.second} ({ROOM * 1e3:.0f} mm must stay free); choose others",
+                f" {b.name}'s {met.second} ({ROOM * 1e3:.0f} mm must stay free); choose other"
+                " goals",
                 first=f"{a.name}'s {met.first}",
                 second=f"{b.name}'s {met.second}",
                 where="goal",
@@ -321,7 +322,7 @@ def _as_one(planner: Planner, team: Sequence[TeamMember], ends: float) -> dict[s
     first = team[0].request
     if len(team) > MOST_ARMS:
         raise NoPath(
-            f"{len(team)} arms would have to move around each other at once, which is planned for"
+            f"{len(team)} arms would have to move around each other at once; planning handles"
             f" {MOST_ARMS} at most; move some of them first",
             where="path",
             blockers=(),

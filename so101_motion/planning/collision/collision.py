@@ -51,8 +51,8 @@ from so101_motion.planning.collision.solids import RIB, SAMPLE, points_in
 from so101_motion.planning.kinematics.model import RobotModel
 
 BACK_OUT = (
-    "how deep is not known, so lead it out by hand (manual mode), correct the scene, or let it back"
-    " out slowly, which may lead deeper"
+    "how deep is not known, so guide it out by hand (manual mode), correct the scene, or let it"
+    " back out slowly, which may lead deeper"
 )
 """What to do about an arm in a surface of which the inside is not known."""
 

@@ -157,6 +157,10 @@ class Neighbours(Protocol):
         """Publish that the arm stops along ``q``, without a check; see ``admits``."""
 
     @property
+    def can_meet(self) -> bool:
+        """Whether any of them stands near enough to meet this arm."""
+
+    @property
     def against(self) -> str:
         """Why ``admits`` refused last, such as ``"the jaw close to left"``."""
 

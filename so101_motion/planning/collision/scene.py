@@ -392,7 +392,7 @@ class Scene:
         if not 0.0 < self.margin <= 0.1:
             raise ConfigError("margin", self.margin, "must be more than 0 and at most 0.1 m")
         if len(self.attached) > MOST_HELD:
-            reason = f"are held; planned with at most {MOST_HELD}: join some of them in one mesh"
+            reason = f"are too many; {MOST_HELD} can be held at once: join some in one mesh"
             raise ConfigError("attached", f"{len(self.attached)} things", reason)
         self._check_names()
         object.__setattr__(self, "digest", _digest(self))
@@ -472,7 +472,7 @@ class Scene:
         """
         held = one_named(name, self.attached)
         if held.fixed:
-            raise ConfigError("name", name, "is a part of the tool, which is not let go of")
+            raise ConfigError("name", name, "is part of the tool and cannot be let go of")
         item = Obstacle(
             name=name, shape=held.shape, T_base_obstacle=T_base_item, mass=held.mass or None
         )
@@ -493,7 +493,7 @@ def one_named(name: str, things: Iterable[_T]) -> _T:
 
 def _named(name: str) -> None:
     if not isinstance(name, str) or not name:
-        raise ConfigError("name", name, "each thing needs a name, for messages to call it by")
+        raise ConfigError("name", name, "each obstacle needs a name: messages use it")
 
 
 def _weighed(name: str, mass: float) -> None:

@@ -108,7 +108,7 @@ def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Ar
     """
     size = f"{len(data)} bytes"
     if kind not in MESHES:
-        reason = f"is none of {', '.join(MESHES)}; export STL or GLB"
+        reason = f"is not one of {', '.join(MESHES)}; export STL or GLB"
         raise ConfigError("mesh", f".{kind}", reason)
     _refuse_large(kind, data, len(data), most)
     readers = {"stl": _stl, "ply": _ply, "obj": _obj}
@@ -253,7 +253,7 @@ def _stl(data: bytes) -> tuple[Array, Any]:
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     held = max(len(data) - 84, 0) // record.itemsize
     if held < count:
-        raise ValueError(f"its head says {count} triangles, it holds {held}; was it cut off?")
+        raise ValueError(f"its header says {count} triangles, it has {held}; was it cut off?")
     if len(data) < 84:
         raise ValueError("it is too short")
     corners = np.frombuffer(data, record, count, 84)["corners"]  # some programs append bytes
@@ -263,7 +263,7 @@ def _stl(data: bytes) -> tuple[Array, Any]:
 def _ply_counts(data: bytes) -> dict[str, int]:
     head = re.match(rb"ply\s.*?\nend_header\r?\n", data[:_HEAD], re.DOTALL)
     if head is None:
-        raise ConfigError("mesh", f"{len(data)} bytes", "is not a ply file: its head has no end")
+        raise ConfigError("mesh", f"{len(data)} bytes", "is not a ply file: its header has no end")
     found = {b"vertex": 0, b"face": 0, b"tristrips": 0}
     found |= {name: int(n) for name, n in re.findall(rb"\nelement (\w+) (\d{1,18})", head[0])}
     return {"triangles": found[b"face"] + found[b"tristrips"], "vertices": found[b"vertex"]}
@@ -320,7 +320,7 @@ def _triangulated(vertices: Array, polygons: Sequence[Any]) -> tuple[Array, Any]
         if len(faces) == 0:
             continue
         if faces.min() < 0 or faces.max() >= len(vertices):
-            raise ValueError(f"a face has a vertex that is none of the {len(vertices)}")
+            raise ValueError(f"a face names a vertex beyond the {len(vertices)} there are")
         corners = vertices[faces]
         sides = np.roll(corners, -1, axis=1) - corners
         turns = np.cross(sides, np.roll(sides, -1, axis=1))
@@ -360,7 +360,7 @@ def _by_trimesh(kind: str, data: bytes) -> tuple[Array, Any]:
     mesh = scene.to_mesh()
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
     if np.any((mesh.faces < 0) | (mesh.faces >= len(vertices))):
-        raise ValueError(f"a face has a vertex that is none of the {len(vertices)}")
+        raise ValueError(f"a face names a vertex beyond the {len(vertices)} there are")
     if kind == "3mf":
         vertices = vertices * trimesh.units.unit_conversion(str(scene.units), "meters")
     elif kind != "off":  # y is up
@@ -453,7 +453,7 @@ def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], str, int]:
     """The fields of the head, the format of the points, and the offset of the first."""
     found = re.search(rb"(?:^|\n)DATA ([^\r\n]*)\r?\n", data[:_HEAD])
     if found is None:
-        raise ValueError("its head has no DATA")
+        raise ValueError("its header has no DATA line")
     lines = [line.split() for line in data[: found.start()].decode("ascii").splitlines()]
     fields = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
     return fields, found[1].decode("ascii", "replace").strip(), found.end()
@@ -479,7 +479,7 @@ def _pcd(data: bytes) -> Array:
         ]
     )
     if not 0 < record.itemsize <= _WIDEST:
-        raise ValueError(f"a point has {record.itemsize} bytes, 1 to {_WIDEST} are read")
+        raise ValueError(f"a point has {record.itemsize} bytes; at most {_WIDEST} are read")
     axes = [names.index(axis) for axis in "xyz"]
     if form == "ascii":
         table = np.array(data[begin:].split(), dtype=np.float64)
@@ -507,7 +507,7 @@ def _pcd(data: bytes) -> Array:
 
 def _refuse_other_count(head: int, held: float) -> None:
     if head != held:
-        raise ValueError(f"its head says {head} points, it holds {held:g}")
+        raise ValueError(f"its header says {head} points, it has {held:g}")
 
 
 def _unpacked(data: bytes, size: int) -> bytes:

@@ -340,7 +340,7 @@ class Guard:
         if isinstance(each, str):
             return each
         if isinstance(each, TorqueReserve):
-            return f"{each.joint} bearing all that it may"
+            return f"{each.joint} at its torque limit"
         called = self._collision.scene.called
         return f"{called(each.first)} close to {called(each.second)}"
 

@@ -150,7 +150,7 @@ class RobotModel:
             if not lower[i] < upper[i]:
                 raise ConfigError(
                     ARM_JOINTS[i], [to_deg(float(lower[i])), to_deg(float(upper[i]))],
-                    "are limits [deg] that leave the joint no angle; calibrate the arm again"
+                    "are limits [deg] whose lower one is not below the upper; calibrate again"
                 )  # fmt: skip
         narrow.lowerPositionLimit[:5], narrow.upperPositionLimit[:5] = lower, upper
         return RobotModel(narrow, self._extra, bounds="calibrated range")

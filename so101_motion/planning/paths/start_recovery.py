@@ -40,8 +40,8 @@ do, and the depth of an overlap is not known better. Chosen."""
 _RANDOM_DIRECTIONS = 60
 
 _MOTION = {
-    False: "small motion frees it; let it back out slowly (so101 move --leave-contact, the button"
-    " Back out slowly, the command leave_contact), by hand (manual mode), or correct the scene if"
+    False: "small motion frees it; back out slowly (so101 move --leave-contact, Back out slowly on"
+    " the page, the command leave_contact), move it by hand (manual mode), or correct the scene if"
     " that is not there",
     True: "straight motion frees it; move the arm by hand (manual mode), or correct the scene if"
     " that is not there",

@@ -261,7 +261,7 @@ class _Run:
             if number != self._current:
                 self._end_episode()
                 if number in self.lengths:
-                    raise refusal(self._root, f"episode {number} is in two pieces")
+                    raise refusal(self._root, f"episode {number} is not in one piece")
                 self._current = number
             for name, values in rows.items():
                 self._pieces[name].append(values[begin:end])

@@ -143,7 +143,7 @@ class DataSet:
                     if current is not None:
                         yield self._episode(current, pieces, lengths)
                     if number in seen:
-                        raise refusal(self.metadata.root, f"episode {number} is in two pieces")
+                        raise refusal(self.metadata.root, f"episode {number} is not in one piece")
                     seen.add(number)
                     current, pieces, held = number, [], 0
                 pieces.append(rows[begin:end])

@@ -97,7 +97,7 @@ def _overview(report: CheckReport) -> str:
 def _differences(report: CheckReport) -> str:
     off = report.differences
     if off is None:
-        return "<p>Where the joints were is not recorded.</p>"
+        return "<p>The measured joint angles were not recorded.</p>"
     rows = [
         f"<tr><td>{joint}<td class=n>{rms:.2f}<td class=n>{off.mean_deg[joint]:.2f}"
         f"<td class=n>{off.worst_deg[joint]:.2f}"

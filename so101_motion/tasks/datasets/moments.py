@@ -18,7 +18,7 @@ LIMIT, FROZEN, SPEED, TRACKING = "limit", "frozen", "speed", "not reached"
 KINDS = {
     JUMP: "a joint is sent, or seems to go, faster than any servo can",
     CONTACT: "the arm touches itself, the table or the scene",
-    MISSING: "numbers are missing or mean no angle",
+    MISSING: "numbers are missing or cannot be angles",
     FROZEN: "a joint stands while its action moves on: it is blocked, or was not read",
     LIMIT: "a joint is beyond its travel",
     TRACKING: "a joint is far from where it was sent",

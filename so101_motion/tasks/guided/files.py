@@ -119,7 +119,7 @@ def restore(folder: Path, kept_as: str) -> Path:
 
     ``ConfigError`` if it is not kept, another path has that name now, or it cannot be moved.
     """
-    reason = f"is not kept; only the last {KEPT} paths that were deleted are"
+    reason = f"is gone; only the last {KEPT} deleted paths are kept"
     if not _number(kept_as):
         raise ConfigError("kept_as", kept_as, reason)
     file = file_of(folder, kept_as.partition(" ")[2])

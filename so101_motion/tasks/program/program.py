@@ -58,7 +58,7 @@ class Waypoint:
         if self.passes and (self.pause > 0.0 or self.aperture is not None or self.item is not None):
             what = "a pause" if self.pause > 0.0 else "a move of the gripper"
             raise ConfigError(
-                "pass", True, f"cannot be with {what}, for which the arm has to stop; leave one out"
+                "pass", True, f"cannot go with {what}, for which the arm has to stop; leave one out"
             )
 
 

@@ -254,7 +254,7 @@ class LocalFollower(Follower):
         if jaw is None:
             return
         if jaw.executor.state.mode in (Mode.LIMP, Mode.FAULT):
-            raise NotHolding("the follower's jaw does not hold; let its servos hold first")
+            raise NotHolding("the follower's jaw is limp; let it hold first (set_torque)")
         limits = jaw.gripper.limits
         slow = limits.lowered_to(JAW_APPROACH * limits.velocity, limits.acceleration)
         self._jaw = jaw.gripper.follow(approach=slow)

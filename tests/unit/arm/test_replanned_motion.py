@@ -233,5 +233,5 @@ def test_things_that_move_are_expected_where_they_go(rig, clock, planner):
 
 
 def test_a_prescribed_way_is_refused(rig):
-    with pytest.raises(ConfigError, match="the way to this goal is prescribed"):
+    with pytest.raises(ConfigError, match="this goal prescribes the path"):
         rig.arm.move(LineGoal(T_base_tool=rig.arm.T_base()), replan=True)

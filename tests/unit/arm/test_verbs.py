@@ -39,7 +39,7 @@ def test_a_calibration_is_refused_for_an_arm_on_no_port(arm):
         so101.open(arm, calibration="mine")
 
 
-@pytest.mark.parametrize(("calibration", "why"), [("nobodys", "nor is"), ("no/file", "no file")])
+@pytest.mark.parametrize(("calibration", "why"), [("nobodys", "nor is"), ("no/file", "not a file")])
 def test_a_calibration_that_is_nowhere_is_refused_before_the_port_is_opened(
     calibration, why, tmp_path, monkeypatch
 ):
@@ -66,7 +66,7 @@ def test_move_waits_for_goals_plans_and_joint_angles(rig):
 def test_limits_of_a_finished_plan_and_three_angles_are_refused(rig):
     plan = rig.arm.plan([0.1] * 5)
     caps = so101.MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=9.0)
-    with pytest.raises(so101.errors.ConfigError, match=r"limits.*this plan is finished"):
+    with pytest.raises(so101.errors.ConfigError, match=r"limits.*this plan is already made"):
         rig.arm.move(plan, limits=caps)
     with pytest.raises(so101.errors.ConfigError, match="5 joint angles in radians; these are 3"):
         rig.arm.move([0.1, 0.2, 0.3])

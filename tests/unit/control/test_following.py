@@ -882,7 +882,7 @@ def test_the_arm_is_jogged_no_further_than_it_can_hold_what_it_carries(clock) ->
         for _ in range(40):
             jog.twist([0.1, 0.0, 0.0])
             clock.advance(0.1)
-        assert jog.held_by == ("shoulder_lift bearing all that it may",)
+        assert jog.held_by == ("shoulder_lift at its torque limit",)
         further = arm.T_base().p + np.array([0.03, 0.0, 0.0])
         with pytest.raises(Overloaded, match="at the goal"):
             arm.plan(PoseGoal.at_point(further))

@@ -112,7 +112,7 @@ TABLE = [
     ("cell", {"scenes": {}}, "scene"),
     ("cell", {"scene": held(box_mm=[20, 20, 20])}, "held by an arm"),
     ("guided path", {"schema": "so101/guided-path/3"}, "which this version cannot read"),
-    ("guided path", {"schema": "so101/scene/1"}, "is not a file of guided path"),
+    ("guided path", {"schema": "so101/scene/1"}, "is not a guided path file"),
     ("guided path", {"joints": ["shoulder_pan"]}, "in this order"),
     ("guided path", {"time_s": [0.0, 0.5]}, "2 times, 3 configurations"),
     ("guided path", {"time_s": [0.0, 0.5, 0.5]}, "increase"),

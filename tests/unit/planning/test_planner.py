@@ -657,5 +657,5 @@ def test_limits_wider_than_the_models_change_nothing(model, plan):
 
 def test_limits_that_leave_no_angle_are_refused_by_joint(plan, narrow):
     narrow["lower"][2] = narrow["upper"][2] + 0.1
-    with pytest.raises(ConfigError, match=r'"elbow_flex" = .* leave the joint no angle'):
+    with pytest.raises(ConfigError, match=r'"elbow_flex" = .* not below the upper'):
         plan(JointGoal(q=RIGHT), LEFT, **narrow)

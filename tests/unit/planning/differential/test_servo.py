@@ -224,7 +224,7 @@ def test_it_stops_where_what_it_carries_becomes_too_heavy_and_says_so() -> None:
     steps = run(moving, twist(x=0.08), 600)
     assert 0.99 < shares(steps).max() <= 1.001
     assert np.abs(steps[-1].qd).max() < 5e-3
-    assert "shoulder_lift bearing all that it may" in moving.held_by()
+    assert "shoulder_lift at its torque limit" in moving.held_by()
     bare = run(servo(limits=AS_SET), twist(x=0.08), 600)
     assert tool(bare[-1].q).p[0] > tool(moving.q).p[0] + 0.02
     before = tool(moving.q).p

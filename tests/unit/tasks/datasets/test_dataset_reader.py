@@ -156,7 +156,7 @@ N = 180
         ({"timestamp": pa.array(["now"] * N)}, "must hold numbers"),
         ({"episode_index": pa.array([0.5] * N)}, "whole number"),
         ({"episode_index": pa.array([-1] * N)}, "whole number"),
-        ({"episode_index": pa.array([0, 1] * (N // 2))}, "two pieces"),
+        ({"episode_index": pa.array([0, 1] * (N // 2))}, "not in one piece"),
         ({"action": pa.array([[0.0] * 60] * N)}, "6 numbers"),
     ],
 )

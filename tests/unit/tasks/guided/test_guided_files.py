@@ -64,7 +64,7 @@ def test_a_path_that_is_there_is_not_lost_by_accident(tmp_path):
 
 def test_nobody_else_s_file_is_removed(tmp_path):
     (tmp_path / "arm.json").write_text("{}")
-    with pytest.raises(ConfigError, match="is not a file of guided path"):
+    with pytest.raises(ConfigError, match="is not a guided path file"):
         files.set_aside(tmp_path / "arm.json")
     assert files.listed(tmp_path) == []
 
@@ -109,7 +109,7 @@ def test_the_last_deleted_paths_can_be_restored_also_of_one_name(tmp_path):
         kept.append(files.set_aside(file))
         assert files.listed(tmp_path) == []
     for lost in kept[:2]:
-        with pytest.raises(ConfigError, match="is not kept"):
+        with pytest.raises(ConfigError, match="is gone"):
             files.restore(tmp_path, lost)
     assert files.restore(tmp_path, kept[3]) == file
     assert len(files.read(file)) == 1
