@@ -199,7 +199,8 @@ class MotorOperation(LocalOperation):
         if doubt := _doubt(setup, motor):
             return doubt
         if self._is_ready(setup, motor):
-            return "Nothing is written until you press the button. The motor does not move."
+            first = "" if self.writes else "Nothing is written until you press the button. "
+            return f"{first}The motor does not move."
         silent = self._silent
         return _SILENT if silent is not None and self._now() - silent[1] > PATIENCE else _LOOKING
 
@@ -286,12 +287,9 @@ class MotorOperation(LocalOperation):
             if old_id != new_id:
                 tuner.call(lambda bus: bus.change_id(old_id, new_id))
             single_servo.change_rate(tuner, new_id, tuner.home)
-            is_same = (old_id, old_baud) == (new_id, tuner.baud)
-            became = (
-                f"id {new_id} kept"
-                if is_same
-                else f"servo {old_id} at {old_baud} baud is now servo {new_id} at {tuner.baud} baud"
-            )
+            became = f"id {new_id} kept" if old_id == new_id else f"id {old_id} is now id {new_id}"
+            if old_baud != tuner.baud:
+                became += f", {old_baud} baud are now {tuner.baud}"
             status = f"{motor_name}: {became}, checked and locked"
             motor = motor.with_facts(read_back(tuner, motor_name), tuner.baud)
             self._show(replace(motor, state="configured", sentence=status, fix=""))
@@ -299,7 +297,7 @@ class MotorOperation(LocalOperation):
         if self._progress is not None:
             self._progress.add(motor_name)
         self._picked, self._looked_at = None, 0.0
-        settings = f" ({', '.join(changed)})" if changed else ""
+        settings = f" (set: {', '.join(changed)})" if changed else ""
         about = {"joint": motor_name, "step": "configured", "servo_id": new_id}
         self.say(f"✓ {status}{settings}", "good", **about)
         return {

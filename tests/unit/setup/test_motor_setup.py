@@ -90,7 +90,7 @@ def test_the_search_begins_at_the_rate_the_user_gives_and_what_was_done_is_logge
     with caplog.at_level(logging.INFO, "so101_motion"):
         setup.assign("gripper", current_id=1, target_id=6, current_baudrate=57_600)
     assert bus.rates[0] == 57_600
-    assert "servo 1 at 57600 baud is now servo 6 at 1000000 baud" in caplog.text
+    assert "id 1 is now id 6, 57600 baud are now 1000000" in caplog.text
     bus, setup = loose(1, 1_000_000)
     done = setup.assign("gripper", current_id=1, target_id=6, current_baudrate=57_600)
     assert done["old_baudrate"] == 1_000_000
