@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import count
 from math import inf
 from pathlib import Path
@@ -26,7 +27,45 @@ ONE_DRAG = 0.7
 slider, somebody who types."""
 
 
-class History(Generic[T]):
+class Undoable(ABC):
+    """Changes that can be undone and made again, each with its number."""
+
+    def __init__(self) -> None:
+        self._numbers: list[int] = []
+        self._done = 0  # how many of them are not undone
+
+    @property
+    def can_undo(self) -> bool:
+        return self._done > 0
+
+    @property
+    def can_redo(self) -> bool:
+        return self._done < len(self._numbers)
+
+    @property
+    def undoes(self) -> int:
+        """The number of the change that ``undo`` takes back; 0 for none."""
+        return self._numbers[self._done - 1] if self.can_undo else 0
+
+    @property
+    def redoes(self) -> float:
+        """The number of the change that ``redo`` makes again; infinite for none."""
+        return self._numbers[self._done] if self.can_redo else inf
+
+    def undo(self) -> None:
+        if self.can_undo:
+            self._go(self._done - 1, forward=False)
+
+    def redo(self) -> None:
+        if self.can_redo:
+            self._go(self._done, forward=True)
+
+    @abstractmethod
+    def _go(self, change: int, *, forward: bool) -> None:
+        """Make the change of this index again, or take it back; then count it in ``_done``."""
+
+
+class History(Undoable, Generic[T]):
     """The past values of something, the present one, and those that were undone.
 
     Args:
@@ -40,28 +79,10 @@ class History(Generic[T]):
         restore: Callable[[T, str], None],
         now: Callable[[], float] | None = None,
     ) -> None:
-        self._values, self._at, self._restore = [value], 0, restore
-        self._numbers = [0]
+        super().__init__()
+        self._values, self._restore = [value], restore  # one more than there are changes
         self._now, self._changed = now, -inf
         self._kind: Hashable = None
-
-    @property
-    def can_undo(self) -> bool:
-        return self._at > 0
-
-    @property
-    def can_redo(self) -> bool:
-        return self._at < len(self._values) - 1
-
-    @property
-    def undoes(self) -> int:
-        """The number of the change that ``undo`` takes back; 0 for none."""
-        return self._numbers[self._at] if self.can_undo else 0
-
-    @property
-    def redoes(self) -> float:
-        """The number of the change that ``redo`` makes again; infinite for none."""
-        return self._numbers[self._at + 1] if self.can_redo else inf
 
     def add(self, value: T, kind: Hashable = None) -> None:
         """Take a new value; what was undone is forgotten.
@@ -72,25 +93,18 @@ class History(Generic[T]):
         is_same = kind is not None and kind == self._kind
         is_same_drag = is_same and self._now is not None and self._changed - before < ONE_DRAG
         self._kind = kind
-        kept = self._at + (0 if is_same_drag else 1)
-        self._values = [*self._values[:kept], value][-KEPT:]
-        self._numbers = [*self._numbers[:kept], next(_NUMBERS)][-KEPT:]
-        self._at = len(self._values) - 1
+        kept = self._done - 1 if is_same_drag else self._done
+        self._values = [*self._values[: kept + 1], value][-KEPT:]
+        self._numbers = [*self._numbers[:kept], next(_NUMBERS)][1 - KEPT :]
+        self._done = len(self._numbers)
 
     def amend(self, value: T) -> None:
-        self._values[self._at] = value
+        self._values[self._done] = value
 
-    def undo(self) -> None:
-        if self.can_undo:
-            self._go(-1, "Undone.")
-
-    def redo(self) -> None:
-        if self.can_redo:
-            self._go(1, "Redone.")
-
-    def _go(self, by: int, words: str) -> None:
-        self._restore(self._values[self._at + by], words)
-        self._at, self._changed = self._at + by, -inf
+    def _go(self, change: int, *, forward: bool) -> None:
+        done = change + 1 if forward else change
+        self._restore(self._values[done], "Redone." if forward else "Undone.")
+        self._done, self._changed = done, -inf
 
 
 _KEPT_FILES = 20  # how many changes are remembered; chosen, a long path is a file of megabytes
@@ -109,11 +123,12 @@ class _Change:
     file: Path
     before: bytes | None
     after: bytes | None
-    number: int = field(default_factory=lambda: next(_NUMBERS))
 
 
-class SavedFiles:
+class SavedFiles(Undoable):
     """The user's files of one kind, and undo of their changes. For the page's thread.
+
+    Nothing is undone, and ``ConfigError`` raised, if another program has changed the file since.
 
     Args:
         file_of: The file for a name.
@@ -127,28 +142,12 @@ class SavedFiles:
         listed: Callable[[], tuple[str, ...]],
         tell: Callable[[Sentence], None],
     ) -> None:
+        super().__init__()
         self._file_of, self._listed, self._tell = file_of, listed, tell
         self._changes: list[_Change] = []
-        self._done = 0  # how many of them are not undone
         self.names: tuple[str, ...] = ()
         self._looked_at = -inf
         self._look()
-
-    @property
-    def can_undo(self) -> bool:
-        return self._done > 0
-
-    @property
-    def can_redo(self) -> bool:
-        return self._done < len(self._changes)
-
-    @property
-    def undoes(self) -> int:
-        return self._changes[self._done - 1].number if self.can_undo else 0
-
-    @property
-    def redoes(self) -> float:
-        return self._changes[self._done].number if self.can_redo else inf
 
     def look_again(self, now: float) -> None:
         """Read the names again, at most once a second: other programs write files as well."""
@@ -164,30 +163,24 @@ class SavedFiles:
         yield file
         change = _Change(file, before, _content(file))
         self._changes = [*self._changes[: self._done], change][-_KEPT_FILES:]
+        self._numbers = [*self._numbers[: self._done], next(_NUMBERS)][-_KEPT_FILES:]
         self._done = len(self._changes)
         self._look()
 
-    def undo(self) -> None:
-        """Undo the last change; ``ConfigError`` if another program has changed the file since."""
-        if self.can_undo:
-            change = self._changes[self._done - 1]
-            self._put(change.file, change.after, change.before)
-            self._done -= 1
-            self._look()
-            self._tell(UNDONE)
-
-    def redo(self) -> None:
-        if self.can_redo:
-            change = self._changes[self._done]
-            self._put(change.file, change.before, change.after)
-            self._done += 1
-            self._look()
-            self._tell(REDONE)
+    def _go(self, change: int, *, forward: bool) -> None:
+        made = self._changes[change]
+        if forward:
+            self._put(made.file, made.before, made.after)
+        else:
+            self._put(made.file, made.after, made.before)
+        self._done = change + 1 if forward else change
+        self._look()
+        self._tell(REDONE if forward else UNDONE)
 
     def _put(self, file: Path, expected: bytes | None, content: bytes | None) -> None:
         with user_storage.locked(file):
             if _content(file) != expected:
-                self._changes, self._done = [], 0
+                self._changes, self._numbers, self._done = [], [], 0
                 raise ConfigError(
                     "file", str(file), "was changed by another program, so nothing was undone"
                 )
