@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from functools import partial
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -25,14 +24,21 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
-from so101_motion.planning.collision.apart import clearance_over_time
 from so101_motion.planning.goals import LeaveContactGoal
 from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 
 from .page import texts
 from .page.causes import Causes
-from .page.plan_view import Between, CommonPlan, PathLine, PlanView, Playback, plan_view
+from .page.plan_view import (
+    Between,
+    CommonPlan,
+    PathLine,
+    PlanView,
+    Playback,
+    clearances,
+    plan_view,
+)
 from .page.screen_state import Sentence, Tone
 from .page.target_editor import TargetEditor
 from .page.target_ik import Surroundings, Target, TargetSolver
@@ -548,14 +554,10 @@ class MoveModel:
 
 
 def _clearances(cell: Cell, plans: Mapping[str, Plan]) -> tuple[Between, ...]:
-    members, found = cell.members, []
+    members = cell.members
     times = np.linspace(0.0, max(each.duration for each in plans.values()), LOOKS)
     courses = {name: members[name].along(plan.trajectory, 0.0) for name, plan in plans.items()}
-    for a, b in combinations(plans, 2):
-        T = members[a].T_cell_base.inverse @ members[b].T_cell_base
-        pair = (members[a].bodies, courses[a]), (members[b].bodies, courses[b])
-        found.append(Between(a, b, tuple(clearance_over_time(*pair, T, times))))
-    return tuple(found)
+    return clearances(members, courses, times)
 
 
 def _apart(q: Array, other: Array) -> float:

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
+from so101_motion.arm.cell_member import CellMember
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.apart import Meeting
+from so101_motion.planning.collision.apart import Meeting, clearance_over_time
 from so101_motion.planning.collision.collision import Clearance
+from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.request import Plan
 
@@ -62,6 +65,18 @@ class Between(NamedTuple):
     @property
     def least(self) -> Meeting:
         return min(self.closest, key=lambda each: each.distance)
+
+
+def clearances(
+    members: Mapping[str, CellMember], courses: Mapping[str, Course], times: Array
+) -> tuple[Between, ...]:
+    """The clearance of every two arms of a cell on their courses, at times [s]."""
+    found = []
+    for a, b in combinations(courses, 2):
+        T = members[a].T_cell_base.inverse @ members[b].T_cell_base
+        pair = (members[a].bodies, courses[a]), (members[b].bodies, courses[b])
+        found.append(Between(a, b, tuple(clearance_over_time(*pair, T, times))))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -127,10 +142,6 @@ class Playback:
         self._duration = 0.0
         self._rate: float | None = None
         self._seen: float | None = None
-
-    @property
-    def rate(self) -> float | None:
-        return self._rate
 
     def load(self, duration: float) -> None:
         """Load a plan of ``duration`` [s]; pauses at its end."""

@@ -13,7 +13,7 @@ from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.collision.apart import Meeting
-from so101_motion.planning.request import Plan
+from so101_motion.planning.plan_summary import tool_length
 from so101_motion.planning.timing.limits import MotionLimits
 
 from .plan_view import PlanView
@@ -145,7 +145,7 @@ def plan_facts(view: PlanView) -> tuple[tuple[str, str], ...]:
         ("Duration", f"{trajectory.duration:.2f} s"),
         ("Peak speed", _peak(trajectory.qd, "°/s")),
         ("Peak accel.", _peak(trajectory.qdd, "°/s²")),
-        ("Tool travel", f"{to_mm(_length(plan)):.0f} mm"),
+        ("Tool travel", f"{to_mm(tool_length(plan)):.0f} mm"),
         ("Clearance", clearance(view)),
         ("Planned in", f"{plan.report.stages_ms['total']:.0f} ms"),
     )
@@ -222,7 +222,3 @@ def _peak(values: Array, unit: str) -> str:
     peaks = np.max(np.abs(values), axis=0)
     i = int(np.argmax(peaks))
     return f"{to_deg(float(peaks[i])):.0f} {unit}, {ARM_JOINTS[i]}"
-
-
-def _length(plan: Plan) -> float:
-    return float(np.sum(np.linalg.norm(np.diff(plan.tool_path, axis=0), axis=1)))

@@ -127,11 +127,7 @@ def film_of_plan(plan: Plan, scene: Scene, *, title: str, q_jaw: float) -> Film:
 
 
 def write_recording(film: Film, path: Path) -> None:
-    """Write ``film`` as an HTML file.
-
-    Raises:
-        ConfigError: The file cannot be written.
-    """
+    """Write ``film`` as an HTML file; ``ConfigError`` if that cannot be done."""
     if path.suffix.lower() not in (".html", ".htm"):
         raise ConfigError("html", str(path), "must end with .html, for browsers to play it")
     atomic.save("html", path, recording(film))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,14 +13,13 @@ from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import Stand
 from so101_motion.arm.gripper import JAW_LIMITS
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.apart import clearance_over_time
 from so101_motion.planning.collision.collision import Clearance
 from so101_motion.planning.collision.course import Course
 from so101_motion.tasks.program import ARM, Arms, Rehearsal
 from so101_motion.tasks.program.loops import Visit
 from so101_motion.tasks.program.rehearsal import Arrival, Leg
 
-from ..page.plan_view import Between
+from ..page.plan_view import Between, clearances
 
 SHOWN_PAUSE = 2.0  # longer pauses are shown for this long [s]; chosen
 
@@ -146,15 +145,16 @@ class RehearsalTime:
 
 
 def _between(arms: Cell, times: Array, stands: list[dict[str, Stand]]) -> tuple[Between, ...]:
-    members, found = arms.members, []
     rows = {name: _rows([each[name] for each in stands]) for name in stands[0]}
-    for a, b in combinations(rows, 2):
-        T = members[a].T_cell_base.inverse @ members[b].T_cell_base
-        pair = (members[a].bodies, rows[a]), (members[b].bodies, rows[b])
-        looks = clearance_over_time(*pair, T, np.arange(len(times), dtype=np.float64))
-        closest = (each._replace(t=float(t)) for each, t in zip(looks, times, strict=True))
-        found.append(Between(a, b, tuple(closest)))
-    return tuple(found)
+    found = clearances(arms.members, rows, np.arange(len(times), dtype=np.float64))
+    return tuple(
+        pair._replace(
+            closest=tuple(
+                each._replace(t=float(t)) for each, t in zip(pair.closest, times, strict=True)
+            )
+        )
+        for pair in found
+    )
 
 
 def _rows(stands: list[Stand]) -> Course:

@@ -15,6 +15,7 @@ import viser
 
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_m, to_mm
+from so101_motion.planning.collision.scene import Box
 from so101_motion.tasks.sweeps.atlas import Atlas
 from so101_motion.tasks.sweeps.atlas_view import (
     AXES,
@@ -27,16 +28,10 @@ from so101_motion.tasks.sweeps.atlas_view import (
 
 from ..page import markup
 from ..page.page_context import PageContext, Part
+from ..scene.scene_view import surface
 
 _ALL = "All"
 _SHARE = 0.8  # of the spacing: gaps show what is inside
-_CUBE = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_FACES = np.array(
-    [
-        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-        (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
-    ]
-)  # fmt: skip
 
 
 class AtlasPart(Part):
@@ -97,9 +92,9 @@ class AtlasPart(Part):
         if len(seen.rows) == 0:
             self._words.content = markup.small("Nothing to show; ask for less.")
             return
-        edge = _SHARE * self._atlas.grid.spacing
+        cube = surface(Box(size=np.full(3, _SHARE * self._atlas.grid.spacing)))
         self._cubes = self._scene.add_batched_meshes_simple(
-            "/atlas", edge * _CUBE, _FACES, np.tile((1.0, 0.0, 0.0, 0.0), (len(seen.rows), 1)),
+            "/atlas", *cube, np.tile((1.0, 0.0, 0.0, 0.0), (len(seen.rows), 1)),
             seen.p, batched_colors=seen.colours, flat_shading=True, lod="off", cast_shadow=False,
             receive_shadow=False, visible=was_visible,
         )  # fmt: skip
