@@ -30,7 +30,7 @@ LINKS = ("base", "shoulder", "upper_arm", "lower_arm", "wrist")
 TCP = {"follower": np.array(so101_description.ROBOT.tcp), "leader": np.zeros(3)}
 """Tool centre point in the arm's tool frame [m]: between the jaws; the published module's."""
 
-_URDF_LINK = {part: link for link, part in so101_description.PARTS.items()}
+URDF_LINK = {part: link for link, part in so101_description.PARTS.items()}
 _TOOL_JOINT = "tool_fixed"
 _ROUND = 9  # decimals written; a nanometre
 
@@ -41,6 +41,11 @@ class Box:
 
     center: Array
     size: Array
+
+    @classmethod
+    def around(cls, points: Array) -> Box:
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        return cls(center=(lower + upper) / 2, size=upper - lower)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,29 +92,19 @@ def _segment(link: str, joint: ET.Element, *, number: str | None, box: Box | Non
 
 
 @cache
-def _boxes() -> dict[str, list[list[float]]]:
-    robot = so101_description.ROBOT
-    if robot.boxes is not None:
-        sets: dict[str, Any] = json.loads(robot.boxes.read_text())["sets"]
-        fitted: dict[str, list[list[float]]] = sets["boxes"]
-        return fitted
-    corners = {link: robot.hull(link).vertices for link in so101_description.PARTS}
-    ends = {link: (p.min(axis=0), p.max(axis=0)) for link, p in corners.items()}
-    return {link: [[*(lo + hi) / 2.0, *hi - lo]] for link, (lo, hi) in ends.items()}
-
-
 def part_boxes(part: str) -> tuple[Box, ...]:
-    """The boxes fitted to a part, in its link's frame."""
-    return tuple(
-        Box(center=np.array(row[:3]), size=np.array(row[3:])) for row in _boxes()[_URDF_LINK[part]]
-    )
+    """The boxes fitted to a part, in its link's frame; one around its hull if none are."""
+    robot, link = so101_description.ROBOT, URDF_LINK[part]
+    if robot.boxes is None:
+        return (Box.around(robot.hull(link).vertices),)
+    rows = json.loads(robot.boxes.read_text())["sets"]["boxes"][link]
+    return tuple(Box(center=np.array(row[:3]), size=np.array(row[3:])) for row in rows)
 
 
 def link_box(part: str) -> Box:
     boxes = part_boxes(part)
-    lower = np.min([box.center - box.size / 2 for box in boxes], axis=0)
-    upper = np.max([box.center + box.size / 2 for box in boxes], axis=0)
-    return Box(center=(lower + upper) / 2, size=upper - lower)
+    corners = [box.center + side * box.size / 2 for box in boxes for side in (-1, 1)]
+    return Box.around(np.array(corners))
 
 
 # SVA

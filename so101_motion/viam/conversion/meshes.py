@@ -28,7 +28,7 @@ from so101_motion.planning.collision.shape_files import coarse, read_shape
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.geometries import to_geometry
-from so101_motion.viam.conversion.kinematics import LINKS, Box, link_box, part_boxes
+from so101_motion.viam.conversion.kinematics import LINKS, URDF_LINK, Box, link_box, part_boxes
 from so101_motion.viam.conversion.world_state_json import ply
 
 GLB = "model/gltf-binary"  # content type of the arm's 3D models
@@ -36,8 +36,6 @@ TOOL_MARKER = "tool"  # the part that shows the tool frame, when it is asked for
 
 MARKER_BOX = Box(center=np.zeros(3), size=np.full(3, 0.001))
 """The geometry of the marker [m]; small, because the marker is not a body."""
-
-_URDF_LINK = {part: link for link, part in so101_description.PARTS.items()}
 
 # The arm
 
@@ -47,7 +45,7 @@ def arm_geometries(
 ) -> list[Geometry]:
     """The arm's parts as boxes where they are now, and the tool marker if it has a place."""
     geometries = [
-        _box(f"{name}:{part}", T_base_links[_URDF_LINK[part]], link_box(part)) for part in LINKS
+        _box(f"{name}:{part}", T_base_links[URDF_LINK[part]], link_box(part)) for part in LINKS
     ]
     if T_base_tool is not None:
         geometries.append(_box(f"{name}:{TOOL_MARKER}", T_base_tool, MARKER_BOX))
@@ -66,7 +64,7 @@ def _box(label: str, T_base_part: SE3, box: Box) -> Geometry:
 
 def arm_models(*, with_tool: bool) -> dict[str, Mesh]:
     """The arm's parts as binary glTF, keyed as in the geometries' labels."""
-    drawn = ((part, so101_description.ROBOT.visual_file(_URDF_LINK[part])) for part in LINKS)
+    drawn = ((part, so101_description.ROBOT.visual_file(URDF_LINK[part])) for part in LINKS)
     models = {
         part: Mesh(content_type=GLB, mesh=_centered_glb(part, file))
         for part, file in drawn
@@ -160,15 +158,14 @@ def tool_geometries(tool: Tool) -> list[Geometry]:
 def box_around(part: Attached) -> Box:
     """The box around a part of a tool, in the part's own frame."""
     _, corners = held_shape(read_shape(part.shape))
-    lower, upper = corners.min(axis=0), corners.max(axis=0)
-    return Box(center=(lower + upper) / 2, size=upper - lower)
+    return Box.around(corners)
 
 
 def gripper_placements(model: RobotModel, q_jaw: float) -> tuple[SE3, SE3]:
     """Where a gripper's fixed and moving parts are, in the tool frame, for a jaw angle [rad]."""
     links = model.link_placements(np.zeros(5), q_jaw)
     T_tool_base = model.frame(np.zeros(5), "tool").inverse
-    return T_tool_base @ links[_URDF_LINK["gripper"]], T_tool_base @ links[_URDF_LINK["jaw"]]
+    return T_tool_base @ links[URDF_LINK["gripper"]], T_tool_base @ links[URDF_LINK["jaw"]]
 
 
 def gripper_boxes(kind: str) -> tuple[tuple[str, Box], ...]:
@@ -194,6 +191,4 @@ def gripper_boxes(kind: str) -> tuple[tuple[str, Box], ...]:
 
 
 def _enclosing(surfaces: Sequence[Surface]) -> Box:
-    points = np.concatenate([surface.mesh.vertices for surface in surfaces])
-    lower, upper = points.min(axis=0), points.max(axis=0)
-    return Box(center=(lower + upper) / 2, size=upper - lower)
+    return Box.around(np.concatenate([surface.mesh.vertices for surface in surfaces]))
