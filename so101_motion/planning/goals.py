@@ -32,15 +32,18 @@ def _check_tolerances(length: float, angle: float) -> None:
 
 
 class GoalMetric(Enum):
-    """How much of a target pose counts. Five joints cannot reach every orientation."""
+    """How much of a target pose is asked for. Five joints cannot reach every orientation.
+
+    Attributes:
+        POSITION_ONLY: The point; the arm takes the configuration nearest to its present one and
+            keeps its roll.
+        POSITION_AND_APPROACH: The point and the direction of the tool's z axis; roll is free.
+        FULL_POSE: Everything; if five joints cannot reach it, the error names the nearest pose.
+    """
 
     POSITION_ONLY = "position_only"
-    """The point counts; the arm takes the configuration nearest to its present one and keeps its
-    roll."""
     POSITION_AND_APPROACH = "position_and_approach"
-    """The point and the direction of the tool's z axis count; roll about it is free."""
     FULL_POSE = "full_pose"
-    """Everything counts; if five joints cannot reach it, the error names the nearest pose."""
 
 
 def as_metric(given: GoalMetric | str) -> GoalMetric:
