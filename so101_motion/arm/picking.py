@@ -325,7 +325,12 @@ class PickRun:
         return self._arm.plan(goal, limits=limits, search=Search(scene=plan.scenes["reach"]))
 
     def _begin(self, stage: str) -> None:
-        if self._arm.scene is not self._scene:
+        scene, planned = self._arm.scene, self._scene
+        if scene is not planned:
+            left = tuple(each for each in planned.obstacles if each in scene.obstacles)
+            if scene == replace(planned, obstacles=left):  # another arm has taken something
+                self._scene = planned = scene
+        if scene is not planned:
             raise MotionError(
                 f"the scene has changed since '{self.name}' was planned for; the arm holds before"
                 f" {DOING[stage].format(self.name)}. Ask for it again"

@@ -2,7 +2,8 @@
 
 Millimetres and degrees, with the unit in every name, in the frame of the cell; see
 ``docs/cell.md``. ``port`` may be left out for arms that are only simulated; the scene may be left
-out, too. The objects an arm holds are listed in its entry, in its tool frame.
+out, too. The objects an arm holds are listed in its entry, in its tool frame; ``tool`` names what
+is fixed to its gripper, or its file.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from so101_motion.files.scene_file import (
     scene_from,
     scene_to,
 )
+from so101_motion.files.tool_file import find_tool
 from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.collision.shape_files import LARGEST_FILE
 
@@ -42,6 +44,7 @@ class CellArm:
     calibration_id: str = ""  # its id in LeRobot; empty to use the calibration stored in the servos
     attached: tuple[Attached, ...] = ()  # the objects it holds
     max_speed: float | None = None  # cap of its joints that nobody may raise [rad/s]
+    tool: str = ""  # what is fixed to its gripper: a tool's name, or its file; empty for nothing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,13 +119,22 @@ def write_cell(cell: CellFile, path: Path) -> None:
 
 
 def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
-    known = ("name", "port", "calibration_id", "position_mm", "rpy_deg", "attached", _MAX_SPEED)
+    known = (
+        *("name", "port", "calibration_id", "position_mm", "rpy_deg", "attached", "tool"),
+        _MAX_SPEED,
+    )
     given = Attributes(entry, known, kind="key of an arm")
     name, (low, high) = given.text("name", ""), SPEED_RANGE_DEG
     if not name:
         raise ConfigError("name", name, "each arm needs a name: messages use it")
+    tool = given.text("tool", "")
+    if tool.endswith(".json"):
+        tool = str(folder / tool)
+    if tool:
+        find_tool(tool)  # refuses what is not valid
     return CellArm(
         name=name,
+        tool=tool,
         T_cell_base=pose_from(given),
         port=given.text("port", ""),
         calibration_id=given.text("calibration_id", ""),
@@ -141,7 +153,7 @@ def _refuse_twice(key: str, values: Sequence[str]) -> None:
 
 def _entry(arm: CellArm) -> dict[str, object]:
     entry: dict[str, object] = {"name": arm.name}
-    for key in ("port", "calibration_id"):
+    for key in ("port", "calibration_id", "tool"):
         if getattr(arm, key):
             entry[key] = getattr(arm, key)
     entry["position_mm"] = [round(float(each), 3) for each in to_mm(arm.T_cell_base.p)]

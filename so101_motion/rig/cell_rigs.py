@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
+from threading import RLock
 
 import numpy as np
 
-from so101_motion.arm.cell import Cell
+from so101_motion.arm.cell import Cell, with_item
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
@@ -20,10 +22,12 @@ from so101_motion.common.named_poses import POSES
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.port.port_list import device_of
 from so101_motion.files.cell_file import CellFile
+from so101_motion.files.tool_file import find_tool
 from so101_motion.planning.collision.apart import first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_so101
 from so101_motion.rig.rig import Rig
@@ -41,16 +45,46 @@ class CellRigs:
     Attributes:
         file: Where they stand.
         rigs: The rig of each arm by its name, in the order of the file.
-        cell: Keeps them off each other.
+        cell: Keeps them off each other. Items that one of them moves are so in all their scenes.
     """
 
     def __init__(self, file: CellFile, rigs: Mapping[str, Rig], closing: ExitStack) -> None:
         self.file, self.rigs = file, dict(rigs)
         self.cell, self._closing = Cell(), closing
+        self._sharing = RLock()  # held while one arm's items are put into the scenes of others
+        self._is_sharing = False
         for arm in file.arms:
             rig = self.rigs[arm.name]
+            if arm.tool:
+                rig.arm.set_tool(find_tool(arm.tool))
             rig.arm.scene = file.scene_of(arm)
             self.cell.add(arm.name, rig, arm.T_cell_base)
+        for name, rig in self.rigs.items():
+            rig.arm.on_scene = partial(self._share, name, rig.arm.on_scene)
+
+    def _share(
+        self, name: str, then: Callable[[Scene, Scene], None] | None, before: Scene, now: Scene
+    ) -> None:
+        """Have the items that an arm has taken or put down so in the scenes of the others."""
+        if then is not None:
+            then(before, now)
+        items, old = ({each.name: each for each in scene.items} for scene in (now, before))
+        changed = [key for key in {**old, **items} if items.get(key) is not old.get(key)]
+        with self._sharing:
+            if self._is_sharing or not changed:
+                return
+            self._is_sharing = True
+            try:
+                members = self.cell.members
+                for other, rig in self.rigs.items():
+                    T = members[other].T_cell_base.inverse @ members[name].T_cell_base
+                    scene = rig.arm.scene
+                    for key in changed if other != name else ():
+                        scene = with_item(scene, key, items.get(key), T)
+                    if scene is not rig.arm.scene:
+                        rig.arm.scene = scene
+            finally:
+                self._is_sharing = False
 
     def zeros(self) -> dict[str, EncoderZeros | None]:
         """The zeros of each arm's calibration, by the arm's name; None if not known."""

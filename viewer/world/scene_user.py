@@ -50,20 +50,25 @@ class ArmsOfCell:
 
     def __init__(self, rigs: Mapping[str, Rig], file: CellFile) -> None:
         self._file, self._scene = file, file.scene
-        self._held: dict[str, tuple[Attached, ...]] = {}  # as it is in that scene
+        self._seen: dict[str, Scene] = {}  # the arms' scenes, as they are in that one
         self.arms = {name: rig.arm for name, rig in rigs.items()}
 
     @property
     def scene(self) -> Scene:
-        held = {name: arm.scene.attached for name, arm in self.arms.items()}
-        if any(each is not self._held.get(name) for name, each in held.items()):
-            things = {
-                each.name: held_by(each, name) for name, of_arm in held.items() for each in of_arm
+        seen = {name: arm.scene for name, arm in self.arms.items()}
+        if any(each is not self._seen.get(name) for name, each in seen.items()):
+            held = {
+                each.name: held_by(each, name)
+                for name, scene in seen.items()
+                for each in scene.attached
             }
-            self._held, self._scene = (
-                held,
-                replace(self._file.scene, attached=tuple(things.values())),
+            first = self._file.arms[0]
+            around = tuple(
+                replace(each, T_base_obstacle=first.T_cell_base @ each.T_base_obstacle)
+                for each in seen[first.name].obstacles
             )
+            self._seen = seen
+            self._scene = replace(self._file.scene, obstacles=around, attached=tuple(held.values()))
         return self._scene
 
     def tools(self) -> dict[str, SE3]:
@@ -81,7 +86,7 @@ class ArmsOfCell:
         for name, arm in self.arms.items():
             arm.scene = seen[name]
         self._file, self._scene = file, scene
-        self._held = {name: arm.scene.attached for name, arm in self.arms.items()}
+        self._seen = {name: arm.scene for name, arm in self.arms.items()}
 
     def write(self, scene: Scene, file: Path) -> None:
         write_cell(self._file_with(scene), file)
@@ -89,6 +94,8 @@ class ArmsOfCell:
     def _file_with(self, scene: Scene) -> CellFile:
         held: dict[str, list[Attached]] = {name: [] for name in self.arms}
         for each in scene.attached:
+            if each.fixed:  # a part of a tool
+                continue
             if holder_of(each) not in held:
                 reason = "is held, but the file does not say by which arm; attach it on this page"
                 raise ConfigError("attached", each.name, reason)

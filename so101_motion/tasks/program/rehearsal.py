@@ -16,6 +16,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from so101_motion.arm.arm import START_TOLERANCE
+from so101_motion.arm.cell import with_item
 from so101_motion.arm.cell_member import Stand
 from so101_motion.common.errors import ConfigError, PlanningError, So101Error
 from so101_motion.common.geometry import Array
@@ -265,6 +266,14 @@ def _carry(arms: Arms, scenes: dict[str, Scene], name: str, plan: PickPlan) -> N
     picker = arms.members[name].picker
     assert picker is not None
     scenes[name] = plan.applied(scenes.get(name) or picker.around(), "end")
+    if isinstance(arms, Solo):
+        return
+    put = next((each for each in scenes[name].items if each.name == plan.item), None)
+    for other, member in arms.members.items():
+        if other != name:
+            T = member.T_cell_base.inverse @ arms.members[name].T_cell_base
+            scene = scenes.get(other) or member.arm.scene
+            scenes[other] = with_item(scene, plan.item, put, T)
 
 
 def stands_at(q: Array, other: Array) -> bool:

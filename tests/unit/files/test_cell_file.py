@@ -70,12 +70,13 @@ def test_a_floor_needs_arms_that_stand_upright(tmp_path):
 
 
 def test_nobody_drives_an_arm_faster_than_its_cell_allows(tmp_path):
-    content = {"arms": [{"name": "anna", "max_speed_degs_per_sec": 30}]}
+    content = {"arms": [{"name": "anna", "max_speed_degs_per_sec": 30, "tool": "uvc-32x32"}]}
     path = tmp_path / "again.json"
     write_cell(read_cell(written(tmp_path, content)), path)
     with open_cell(read_cell(path)) as opened:
         arm = opened.rigs["anna"].arm
         np.testing.assert_allclose(arm.speed, np.radians(30.0))
+        assert arm.tool.name == "uvc-32x32"
         with pytest.raises(ConfigError, match=r"max_speed_degs_per_sec, 30 deg/s"):
             arm.set_speed(np.radians(31.0))
 
