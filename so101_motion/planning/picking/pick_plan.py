@@ -274,6 +274,8 @@ class _Planning:
         else:
             free, more, after = self._put(with_it, places, lift.q_goal, closed)
             plans, scenes = plans | more, scenes | after
+        at = self._request
+        self._refuse_jaw(self._scene, at.q_start, at.q_jaw, opened, "opens where the arm stands")
         approach = self._stage(
             "approach", JointGoal(q=grasp.q_before), self._request.q_start, self._scene, opened
         )
@@ -346,6 +348,7 @@ class _Planning:
                 way = LineGoal(T_base_tool=_back(self._model, lower.q_goal, back),
                                metric=GoalMetric.POSITION_AND_APPROACH)  # fmt: skip
                 try:
+                    self._refuse_jaw(leaving, lower.q_goal, closed, free, "lets go")
                     leave = self._stage("leave", way, lower.q_goal, leaving, free)
                     if not self._collision(put).is_free(leave.q_goal, free):
                         raise self._close_call(put, leave.q_goal, free, "after letting go")
@@ -453,6 +456,18 @@ class _Planning:
                 )  # fmt: skip
             found.add(other)
         return frozenset(found)
+
+    def _refuse_jaw(self, scene: Scene, q: Array, begin: float, end: float, what: str) -> None:
+        """Refuse that the jaw comes too near something while the arm stands."""
+        for q_jaw in np.linspace(begin, end, 4)[1:]:
+            for each in self._collision(scene).nearest(q, q_jaw, within=scene.margin):
+                pair = {each.first, each.second}
+                if LINKS[-1] in pair and each.distance <= each.margin:
+                    (other,) = pair - {LINKS[-1]}
+                    raise NoPath(
+                        f"when the jaw {what}, it would come too near {scene.called(other)}",
+                        where="goal", blockers=(other,),
+                    )  # fmt: skip
 
     def _close_call(self, scene: Scene, q: Array, q_jaw: float, when: str) -> PlanningError:
         closest = self._collision(scene).clearance(q, q_jaw)

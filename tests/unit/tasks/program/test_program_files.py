@@ -14,6 +14,8 @@ PROGRAM = Program.of_waypoints(
         Waypoint(name="at the mug", q=np.radians([10, -20, 30, 70, 0]), aperture=0.0, pause=0.5),
         Waypoint(name="über", q=np.zeros(5), speed=0.4),
         Waypoint(name="aside", q=np.zeros(5), passes=True),
+        Waypoint(name="take", q=np.zeros(5), item="cube"),
+        Waypoint(name="put", q=np.zeros(5), item="cube", place="200,120,0"),
     ),
     rounds=3,
     loops=(Loop(first=0, last=2, times=5), Loop(first=1, last=1, times=2)),
@@ -27,7 +29,7 @@ def data(tmp_path, monkeypatch):
 
 
 def told(each):
-    return (each.name, each.aperture, each.pause, each.passes, each.speed)
+    return (each.name, each.aperture, each.pause, each.passes, each.speed, each.item, each.place)
 
 
 @pytest.mark.parametrize("rounds", [1, 3, None])

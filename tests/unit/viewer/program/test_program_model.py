@@ -13,6 +13,7 @@ from so101_viewer.page.screen_state import Tone
 from so101_viewer.program import program_texts as words
 from so101_viewer.program.program_model import REST, STEP, ProgramModel
 
+from so101_motion.cli.view import cube_and_tray
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
@@ -91,6 +92,28 @@ def test_waypoints_are_recorded_from_the_target_and_from_the_arm_and_keep_the_ja
     assert first.aperture is second.aperture is None  # else a part in the jaw would be dropped
     assert tab.model.chosen == 1
     assert tab.said == "Recorded waypoint 2. Record more, or press Plan program."
+
+
+def test_a_waypoint_at_which_an_item_is_picked_is_added_rehearsed_and_run(tab):
+    tab.record(A)
+    with pytest.raises(ConfigError, match="is not in the scene"):
+        tab.model.pick()
+    tab.rig.arm.scene = cube_and_tray()
+    tab.model.pick()
+    tab.edit.set_place("tray")
+    waypoint = tab.model.program.waypoints[1]
+    assert (waypoint.item, waypoint.place) == ("cube", "tray")
+    assert words.line(tab.model.program, 1) == "cube to tray"
+    tab.plan()
+    timeline = tab.model.timeline
+    ((_, _, begins, ends),) = [each for each in timeline.pieces() if each[1] == 1]
+    jaws = {round(timeline.at(t)[1][ARM].q_jaw, 3) for t in np.linspace(begins, ends, 50)}
+    assert len(jaws) == 4  # as it was, open, closed on the cube, and open again
+    tab.model.start()
+    tab.until(lambda: tab.model.run is None)
+    assert tab.rig.things.where("cube").p[:2] == pytest.approx([0.11, -0.2], abs=2e-3)
+    tab.edit.set_passes(True)
+    assert tab.model.program.waypoints[1].item is None
 
 
 def test_waypoints_keep_their_names_when_the_order_changes(tab):
