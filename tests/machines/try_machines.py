@@ -111,7 +111,7 @@ class Machine:
         mounts = f"mount -t proc proc {self.root}/proc && mount --rbind /dev {self.root}/dev"
         if self.shared:
             mounts += f" && mount --bind {self.shared} {self.root}{self.shared}"
-        script = f'{mounts} && {shlex.join(words)} "$@"'
+        script = f'{mounts} && exec {shlex.join(words)} "$@"'
         return ["unshare", "--mount", "--pid", "--fork", "--kill-child", "sh", "-c", script, "sh"]
 
     def type(self, line: str, *, folder: str = "", as_root: bool = False) -> tuple[int, str, float]:
