@@ -75,7 +75,7 @@ PAGE = together(
 def demo(
     text: bool = flag("Show a plan and the move in the terminal, no browser."),
     arms: int = option(
-        "Number of arms; they share the space and keep apart.", click.IntRange(1, 8), 1
+        "Number of arms; they share the space and keep apart.", click.IntRange(1, 10), 1
     ),
     page: Page = PAGE,
 ) -> None:
