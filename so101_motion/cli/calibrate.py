@@ -135,10 +135,8 @@ def _on_machine(source: MachineSource, events: TextIO | None) -> None:
     from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.terminal import Terminal, sentence
     from so101_motion.common.operation import RemoteOperation
-    from so101_motion.viam.client import Machine
 
-    key = {"api_key_id": source.api_key_id, "api_key": source.api_key}
-    with quietly(), Machine.connect(source.address, **key) as machine:
+    with quietly(), source.connect() as machine:
         send = partial(machine.do_command, machine.calibration_sensor())
         with (
             closing(RemoteOperation(send, "calibration")) as operation,

@@ -14,15 +14,7 @@ from so101_motion.cli import port_choice
 from so101_motion.cli.completion import completed_files
 from so101_motion.cli.options import DRY_RUN, JSON, argument, flag, option, verb
 from so101_motion.cli.param_types import IN_FILE, port_option
-from so101_motion.cli.shared import (
-    CHECK_FAILED,
-    STOPPED,
-    Verbs,
-    answer,
-    aside,
-    print_json,
-    quietly,
-)
+from so101_motion.cli.shared import CHECK_FAILED, STOPPED, Verbs, answer, aside, print_json, quietly
 from so101_motion.common.errors import CalibrationError, OtherCalibration
 from so101_motion.common.units import to_deg
 

@@ -163,7 +163,7 @@ def run(
         made = files.read(program, opened.zeros())
         made = made.for_all(opened.rigs) if to_all else made
         made = made if rounds is None else made.with_rounds(rounds)
-        carry_out(opened.cell, made, "Move the arms?", yes)
+        carry_out(opened.cell, made, lambda: have_agreed("Move the arms?", yes))
         reached = _joints_deg(opened.rigs)
     if as_json:
         print_json("cell-run", {"rounds": made.rounds, "joints_deg": reached})

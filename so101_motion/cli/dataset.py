@@ -14,13 +14,12 @@ from so101_motion.cli.shared import (
     CHECK_FAILED,
     Verbs,
     aside,
-    have_agreed,
     print_json,
     quietly,
     stops_on_ctrl_c,
     write_report,
 )
-from so101_motion.cli.sources import SOURCE, Source, end_as_asked, ending, paced
+from so101_motion.cli.sources import SOURCE, Source, ending, paced
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
 
@@ -71,11 +70,7 @@ def check(
     so101 dataset check ~/.cache/huggingface/lerobot/me/pick
     so101 dataset check pick --calibration arm.json --scene table.json --html report.html
     """  # noqa: D301
-    from so101_motion.tasks.datasets import (
-        check_data_set,
-        html_report,
-        open_data_set,
-    )
+    from so101_motion.tasks.datasets import check_data_set, html_report, open_data_set
 
     data_set = open_data_set(path, side=side or "")
     report = check_data_set(
@@ -203,8 +198,7 @@ def replay(
                 aside(
                     f"{joint} is beyond this arm's range in {count} frames; it waits at its limit"
                 )
-        have_agreed(f"Move the {source.what}?", yes)
-        end_as_asked(source.at_end, rig)
+        source.have_agreed(rig, f"Move the {source.what}?", yes)
         with stops_on_ctrl_c(rig.arm):
             outcome = replay_episode(rig, planned)
     if as_json:

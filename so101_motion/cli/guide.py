@@ -19,7 +19,7 @@ from so101_motion.cli.shared import (
     quietly,
     stops_on_ctrl_c,
 )
-from so101_motion.cli.sources import SOURCE, Source, end_as_asked, ending, paced
+from so101_motion.cli.sources import SOURCE, Source, ending, paced
 from so101_motion.common import interrupts
 from so101_motion.common.units import to_deg, to_rad
 
@@ -145,8 +145,7 @@ def replay(
             if number == 0 and not as_json:
                 aside(f"{file}: {_in_words(path)}, recorded")
                 aside(_planned(found))
-            have_agreed(f"Move the {source.what}?", yes or number > 0)
-            end_as_asked(source.at_end, rig)
+            source.have_agreed(rig, f"Move the {source.what}?", yes or number > 0)
             with stops_on_ctrl_c(rig.arm):
                 start_replay(rig.arm, gripper, found).result()
         off_deg = float(to_deg(abs(rig.arm.state.q - found.plans[-1].q_goal).max()))

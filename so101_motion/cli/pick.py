@@ -13,12 +13,11 @@ from so101_motion.cli.shared import (
     answer,
     aside,
     busy_message,
-    have_agreed,
     print_json,
     quietly,
     stops_on_ctrl_c,
 )
-from so101_motion.cli.sources import ANY_SOURCE, AnySource, end_as_asked, ending, paced
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, ending, paced
 
 if TYPE_CHECKING:
     from so101_motion.common.operation import Operation
@@ -69,8 +68,8 @@ def pick(
                 _show(found, as_json and only_plan)
             if only_plan:
                 return
-            have_agreed(f"Move the {source.what} for {found['duration_s']:.1f} s?", yes)
-            end_as_asked(source.at_end, rig)
+            question = f"Move the {source.what} for {found['duration_s']:.1f} s?"
+            source.have_agreed(rig, question, yes)
             with stops_on_ctrl_c(rig.arm):
                 done = operation.ask("run", tries=tries)
         for said in operation.view.said:

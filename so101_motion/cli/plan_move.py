@@ -20,13 +20,12 @@ from so101_motion.cli.param_types import JOINTS, POINT, SCENE, OutFile
 from so101_motion.cli.shared import (
     aside,
     busy_message,
-    have_agreed,
     import_preview,
     print_json,
     quietly,
     stops_on_ctrl_c,
 )
-from so101_motion.cli.sources import ANY_SOURCE, AnySource, Source, end_as_asked, ending, paced
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, Source, ending, paced
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.state import ARM_JOINTS
@@ -201,8 +200,7 @@ def planned_move(
         found = _planned(rig, goal, scene, effort)
         if not as_json:
             click.echo(plan_table(found))
-        have_agreed(f"Move the {source.what} for {found.duration:.1f} s?", yes)
-        end_as_asked(source.at_end, rig)
+        source.have_agreed(rig, f"Move the {source.what} for {found.duration:.1f} s?", yes)
         _wait(rig, rig.arm.move(found, wait=False), found)
         state = rig.arm.state
         off_deg = float(to_deg(np.max(np.abs(state.q - found.q_goal))))

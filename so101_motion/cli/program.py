@@ -13,15 +13,8 @@ import click
 from so101_motion.cli.completion import completed_programs
 from so101_motion.cli.options import JSON, YES, argument, option, verb
 from so101_motion.cli.param_types import SCENE
-from so101_motion.cli.shared import (
-    answer,
-    aside,
-    busy_message,
-    have_agreed,
-    quietly,
-    stops_on_ctrl_c,
-)
-from so101_motion.cli.sources import ANY_SOURCE, AnySource, end_as_asked, ending, paced
+from so101_motion.cli.shared import answer, aside, busy_message, quietly, stops_on_ctrl_c
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, ending, paced
 from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
@@ -62,8 +55,8 @@ def run(
         if scene is not None:
             rig.arm.scene = scene
         made = made if rounds is None else made.with_rounds(rounds)
-        agreed = partial(end_as_asked, source.at_end, rig)
-        carry_out(Solo.of(rig), made, f"Move the {source.what}?", yes, agreed, quiet=as_json)
+        agree = partial(source.have_agreed, rig, f"Move the {source.what}?", yes)
+        carry_out(Solo.of(rig), made, agree, quiet=as_json)
         facts = {
             "source": source.what,
             "waypoints": [each.name for each in made.waypoints],
@@ -75,17 +68,11 @@ def run(
 
 
 def carry_out(
-    arms: Arms,
-    program: Program,
-    question: str,
-    yes: bool,
-    agreed: Callable[[], None] = lambda: None,
-    *,
-    quiet: bool = False,
+    arms: Arms, program: Program, agree: Callable[[], None], *, quiet: bool = False
 ) -> None:
-    """Plan a program as a whole, print the plan unless ``quiet``, ask, and run it.
+    """Plan a program as a whole, print the plan unless ``quiet``, ask (``agree``), and run it.
 
-    ``agreed`` is called once a person has agreed. Ctrl-C stops all arms.
+    Ctrl-C stops all arms.
     """
     from so101_motion.tasks.program import rehearse, start_program
 
@@ -93,8 +80,7 @@ def carry_out(
         rehearsal = rehearse(arms, program)
     if not quiet:
         aside(_planned(rehearsal))
-    have_agreed(question, yes)
-    agreed()
+    agree()
     with stops_on_ctrl_c(arms):
         await_end(start_program(arms, rehearsal))
 

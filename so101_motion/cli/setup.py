@@ -184,12 +184,7 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
     viewer = import_preview()
     with ExitStack() as stack:
         stack.enter_context(quietly())
-        opened = None
-        if machine is not None:
-            from so101_motion.viam.client import Machine
-
-            key = {"api_key_id": machine.api_key_id, "api_key": machine.api_key}
-            opened = stack.enter_context(Machine.connect(machine.address, **key))
+        opened = None if machine is None else stack.enter_context(machine.connect())
         served = viewer.serve_setup(
             ports=() if port is None or opened is not None else (port,),
             machine=opened,

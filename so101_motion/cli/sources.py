@@ -16,7 +16,7 @@ import click
 
 from so101_motion.cli.options import flag, option, together
 from so101_motion.cli.param_types import IN_FILE, Finite, port_option
-from so101_motion.cli.shared import aside, busy_message, note_opened
+from so101_motion.cli.shared import aside, busy_message, have_agreed, note_opened
 from so101_motion.common import interrupts
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 from so101_motion.common.errors import PortUnavailable
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from so101_motion.rig.cell_rigs import CellRigs
     from so101_motion.rig.protocols import RigLike
     from so101_motion.rig.rig import Rig
-    from so101_motion.viam.client import MachineRig
+    from so101_motion.viam.client import Machine, MachineRig
 
 R = TypeVar("R", bound="RigLike")
 
@@ -41,7 +41,7 @@ class _SourceWithCaps:
     speed: float | None = None  # joint speed cap [rad/s]
     acceleration: float | None = None  # joint acceleration cap [rad/s^2]
     tool: Tool | None = None  # what is fixed to its gripper
-    at_end: str = "hold"  # how it is left, see ``end_as_asked``
+    at_end: str = "hold"  # how it is left, see ``have_agreed``
 
     @property
     def what(self) -> str:
@@ -64,6 +64,11 @@ class _SourceWithCaps:
             rig.close()
             raise
         return note_opened(self.what, rig)
+
+    def have_agreed(self, rig: RigLike, question: str, yes: bool) -> None:
+        """Ask before ``rig`` moves; once a person has agreed, it is left as ``--at-end`` says."""
+        have_agreed(question, yes)
+        end_as_asked(self.at_end, rig)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,18 +188,22 @@ class MachineSource(_SourceWithCaps):
     def what(self) -> str:
         return f"arm of machine {self.address}"
 
+    @property
+    def _key(self) -> dict[str, str | None]:
+        return {"api_key_id": self.api_key_id, "api_key": self.api_key}
+
     def open(self) -> MachineRig:
         from so101_motion.viam.client import MachineRig
 
         with busy_message(f"connecting to machine {self.address}"):
-            rig = MachineRig.connect(
-                self.address,
-                api_key_id=self.api_key_id,
-                api_key=self.api_key,
-                arm=self.arm,
-                gripper=self.gripper,
-            )
+            rig = MachineRig.connect(self.address, **self._key, arm=self.arm, gripper=self.gripper)
         return self._capped(rig)
+
+    def connect(self) -> Machine:
+        """Connect to the machine itself; it needs no arm."""
+        from so101_motion.viam.client import Machine
+
+        return Machine.connect(self.address, **self._key)
 
     open_to_look = open
 
@@ -204,7 +213,7 @@ S = TypeVar("S", bound=AnySource)
 
 
 def end_as_asked(at_end: str, rig: RigLike) -> None:
-    """Leave ``rig`` so when it is closed; called once a person has agreed to a motion."""
+    """Leave ``rig`` so when it is closed."""
     if at_end != "hold":
         session: Any = rig
         session.at_end, session.on_left = at_end, aside
@@ -272,6 +281,8 @@ def _source(
     cell: Path | None = None,
 ) -> AnySource | CellSource:
     """The source that the options of ``SOURCE``, ``ANY_SOURCE`` or ``ARM_OR_CELL`` name."""
+    from so101_motion.files.tool_file import find_tool
+
     context = click.get_current_context()
     asked = {"--sim": sim or None, "--port": port, "--machine": machine, "--cell": cell}
     chosen = chosen_among(asked)
@@ -293,14 +304,8 @@ def _source(
     return Source(
         port=port if chosen == "--port" else None,
         calibration_file=calibration,
-        tool=None if tool is None else _tool(tool),
+        tool=None if tool is None else find_tool(tool),
     )
-
-
-def _tool(which: str) -> Tool:
-    from so101_motion.files.tool_file import find_tool
-
-    return find_tool(which)
 
 
 def _machine(
