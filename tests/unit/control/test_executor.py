@@ -1,5 +1,3 @@
-import subprocess
-import sys
 import threading
 from concurrent.futures import wait
 from dataclasses import replace
@@ -480,18 +478,6 @@ def test_many_threads_may_ask_at_once(sim):
     sim.clock.advance(20.0)
     assert not wait(futures, timeout=0).not_done
     assert sim.state.mode is Mode.HOLDING
-
-
-def test_importing_the_executor_is_cheap():
-    script = (
-        "import sys, so101_motion.control.executor;"
-        "print([m for m in ('pinocchio', 'toppra', 'viam', 'scipy', 'matplotlib')"
-        " if m in sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "[]"
 
 
 # Streams

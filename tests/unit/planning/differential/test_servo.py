@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import qpsolvers
@@ -207,16 +204,6 @@ def test_a_start_outside_the_limits_may_come_in_and_not_go_further_out() -> None
 def test_a_twist_must_be_finite(bad: float) -> None:
     with pytest.raises(ValueError, match="linear velocity must be finite"):
         twist(x=bad)
-
-
-def test_osqp_and_scipy_are_loaded_with_the_first_servo_only() -> None:
-    code = """
-import sys
-from so101_motion.planning.differential import servo
-print("osqp" in sys.modules, "scipy" in sys.modules)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "False"]
 
 
 def test_it_stops_where_what_it_carries_becomes_too_heavy_and_says_so() -> None:

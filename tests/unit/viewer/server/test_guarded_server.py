@@ -9,9 +9,9 @@ import msgspec
 import pytest
 import viser
 import websockets.asyncio.server
+from harness.raw_window import CAMERA
 from so101_viewer.server import guarded_server
 from so101_viewer.server.guarded_server import GuardError, start_guarded
-from viser import _messages
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
@@ -91,20 +91,9 @@ async def test_the_owner_gets_the_websocket_and_a_share_request_opens_no_tunnel(
     pressed = threading.Event()
     button = server.viser.gui.add_button("Press")
     button.on_click(lambda _event: pressed.set())
-    camera = _messages.ViewerCameraMessage(
-        wxyz=(1.0, 0.0, 0.0, 0.0),
-        position=(1.0, 1.0, 1.0),
-        fov=1.0,
-        near=0.01,
-        far=100.0,
-        image_height=100,
-        image_width=100,
-        look_at=(0.0, 0.0, 0.0),
-        up_direction=(0.0, 0.0, 1.0),
-    )
     await send_as_browser(
         server,
-        {"type": "ViewerCameraMessage", **vars(camera)},
+        {"type": "ViewerCameraMessage", **vars(CAMERA)},
         {"type": "ShareUrlRequest"},
         {"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}},
         cookie=cookie_of(server),
