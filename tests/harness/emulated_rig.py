@@ -276,22 +276,11 @@ class ModelBench(HardwareBench):
         return model.new(config, {})
 
     def new(self, model, name, **attributes):
-        for _ in range(5):
-            component = self.build(model, name, attributes)
-            if not isinstance(component, (HardwareArm, HardwareGripper)):
-                break
+        component = self.build(model, name, attributes)
+        if isinstance(component, (HardwareArm, HardwareGripper)):
             component.rig.first_try.result(timeout=60.0)  # requests wait for it themselves
-            if component.rig.not_ready is None or not self._is_whole:
-                break
-            component.rig.close()  # the machine was busy; while nothing drives it the arm falls
         self._built.append(component)
         return component
-
-    @property
-    def _is_whole(self):
-        """Whether all its servos are on the cable and have power, and so must have been found."""
-        servos = self.world.servos
-        return all(servo.connected and servo.drive.powered for servo in servos)
 
     def new_arm(self, name="arm", **attributes):
         return self.new(HardwareArm, name, **{"port": str(self.port), **attributes})
