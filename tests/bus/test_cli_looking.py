@@ -137,9 +137,10 @@ def test_a_sound_arm_is_fit_to_be_moved(arm, file, tmp_path):
     assert result.exit_code == 0, result.output
     assert "ready to move" in result.stderr
     assert memories(arm) == before
-    for words in ("numpy", "all six answer", str(file), "by its stops", "deg/s"):
+    for words in ("so101-motion", "all six answer", str(file), "by its stops", "deg/s"):
         assert words in result.stdout
         assert words in page.read_text()
+    assert "numpy" in page.read_text()
     assert json.loads(page.read_text().split("```json")[1].split("```")[0])["healthy"]
 
 

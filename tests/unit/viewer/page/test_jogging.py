@@ -79,14 +79,16 @@ def test_a_held_button_moves_and_without_repeats_stops_within_a_tenth_of_a_secon
     assert hand.slows_down
 
 
-def test_the_tool_goes_along_the_axis_of_the_base_at_the_speed_that_is_chosen(hand):
-    hand.start("base")
+@pytest.mark.parametrize("mode", ["base", "tool"])
+def test_the_tool_goes_along_the_axes_of_the_base_or_its_own_at_the_speed_chosen(hand, mode):
+    hand.start(mode)
     hand.jogging.speed = "medium"
     hand.hold(X, 1.0)
-    before = hand.rig.arm.T_base().p
+    before = hand.rig.arm.T_base()
+    axis = before.R[:, 0] if mode == "tool" else [1.0, 0.0, 0.0]
     hand.hold(X, 0.5)
-    gone = hand.rig.arm.T_base().p - before
-    np.testing.assert_allclose(gone, [0.5 * SPEEDS["medium"].going, 0.0, 0.0], atol=0.002)
+    gone = hand.rig.arm.T_base().p - before.p
+    np.testing.assert_allclose(gone, 0.5 * SPEEDS["medium"].going * np.array(axis), atol=0.002)
 
 
 @pytest.mark.parametrize("mode", ["joints", "arrows"])
