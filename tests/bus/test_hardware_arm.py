@@ -114,9 +114,12 @@ async def test_verify_config_compares_servos_and_calibration(models, client):
 
 async def test_reinitialize_sets_everything_up_again(models, client):
     models.world.servo("elbow_flex").memory.set(emu.MODE, 1)
+    before = (await ask(client, models, command="health"))["joints"]["elbow_flex"]["answers"]
     answer = await ask(client, models, command="reinitialize", retries=2)
 
     assert answer == {"success": True, "error": "", "retries": 2}
+    told = (await ask(client, models, command="health"))["joints"]["elbow_flex"]
+    assert told["answers"] > before, "what is counted is counted on"
     assert models.world.servo("elbow_flex").memory.raw(emu.MODE) == 0
     models.world.disconnect("elbow_flex")
     answer = await ask(client, models, command="reinitialize", retries=1)

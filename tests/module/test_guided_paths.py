@@ -172,15 +172,32 @@ async def test_a_program_with_a_loop_is_run_to_its_end(arm, client):
     assert (await client.get_joint_positions()).values == pytest.approx([0.0] * 5, abs=0.1)
 
 
-async def test_a_stop_ends_a_program_without_an_end(arm, client):
-    running = asyncio.ensure_future(client.do_command(request(A, B, rounds="endless")))
+@pytest.mark.parametrize("end", ["stop", "cancel"])
+@pytest.mark.parametrize("what", ["program", "replay"])
+async def test_a_stop_or_a_call_that_is_given_up_ends_it(arm, client, what, end):
+    if what == "program":
+        call = client.do_command(request(A, B, rounds="endless"))
+    else:
+        await ask(client, "record_path", name="wave")
+        await lead(arm, client, *CORNERS)
+        await ask(client, "end_path")
+        call = ask(client, "replay_path", name="wave")
+    running = asyncio.ensure_future(call)
     while not arm.rig.arm.is_moving:
         assert not running.done()
         await advance(client, 0.0)
         await asyncio.sleep(0)
     await advance(client, 0.2)
-    await client.stop()
-    await refused(running, Status.CANCELLED)
+    if end == "stop":
+        await client.stop()
+        await refused(running, Status.CANCELLED)
+    else:
+        running.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+    async with asyncio.timeout(60):
+        while await client.is_moving():
+            await advance(client, 0.01)
 
 
 async def test_an_invalid_program_is_refused_and_nothing_moves(arm, client):
