@@ -256,6 +256,9 @@ def _picked(
                 scene=scene,
                 upright=upright.get(each.item),
             )
+        except ConfigError as error:
+            key = f"{program.called(index)}: {error.key}"
+            raise ConfigError(key, error.value, error.reason) from None
         except So101Error as error:
             raise error.about(program.called(index)) from None
     return found
