@@ -147,14 +147,18 @@ def test_headers_and_second_copies_of_libraries_are_removed(installer):
     for gone in ("cmeel.prefix/include/a.h", "cmeel.prefix/lib/b.a", "scipy/io/tests/c.py"):
         (packages / gone).parent.mkdir(parents=True, exist_ok=True)
         (packages / gone).write_text("")
-    for name, content in (("libd.so", "d"), ("libd.so.1", "d"), ("libe.so", "e")):
+    boost = ("libboost_used.so", "u"), ("libboost_log.so", "-"), ("libboost_log.so.1", "-")
+    libraries = ("libd.so", "d"), ("libd.so.1", "d"), ("libe.so", "needs libboost_used.so.1")
+    for name, content in (*boost, *libraries, ("libboost_wave.so", "needs libboost_log.so.1")):
         (lib / name).write_text(content)
     installer.slim(installer.VENV)
     assert {path.name for path in packages.rglob("*") if not path.is_dir()} == {
-        *("libd.so", "libd.so.1", "libe.so")
+        *("libboost_used.so", "libd.so", "libd.so.1", "libe.so")
     }
     assert (lib / "libd.so.1").is_symlink()
-    assert [(lib / name).read_text() for name in ("libd.so.1", "libe.so")] == ["d", "e"]
+    assert [(lib / name).read_text() for name in ("libd.so.1", "libe.so")] == [
+        *("d", "needs libboost_used.so.1")
+    ]
 
 
 @pytest.mark.parametrize(
