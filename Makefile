@@ -6,7 +6,7 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test timing test-long test-lerobot test-data-sets test-tools check check-arm64 bench campaign pictures site clean browser installed-dev
+.PHONY: demo test timing test-long test-lerobot test-data-sets test-tools check check-arm64 bench campaign pictures release site clean browser installed-dev
 
 demo:
 	@./setup.sh --with viewer
@@ -90,6 +90,10 @@ campaign: installed-dev
 pictures: browser
 	$(BIN)/python docs/make_screenshots.py
 	$(BIN)/python docs/make_films.py
+
+# Wheel, source distribution, archives, bill of materials and checksums of the last commit, in dist/.
+release: installed-dev
+	$(BIN)/python release.py
 
 site:
 	@./setup.sh --with site

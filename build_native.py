@@ -17,6 +17,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,11 +26,11 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 SOURCES = HERE / "so101_motion" / "planning" / "native"
-ZIG = ("linux", "darwin")
-ZIG_MACHINES = ("x86_64", "aarch64", "arm64")
+ZIG = ("linux", "darwin", "win32")
+ZIG_MACHINES = ("x86_64", "amd64", "aarch64", "arm64")
 """The platforms with wheels of ziglang."""
 
-FLAGS = ("-std=c11", "-O3", "-fPIC", "-fno-math-errno", "-w")
+FLAGS = ("-std=c11", "-O3", "-fno-math-errno", "-w")
 WIDTHS = (
     ("lanes.c", "-ffp-contract=fast", "-march=haswell"),
     ("furthest.c", "-ffp-contract=off", "-march=haswell"),
@@ -40,7 +41,12 @@ TIME_LIMIT = 300.0
 
 
 def system_compiler() -> list[str] | None:
-    """The command of the system's C compiler, if it can make a library."""
+    """The command of the system's C compiler, if it can make a library.
+
+    None on Windows: GCC there does not align the stack for vectors of 32 bytes.
+    """
+    if sys.platform == "win32":
+        return None
     for name in filter(None, (os.environ.get("CC"), "cc", "gcc", "clang")):
         if shutil.which(name.split()[0]):
             with tempfile.TemporaryDirectory() as folder:
@@ -70,6 +76,8 @@ def build(target: str | None = None) -> Path:
         machine, system = target.split("-")[:2]
         if system == "macos":
             machine, system = machine.replace("aarch64", "arm64"), "darwin"
+        elif system == "windows":
+            machine, system = machine.replace("x86_64", "amd64"), "win32"
     file: Path = _library_module().library_file(system, machine)
     if file.is_file():
         return file
@@ -81,6 +89,8 @@ def build(target: str | None = None) -> Path:
         os.environ.setdefault("ZIG_LOCAL_CACHE_DIR", f"{folder}/zig-here")
         if target:
             compiler += ["-target", target]
+        if system != "win32":
+            compiler.append("-fPIC")
         widths = WIDTHS if machine.lower() in ("x86_64", "amd64") else ()
         objects = []
         for k, (name, *flags) in enumerate(widths):
@@ -147,6 +157,11 @@ def __getattr__(name: str) -> Any:
     def called(*args: Any, **kwargs: Any) -> Any:
         if name in ("build_wheel", "build_editable"):
             build()
+        if name == "build_wheel" and len(list(SOURCES.glob("*.so"))) == 1:
+            # It lacks the libraries of other systems (release.py makes them), so its name says so.
+            folder, settings, metadata = (*args, None, None)[:3]
+            option = [f"--plat-name={sysconfig.get_platform()}"]
+            args = (folder, {**(settings or {}), "--build-option": option}, metadata)
         asked = hook(*args, **kwargs)
         if name in ("get_requires_for_build_wheel", "get_requires_for_build_editable"):
             asked = [*asked, *_compiler_requirement()]

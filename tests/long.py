@@ -43,6 +43,7 @@ def parts(seed, examples, minutes):
         "data-sets": "tests/genuine_lerobot/data_sets.sh",
         "tools": "tests/genuine_tools/run.sh",
         "machines": "python3 tests/machines/try_machines.py",
+        "release": f"{shlex.quote(sys.executable)} tests/machines/try_release.py",
     }
 
 
