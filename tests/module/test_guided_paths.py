@@ -77,7 +77,7 @@ async def test_a_path_is_taught_saved_listed_replayed_deleted_and_restored(arm, 
 async def test_the_time_limit_of_manual_mode_ends_the_recording_and_it_is_kept(
     arm, client, tmp_path
 ):
-    await ask(client, "record_path", name="short", enabled_for=0.3)
+    await ask(client, "record_path", name="short", enabled_for=1.0)
     await lead(arm, client, [5, 0, 0, 0, 0])
     async with asyncio.timeout(30):
         while await client.get_manual_mode():
