@@ -61,7 +61,7 @@ class Parsed(click.ParamType[Any]):
             self.fail(f"{quoted(value)} {error}", param, ctx)
 
 
-def _numbers(*names: str, most: float) -> Parsed:
+def _numbers(*names: str, most: float, in_mm: bool = False) -> Parsed:
     """As many numbers, each from ``-most`` to ``most``."""
     listed = ",".join(names)
 
@@ -72,6 +72,9 @@ def _numbers(*names: str, most: float) -> Parsed:
             numbers = np.empty(0)
         if numbers.shape != (len(names),) or not np.all(np.abs(numbers) <= most):
             raise ValueError(f"must be {len(names)} numbers {listed} from {-most:g} to {most:g}")
+        if in_mm and 0.0 < np.abs(numbers).max() < 1.0:
+            meant = ",".join(f"{1000.0 * x:g}" for x in numbers)
+            raise ValueError(f"is in millimetres; did you mean {meant}?")
         return numbers
 
     return Parsed(listed, read)
@@ -143,5 +146,6 @@ def read_scene(scene: Path | None) -> Scene | None:
 SCENE_FILE = option("A scene file: the obstacles around the arm.", IN_FILE, name="--scene")
 SCENE = together(read_scene, scene=SCENE_FILE)  # the scene in it; None if none is named
 
-POINT = _numbers("X", "Y", "Z", most=5000.0)  # [mm]
+POINT = _numbers("X", "Y", "Z", most=5000.0, in_mm=True)
+DIRECTION = _numbers("X", "Y", "Z", most=5000.0)
 JOINTS = _numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)

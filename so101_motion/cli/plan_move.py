@@ -16,7 +16,7 @@ import numpy as np
 
 from so101_motion.cli.completion import completed_poses
 from so101_motion.cli.options import JSON, YES, flag, option, together, verb
-from so101_motion.cli.param_types import JOINTS, POINT, SCENE, OutFile
+from so101_motion.cli.param_types import DIRECTION, JOINTS, POINT, SCENE, OutFile
 from so101_motion.cli.shared import (
     aside,
     busy_message,
@@ -83,7 +83,7 @@ def _goal(
 _GOAL = together(
     _goal,
     xyz=option("Move the tool to this point [mm], base frame.", POINT),
-    approach=option("With --xyz: direction of the tool's z axis, such as 0,0,-1.", POINT),
+    approach=option("With --xyz: direction of the tool's z axis, such as 0,0,-1.", DIRECTION),
     line=flag("With --xyz: move the tool along a straight line."),
     frame=option(
         "With --xyz: the frame of the gripper that moves to the point: tool, jaw_tip, or one of the"

@@ -14,9 +14,9 @@ import numpy as np
 
 from so101_motion.cli.options import JSON, argument, option, together, verb
 from so101_motion.cli.param_types import (
+    DIRECTION,
     IN_FILE,
     JOINTS,
-    POINT,
     SCENE,
     SCENE_FILE,
     Finite,
@@ -106,7 +106,7 @@ def reach(
         "The frame of the hand that moves to the points.", click.Choice(["tool", "jaw_tip"]), "tool"
     ),
     approach: np.ndarray | None = option(
-        "Direction of the tool's z axis; 0,0,-1 is from above.  [default: any]", POINT
+        "Direction of the tool's z axis; 0,0,-1 is from above.  [default: any]", DIRECTION
     ),
     tolerance_deg: float = option("How far the approach may be off.", Finite(0.1, 90.0), 5.0),
     payload: float = PAYLOAD,

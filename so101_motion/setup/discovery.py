@@ -227,7 +227,7 @@ def discover(
     if not ports and not notes:
         notes.append(
             "no USB serial adapter is plugged in; check the cable, some only carry power. To use a"
-            " port that is no USB adapter, name it"
+            " port that is no USB adapter, name it (--port)"
         )
     return Discovery(reports=tuple(reports), notes=tuple(notes))
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import socket
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
 from concurrent.futures import Future
@@ -245,6 +246,8 @@ def _why(error: BaseException) -> str:
         reason = "it does not answer in time"
     elif isinstance(error, ConnectionRefusedError):
         reason = "no program listens at this address"
+    elif isinstance(error, socket.gaierror):
+        reason = "no computer of this name is known"
     elif isinstance(error, GRPCError) and error.status is Status.UNIMPLEMENTED:
         reason = "the program that answers there is not a Viam machine"
     else:

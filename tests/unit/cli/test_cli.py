@@ -194,6 +194,7 @@ def test_a_report_that_cannot_be_written_is_said(tmp_path):
         ("--sim", 2, "give one goal"),
         ("--xyz 1,2,3", 2, "which arm?"),
         ("--sim --port /dev/x --pose home", 2, "not both"),
+        ("--sim --xyz 0.25,0.1,0.1", 2, "did you mean 250,100,100"),
         ("--sim --xyz 1,2", 2, "3 numbers"),
         ("--sim --xyz 1,2,nan", 2, "3 numbers"),
         ("--sim --xyz near", 2, "X,Y,Z"),
