@@ -80,14 +80,6 @@ def launched() -> Iterator[Browser]:
         browser.close()
 
 
-def preview(browser: Browser, file: Path) -> None:
-    """The first plan, before it is executed."""
-    with open_simulated() as rig, open_page(browser, rig) as page:
-        _press(page, "Plan")
-        page.get_by_text("Planned.").wait_for(timeout=PATIENCE)
-        _take(page, file)
-
-
 def obstacles(browser: Browser, file: Path) -> None:
     """A plan over a wall."""
     with _at_the_wall() as (rig, plan), open_page(browser, rig, plan=plan) as page:
@@ -164,7 +156,7 @@ def setup(browser: Browser, file: Path) -> None:
 
 
 SHOTS: dict[str, Callable[[Browser, Path], None]] = {
-    shot.__name__: shot for shot in (preview, obstacles, dark, phone, atlas, setup)
+    shot.__name__: shot for shot in (obstacles, dark, phone, atlas, setup)
 }
 
 
