@@ -123,7 +123,7 @@ class CellMember:
         self.gripper, self.clock, self.worker = rig.gripper, rig.clock, rig.planner
         self.held = dict[str, tuple[Attached, ...]]()
         self._space, self._now, self._ignores = space, rig.clock.now, ignores
-        self._executor, self._rig = rig.executor, rig
+        self._executor, self.picker = rig.executor, rig.picker
         self._expected: Trajectory | None = None  # one that was checked together with others'
         self._course: Course | None = None
         self._planned: Course | None = None
@@ -135,10 +135,6 @@ class CellMember:
     @property
     def minded(self) -> frozenset[str]:
         return frozenset(each.name for each in self._neighbours())
-
-    @property
-    def picker(self) -> Picker:
-        return self._rig.picker
 
     # Planned motions
 

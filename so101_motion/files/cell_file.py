@@ -77,6 +77,7 @@ class CellFile:
 
 
 _MAX_SPEED = "max_speed_degs_per_sec"
+_MORE = ("tool", _MAX_SPEED)
 
 APART = 0.35
 """Distance between the bases of neighbours in a circle [m]; chosen: they reach each other's tools
@@ -119,10 +120,7 @@ def write_cell(cell: CellFile, path: Path) -> None:
 
 
 def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
-    known = (
-        *("name", "port", "calibration_id", "position_mm", "rpy_deg", "attached", "tool"),
-        _MAX_SPEED,
-    )
+    known = ("name", "port", "calibration_id", "position_mm", "rpy_deg", "attached", *_MORE)
     given = Attributes(entry, known, kind="key of an arm")
     name, (low, high) = given.text("name", ""), SPEED_RANGE_DEG
     if not name:

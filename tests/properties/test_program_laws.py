@@ -73,7 +73,8 @@ def ways(draw) -> np.ndarray:
 def leg(arm: Arm, way: np.ndarray) -> Leg:
     places = [Waypoint(name=f"{k}", q=q, passes=True) for k, q in enumerate(way[1:])]
     stands, caps = {ARM: Stand(way[0], 0.0)}, {ARM: arm.limits}
-    return plan_leg(arm, Program.of_waypoints(places), range(len(places)), stands, caps)
+    program = Program.of_waypoints(places)
+    return plan_leg(arm.plan_together, program, range(len(places)), stands, caps)
 
 
 TO_AND_FRO = [  # as far apart as a passed place may be missed, and a little more

@@ -8,15 +8,15 @@ motion, which may be ``PASSING`` off it. If a corner cannot be rounded, the arm 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
 from so101_motion.arm.arm import START_TOLERANCE
-from so101_motion.arm.cell import with_item
+from so101_motion.arm.cell import Cell, with_item
 from so101_motion.arm.cell_member import Stand
 from so101_motion.common.errors import ConfigError, PlanningError, So101Error
 from so101_motion.common.geometry import Array
@@ -28,7 +28,7 @@ from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.tasks.picking import place_from
 from so101_motion.tasks.program.loops import Visit, times_in_round
-from so101_motion.tasks.program.program import Program, Step
+from so101_motion.tasks.program.program import Program, Step, Waypoint
 from so101_motion.tasks.program.solo import Arms, Solo
 
 PASSING = to_rad(3.0)
@@ -45,7 +45,7 @@ class Leg:
     plans: Mapping[str, Plan]  # the motion of each arm, by its name; none if all are there already
     at: tuple[float, ...]  # when each step is passed or reached, from the beginning [s]
     stands: Mapping[str, Stand]  # where each arm is before it, by its name
-    picks: Mapping[str, PickPlan] = field(default_factory=dict)  # what arms pick there
+    picks: dict[str, PickPlan] = field(default_factory=dict)  # what arms pick there
 
     @property
     def seconds(self) -> float:
@@ -116,33 +116,8 @@ def _early(visit: Visit) -> tuple[int, tuple[int, ...], int]:
     return min(visit.round, 1), tuple(min(lap, 1) for lap in visit.laps), visit.indices[-1]
 
 
-class LegPlanner(Protocol):
-    """The interface for planning legs: arms, or a planner without one."""
-
-    def plan_together(
-        self,
-        goals: Mapping[str, JointGoal | PathGoal],
-        *,
-        limits: Mapping[str, MotionLimits],
-        stands: Mapping[str, Stand],
-    ) -> dict[str, Plan]:
-        """Plan within ``limits``, from where the arms stand; all by the arms' names."""
-
-
-class Among(NamedTuple):
-    """Plans for arms in other scenes than theirs, by their names."""
-
-    arms: Arms
-    scenes: Mapping[str, Scene]
-
-    def plan_together(
-        self,
-        goals: Mapping[str, JointGoal | PathGoal],
-        *,
-        limits: Mapping[str, MotionLimits],
-        stands: Mapping[str, Stand],
-    ) -> dict[str, Plan]:
-        return self.arms.plan_together(goals, limits=limits, stands=stands, scenes=self.scenes)
+LegPlanner = Callable[..., dict[str, Plan]]
+"""Plans legs: ``plan_together`` of arms, or of a planner without one."""
 
 
 def rehearse(arms: Arms, program: Program) -> Rehearsal:
@@ -181,18 +156,19 @@ def rehearse(arms: Arms, program: Program) -> Rehearsal:
         where = tuple((each.q.tobytes(), each.q_jaw) for each in stands.values())
         key = visit.indices, where, frozenset(scenes.items())
         if key not in legs:
-            leg = plan_leg(Among(arms, scenes), program, visit.indices, stands, caps)
-            after = _after(arms, program.steps[index], stands)
-            picks = _picked(arms, program, index, after, scenes, upright)
-            legs[key] = replace(leg, picks=picks)
+            together = partial(arms.plan_together, scenes=scenes)
+            legs[key] = plan_leg(together, program, visit.indices, stands, caps)
         times = times_in_round(visit.laps, program.loops_around(index))
         arrivals.append(Arrival(visit, legs[key], times))
         stands = _after(arms, program.steps[index], stands)
-        for name, plan in legs[key].picks.items():
-            last = [*plan.plans][-1]
-            stands[name] = Stand(plan.plans[last].q_goal, plan.q_jaw(last))
-            upright[plan.item] = plan.R_base_item
-            _carry(arms, scenes, name, plan)
+        for name, each in program.steps[index].items():
+            try:
+                _pick(arms, legs[key], name, each, stands, scenes, upright)
+            except ConfigError as error:
+                named = f"{program.called(index)}: {error.key}"
+                raise ConfigError(named, error.value, error.reason) from None
+            except So101Error as error:
+                raise error.about(program.called(index)) from None
     return Rehearsal(program=program, arrivals=tuple(arrivals))
 
 
@@ -233,50 +209,31 @@ def plan_leg(
     return Leg(indices=indices, plans=plans, at=(*at, ends), stands=stands)
 
 
-def _picked(
+def _pick(
     arms: Arms,
-    program: Program,
-    index: int,
-    stands: Mapping[str, Stand],
-    scenes: Mapping[str, Scene],
-    upright: Mapping[str, Array],
-) -> dict[str, PickPlan]:
-    """What each arm picks and places in a step, when it has arrived."""
-    found = {}
-    for name, each in program.steps[index].items():
-        picker = arms.members[name].picker
-        if each.item is None or picker is None:
-            continue
-        scene = scenes.get(name) or picker.around()
-        try:
-            found[name] = picker.plan(
-                each.item,
-                place_from(each.place, scene),
-                stand=stands[name],
-                scene=scene,
-                upright=upright.get(each.item),
-            )
-        except ConfigError as error:
-            key = f"{program.called(index)}: {error.key}"
-            raise ConfigError(key, error.value, error.reason) from None
-        except So101Error as error:
-            raise error.about(program.called(index)) from None
-    return found
-
-
-def _carry(arms: Arms, scenes: dict[str, Scene], name: str, plan: PickPlan) -> None:
-    """Have the item in all scenes where an arm brings it."""
-    picker = arms.members[name].picker
-    assert picker is not None
-    scenes[name] = plan.applied(scenes.get(name) or picker.around(), "end")
-    if isinstance(arms, Solo):
+    leg: Leg,
+    name: str,
+    waypoint: Waypoint,
+    stands: dict[str, Stand],
+    scenes: dict[str, Scene],
+    upright: dict[str, Array],
+) -> None:
+    """Plan what an arm picks after a leg, unless that is done; bring the item there."""
+    picker, item = arms.members[name].picker, waypoint.item
+    if item is None or picker is None:
         return
-    put = next((each for each in scenes[name].items if each.name == plan.item), None)
-    for other, member in arms.members.items():
-        if other != name:
-            T = member.T_cell_base.inverse @ arms.members[name].T_cell_base
-            scene = scenes.get(other) or member.arm.scene
-            scenes[other] = with_item(scene, plan.item, put, T)
+    scene, plan = scenes.get(name) or picker.around(), leg.picks.get(name)
+    if plan is None:
+        place, R = place_from(waypoint.place, scene), upright.get(item)
+        plan = picker.plan(item, place, stand=stands[name], scene=scene, upright=R)
+        leg.picks[name] = plan
+    stands[name], upright[item] = Stand(*plan.at(plan.duration)), plan.R_base_item
+    scenes[name] = plan.applied(scene, "end")
+    put = next((each for each in scenes[name].items if each.name == item), None)
+    members = arms.members if isinstance(arms, Cell) else {}
+    for other in members.keys() - {name}:
+        T = members[other].T_cell_base.inverse @ members[name].T_cell_base
+        scenes[other] = with_item(scenes.get(other) or members[other].arm.scene, item, put, T)
 
 
 def stands_at(q: Array, other: Array) -> bool:
@@ -303,7 +260,7 @@ def _planned(
     stands: Mapping[str, Stand],
 ) -> dict[str, Plan]:
     try:
-        return planner.plan_together(goals, limits=limits, stands=stands)
+        return planner(goals, limits=limits, stands=stands)
     except PlanningError as error:
         raise error.about(program.called(index)) from None
 

@@ -26,7 +26,7 @@ from so101_motion.planning.timing.torque import slowed
 from so101_motion.tasks.picking import place_from
 from so101_motion.tasks.program.loops import Visit
 from so101_motion.tasks.program.program import ARM, SLOWEST, Program, Waypoint
-from so101_motion.tasks.program.rehearsal import Among, Leg, Rehearsal, plan_leg, stands_at
+from so101_motion.tasks.program.rehearsal import Leg, Rehearsal, plan_leg, stands_at
 from so101_motion.tasks.program.solo import Arms
 
 SAME_JAW = to_rad(5.0)
@@ -158,9 +158,9 @@ class ProgramRun:
         caps = {name: self._arms.members[name].arm.limits for name in self.program.arms}
         pickers = {name: self._arms.members[name].picker for name in self.program.picking}
         scenes = {name: each.around() for name, each in pickers.items() if each is not None}
-        among = Among(self._arms, scenes)
+        together = partial(self._arms.plan_together, scenes=scenes)
         try:
-            anew = plan_leg(among, self.program, leg.indices, self._arms.stands(), caps)
+            anew = plan_leg(together, self.program, leg.indices, self._arms.stands(), caps)
             return replace(anew, picks=leg.picks)
         except PlanningError as error:
             self._error = error

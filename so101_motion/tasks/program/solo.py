@@ -35,17 +35,15 @@ class Solo:
         arm: Arm,
         gripper: GripperLike | None,
         clock: Clock,
-        *,
-        scene: Scene | None = None,
         picker: Picker | None = None,
     ) -> None:
-        self.arm, self.gripper, self.clock, self.scene = arm, gripper, clock, scene
-        self.picker = picker
+        self.arm, self.gripper, self.clock, self.picker = arm, gripper, clock, picker
+        self.scene: Scene | None = None
 
     @classmethod
     def of(cls, rig: RigLike) -> Solo:
         picker = rig.picker if isinstance(rig, Rig) else None
-        return cls(rig.arm, rig.gripper, rig.clock, picker=picker)
+        return cls(rig.arm, rig.gripper, rig.clock, picker)
 
     @property
     def members(self) -> Mapping[str, Solo]:

@@ -174,7 +174,7 @@ class _Legs:
             stands, caps = {ARM: Stand(q_start, q_jaw)}, {ARM: self._limits}
             try:
                 program = task.program(q).on([ARM])
-                self._made[key] = plan_leg(self, program, indices, stands, caps).plan
+                self._made[key] = plan_leg(self.plan_together, program, indices, stands, caps).plan
             except PlanningError as error:
                 self._made[key] = error
         made = self._made[key]
