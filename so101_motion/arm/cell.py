@@ -46,19 +46,13 @@ if TYPE_CHECKING:
 
 
 def with_item(scene: Scene, name: str, item: Obstacle | None, T_base_other: SE3) -> Scene:
-    """An arm's scene with an item where another arm has it, or without it.
-
-    Args:
-        scene: The arm's scene.
-        name: The item's name.
-        item: The item in the other arm's base frame; None if it is held or gone.
-        T_base_other: Pose of the other arm's base.
-    """
+    """An arm's scene with an item as another arm, at ``T_base_other``, has it; None: without it."""
     others = tuple(each for each in scene.obstacles if each.name != name)
     if item is None or any(each.name == name for each in scene.attached):
         return scene if len(others) == len(scene.obstacles) else replace(scene, obstacles=others)
     here = replace(item, T_base_obstacle=T_base_other @ item.T_base_obstacle)
-    return replace(scene, obstacles=(*others, here))
+    is_known = any(here.is_same(each) for each in scene.obstacles)
+    return scene if is_known else replace(scene, obstacles=(*others, here))
 
 
 class Cell:

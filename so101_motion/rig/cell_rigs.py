@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from threading import RLock
 
 import numpy as np
 
@@ -51,8 +50,6 @@ class CellRigs:
     def __init__(self, file: CellFile, rigs: Mapping[str, Rig], closing: ExitStack) -> None:
         self.file, self.rigs = file, dict(rigs)
         self.cell, self._closing = Cell(), closing
-        self._sharing = RLock()  # held while one arm's items are put into the scenes of others
-        self._is_sharing = False
         for arm in file.arms:
             rig = self.rigs[arm.name]
             if arm.tool:
@@ -65,26 +62,19 @@ class CellRigs:
     def _share(
         self, name: str, then: Callable[[Scene, Scene], None] | None, before: Scene, now: Scene
     ) -> None:
-        """Have the items that an arm has taken or put down so in the scenes of the others."""
+        """Have what an arm has taken or put down so in the scenes of the others, too."""
         if then is not None:
             then(before, now)
         items, old = ({each.name: each for each in scene.items} for scene in (now, before))
         changed = [key for key in {**old, **items} if items.get(key) is not old.get(key)]
-        with self._sharing:
-            if self._is_sharing or not changed:
-                return
-            self._is_sharing = True
-            try:
-                members = self.cell.members
-                for other, rig in self.rigs.items():
-                    T = members[other].T_cell_base.inverse @ members[name].T_cell_base
-                    scene = rig.arm.scene
-                    for key in changed if other != name else ():
-                        scene = with_item(scene, key, items.get(key), T)
-                    if scene is not rig.arm.scene:
-                        rig.arm.scene = scene
-            finally:
-                self._is_sharing = False
+        members = self.cell.members
+        for other, rig in self.rigs.items():
+            T = members[other].T_cell_base.inverse @ members[name].T_cell_base
+            scene = rig.arm.scene
+            for key in changed if other != name else ():
+                scene = with_item(scene, key, items.get(key), T)
+            if scene is not rig.arm.scene:
+                rig.arm.scene = scene
 
     def zeros(self) -> dict[str, EncoderZeros | None]:
         """The zeros of each arm's calibration, by the arm's name; None if not known."""

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -57,14 +57,7 @@ LONGEST = 60.0  # how long the way may take, unless less is asked for [s]; chose
 Waiter = Callable[["Future[None]", float], None]  # waits at most so long [s]; raises the error
 
 
-class Session(RigLike, Protocol):
-    """A rig that can be left; ``Rig`` describes both."""
-
-    at_end: str
-    on_left: Callable[[str], None]
-
-
-def leave_as_asked(rig: Session) -> None:
+def leave_as_asked(rig: Any) -> None:
     """Carry out ``at_end``, once; after an error, and if there is no way, the arm holds."""
     how, rig.at_end = rig.at_end, "hold"
     error = sys.exc_info()[1]

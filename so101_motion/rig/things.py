@@ -36,7 +36,7 @@ def keep_up(things: Things, before: Scene, now: Scene, *, friction: float = FRIC
     held = {each.name for each in before.attached}
     for item in now.items:
         if item.name not in things.names or not (
-            item.name in held or _is_same(item, known.get(item.name))
+            item.name in held or item.is_same(known.get(item.name))
         ):
             things.put(_thing(item, friction))
     there = {item.name for item in now.items} | {each.name for each in now.attached}
@@ -45,15 +45,6 @@ def keep_up(things: Things, before: Scene, now: Scene, *, friction: float = FRIC
     things.surround(
         now.floor_z,
         [_support(each) for each in now.obstacles if each.mass is None and not each.keep_out],
-    )
-
-
-def _is_same(item: Obstacle, old: Obstacle | None) -> bool:
-    return (
-        old is not None
-        and item.mass == old.mass
-        and item.shape.fingerprint() == old.shape.fingerprint()
-        and np.allclose(item.T_base_obstacle.matrix, old.T_base_obstacle.matrix, atol=1e-9)
     )
 
 

@@ -257,6 +257,15 @@ class Obstacle:
                 reason = "a zone is empty space" if self.keep_out else "an item weighs more"
                 raise ConfigError("mass", self.mass, f'of "{self.name}" cannot be: {reason}')
 
+    def is_same(self, other: Obstacle | None) -> bool:
+        """Whether it is the other one, at the same place."""
+        return (
+            other is not None
+            and (self.name, self.mass) == (other.name, other.mass)
+            and self.shape.fingerprint() == other.shape.fingerprint()
+            and np.allclose(self.T_base_obstacle.matrix, other.T_base_obstacle.matrix, atol=1e-9)
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Attached:

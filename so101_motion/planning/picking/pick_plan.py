@@ -461,13 +461,8 @@ class _Planning:
         """Refuse that the jaw comes too near something while the arm stands."""
         for q_jaw in np.linspace(begin, end, 4)[1:]:
             for each in self._collision(scene).nearest(q, q_jaw, within=scene.margin):
-                pair = {each.first, each.second}
-                if LINKS[-1] in pair and each.distance <= each.margin:
-                    (other,) = pair - {LINKS[-1]}
-                    raise NoPath(
-                        f"when the jaw {what}, it would come too near {scene.called(other)}",
-                        where="goal", blockers=(other,),
-                    )  # fmt: skip
+                if LINKS[-1] in (each.first, each.second) and each.distance <= each.margin:
+                    raise self._close_call(scene, q, q_jaw, f"when the jaw {what}")
 
     def _close_call(self, scene: Scene, q: Array, q_jaw: float, when: str) -> PlanningError:
         closest = self._collision(scene).clearance(q, q_jaw)

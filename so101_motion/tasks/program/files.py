@@ -38,6 +38,7 @@ ZerosOfArms = Mapping[str, EncoderZeros | None]  # of the arms' calibrations; No
 
 _FILE_NAME = re.compile(r"\w[\w .-]*")
 _ENDLESS = "endless"
+_FIGURES = ("aperture_percent", "pause_s", "speed_percent")
 
 
 def folder() -> Path:
@@ -228,10 +229,7 @@ def waypoint_from(what: str, content: object) -> Waypoint:
     try:
         given = Attributes(
             content,
-            (
-                *("name", "q_deg", "aperture_percent", "pause_s", "pass", "speed_percent"),
-                *("item", "place"),
-            ),
+            ("name", "q_deg", "pass", "item", "place", *_FIGURES),
             kind="entry",
         )
         aperture = given.number("aperture_percent", -1.0, lower=0.0, upper=100.0, unit="%")
