@@ -151,10 +151,10 @@ class ArmSession:
         for ending in endings:
             self.wait(ending, REST_WITHIN)
 
-    def go(self, q: Array, *, within: float = PARKED_WITHIN) -> None:
+    def go(self, q: Array) -> None:
         """Move along a plan to joint angles, shape (5,), [rad], with the approach caps; wait."""
         motion = self.rig.arm.move(JointGoal(q=q), limits=self._pace.approach, wait=False)
-        wait_for(motion, within, self.wait)
+        wait_for(motion, PARKED_WITHIN, self.wait)
 
     def release_where_it_lies(self, poses: tuple[Array, ...]) -> bool:
         """As ``session_end.release_where_it_lies``."""

@@ -78,23 +78,10 @@ def serve_setup(
 ) -> SetupApp:
     """Serve the setup app.
 
-    Args:
-        host: Address to listen on.
-        port: Port to listen on; 0 for any free one; None for 8080 or the next free one after it.
-        allow_remote: Whether ``host`` may be more than this machine's loopback.
-        ports: Serial ports to look at instead of all there are.
-        reply_timeout: How long a motor may take to answer beyond the time on the wire [s].
-        machine: The machine to set up, which needs a calibration sensor; closed by its owner.
-        progress_file: Keeps the progress of the setup; the terminal's file by default.
-        key_of: As for ``start_guarded``.
-
-    Returns:
-        The running app; its ``url`` is the link that opens it.
-
-    Raises:
-        CalibrationError: This user has no place for files.
-        ConfigError: The host or port cannot be used.
-        GuardError: The server answered a request without the key; it is stopped again.
+    Only ``ports`` are looked at, if any are given; a motor may take ``reply_timeout`` [s] to answer
+    beyond the time on the wire. A ``machine`` needs a calibration sensor; its owner closes it.
+    ``progress_file`` keeps the progress, by default the terminal's file. Other arguments and errors
+    are those of ``start_guarded``; ``CalibrationError`` if this user has no place for files.
     """
     known = None if machine is None else known_arm(machine)
     source = known or ports_of(tuple(ports), reply_timeout)

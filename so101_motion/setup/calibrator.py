@@ -27,7 +27,6 @@ from so101_motion.common.errors import CalibrationError, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.common.units import to_deg
-from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
 from so101_motion.drivers.bus.defaults import BAUDRATE
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, Ticks
@@ -117,11 +116,10 @@ class Calibrator(Session):
         joints: Collection[str] = JOINTS,
         *,
         baudrate: int = BAUDRATE,
-        reply_timeout: float = REPLY_TIMEOUT,
     ) -> Calibrator:
         """Open a port to calibrate what is on it into ``file``; nothing is driven."""
         asked = ServoSettings(port=port, baudrate=baudrate, timeout=None, fallback_file=file)
-        rig = open_hardware(asked, reply_timeout=reply_timeout)
+        rig = open_hardware(asked)
         try:
             return cls(rig, joints)
         except BaseException:

@@ -321,7 +321,7 @@ def _judge(port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile]) -> Po
     report = PortReport(
         port=port,
         sentence="",
-        joints=tuple(joint for joint, i in SERVO_IDS.items() if _is_ours(seen, i)),
+        joints=tuple(joint for joint, i in SERVO_IDS.items() if seen.has(i)),
         servo_ids=tuple(sorted((*seen.servos, *seen.shared))),
         baudrate=seen.baud,
     )
@@ -349,11 +349,6 @@ def _judge(port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile]) -> Po
         agreeing=agreeing if file is None else None,
         sentence=f"{_about_arm(seen, role, report.joints)}; {about_file}",
     )
-
-
-def _is_ours(seen: ServosOnBus, servo_id: int) -> bool:
-    facts = seen.servos.get(servo_id)
-    return facts is not None and facts.fits_arm
 
 
 def _calibration(

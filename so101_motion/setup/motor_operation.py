@@ -599,10 +599,9 @@ class ChainOperation(LocalOperation):
         *,
         waits: bool = False,
         is_busy: Callable[[], bool] = lambda: False,
-        now: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__()
-        self._motors, self._waits, self._is_busy, self._now = motors, waits, is_busy, now
+        self._motors, self._waits, self._is_busy = motors, waits, is_busy
         self._looked_at, self._is_accepted = 0.0, False
         self.commands = {"verify": self._verify, "accept": self._accept}
 
@@ -610,7 +609,7 @@ class ChainOperation(LocalOperation):
     def view(self) -> View:
         found = self._motors.checked
         wrong = () if found is None else tuple(c for c in found.motors.values() if c.error)
-        due = max(self._looked_at + PAUSE - self._now(), 0.0) if self._waits else None
+        due = max(self._looked_at + PAUSE - time.monotonic(), 0.0) if self._waits else None
         title = "Verify all six" if found is None else "Verify again"
         why = "The calibration is under way: press Next." if self._is_busy() else None
         verify = Offer(command="verify", title=title, why_not=why, due_in=due, is_look=self._waits)
@@ -636,7 +635,7 @@ class ChainOperation(LocalOperation):
         try:
             found = self._motors.verify()
         finally:
-            self._looked_at = self._now()
+            self._looked_at = time.monotonic()
         error = {} if found.ok else {"error": found.sentence}  # the published setup page shows it
         return {
             "success": found.ok,

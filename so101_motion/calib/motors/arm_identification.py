@@ -161,11 +161,7 @@ class ServosOnBus:
     @property
     def has_arm(self) -> bool:
         """Whether all five servos of an arm are there and of its kind."""
-        return all(self._is_there(SERVO_IDS[joint]) for joint in ARM_JOINTS)
-
-    @property
-    def has_gripper(self) -> bool:
-        return self._is_there(SERVO_IDS[JOINTS[-1]])
+        return all(self.has(SERVO_IDS[joint]) for joint in ARM_JOINTS)
 
     @property
     def held(self) -> dict[str, HeldCalibration]:
@@ -186,7 +182,8 @@ class ServosOnBus:
     def unexpected_ids(self) -> tuple[int, ...]:
         return tuple(i for i in (*self.servos, *self.shared) if i not in SERVO_IDS.values())
 
-    def _is_there(self, servo_id: int) -> bool:
+    def has(self, servo_id: int) -> bool:
+        """Whether this servo is there and can drive a joint."""
         facts = self.servos.get(servo_id)
         return facts is not None and facts.fits_arm
 

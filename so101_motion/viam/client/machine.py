@@ -73,7 +73,6 @@ class Machine:
 
     @property
     def resources(self) -> tuple[Resource, ...]:
-        """The machine's resources."""
         return tuple(
             Resource(name=each.name, api=f"{each.type}:{each.subtype}")
             for each in self._link.client().resource_names

@@ -199,6 +199,8 @@ _log = logging.getLogger(__name__)
 _LOOKED_AROUND = 1.0
 """Time between two readings of what the machine has around the arm [s]; chosen, as its guard."""
 
+_VIEWED = 0.3  # time between two readings of an operation's view [s]; chosen
+
 _SILENT = "the obstacles around the arm are not known: the machine did not answer in time"
 
 _RANGE_KEYS = ("joint_min_deg", "joint_max_deg")
@@ -265,18 +267,10 @@ class MachineRig(Machine):
         arm: str | None = None,
         gripper: str | None = None,
     ) -> MachineRig:
-        """Connect to a machine; nothing moves.
+        """Connect as ``Machine.connect`` does; nothing moves.
 
-        Args:
-            address: As on the machine's CONNECT page, or host and port.
-            api_key_id: The id of an API key; without a key the connection is plain and direct.
-            api_key: The key.
-            arm: Which arm; the only one by default.
-            gripper: Which gripper; the only one by default, and none if there is none.
-
-        Raises:
-            MachineUnavailable: It cannot be reached.
-            ConfigError: It has no such arm or gripper, or several and none was named.
+        ``arm`` and ``gripper`` name one of several. ``ConfigError`` if the machine has none of that
+        name, or several arms and none was named; without a gripper only the arm is moved.
         """
         access = Access(address=address, api_key_id=api_key_id, api_key=api_key)
         return cls(access, arm=arm, gripper=gripper)
@@ -349,8 +343,8 @@ class MachineRig(Machine):
 
         return self.arm.start_series([run])
 
-    def operation(self, name: str, moves: Collection[str], *, period: float = 0.3) -> Operation:
-        """An operation of the machine's arm, whose view is read every ``period`` [s].
+    def operation(self, name: str, moves: Collection[str]) -> Operation:
+        """An operation of the machine's arm.
 
         A command in ``moves`` is a motion that a stop here ends; its answer is empty.
 
@@ -365,7 +359,7 @@ class MachineRig(Machine):
                 return {"answer": "{}"}
             return self.do_command(self.arm_name, request)
 
-        return RemoteOperation(send, name, period=period)
+        return RemoteOperation(send, name, period=_VIEWED)
 
     @interrupts.held()
     def close(self) -> None:

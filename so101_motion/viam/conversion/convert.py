@@ -64,7 +64,6 @@ def to_pose(T: SE3) -> Pose:
 
 
 def from_pose(pose: Pose) -> SE3:
-    """Viam's pose as a transform."""
     values = {key: getattr(pose, key) for key in ("x", "y", "z", "o_x", "o_y", "o_z", "theta")}
     units = {"x": "mm", "y": "mm", "z": "mm", "theta": "deg"}
     for key, value in values.items():

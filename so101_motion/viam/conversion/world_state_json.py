@@ -23,7 +23,6 @@ _AT_ONCE = 1_000
 
 
 def world_state_json(scene: Scene, *, arm: str = "arm") -> Json:
-    """The WorldState for a scene."""
     world: Json = {}
     if scene.obstacles:
         geometries = [

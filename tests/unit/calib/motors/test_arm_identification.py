@@ -37,7 +37,7 @@ def test_a_finished_arm_is_seen_without_being_written_to():
     bus = LentBus()
     seen = seen_on(bus)
     assert seen.has_arm
-    assert seen.has_gripper
+    assert seen.has(6)
     assert not seen.is_empty
     assert seen.unexpected_ids == ()
     assert seen.baud == 1_000_000
@@ -53,7 +53,7 @@ def test_an_arm_needs_five_servos_of_its_kind():
     bus = LentBus({1: 1, 2: 2, 3: 3, 5: 5, 6: 6})
     assert not seen_on(bus).has_arm
     seen = seen_on(LentBus({1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 9}))
-    assert (seen.has_arm, seen.has_gripper, seen.unexpected_ids) == (True, False, (9,))
+    assert (seen.has_arm, seen.has(6), seen.unexpected_ids) == (True, False, (9,))
     bus = LentBus()
     bus.set(3, model_number=2825)
     seen = seen_on(bus)
