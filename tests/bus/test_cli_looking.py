@@ -13,6 +13,7 @@ from so101_motion.drivers.bus import registers
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.faults import FaultEvent
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.drivers.servo_types import ServoFigures
 from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
@@ -84,6 +85,20 @@ def test_all_arms_are_in_one_table_and_nobody_has_moved(arm, file):
     (found,) = told("arms", "--port", arm.port)["arms"]
     assert found["calibration_file"] == str(file)
     assert memories(arm) == before
+
+
+def test_a_port_that_is_there_without_an_arm_has_its_row(tmp_path):
+    options = EmulatorOptions(link=tmp_path / "empty", ids={}, loose=True)
+    with Emulator(options) as emulator:
+        result = run("arms", "--port", emulator.port)
+    assert result.exit_code == 3
+    assert "power supply" in " ".join(result.stdout.split())
+
+
+def test_the_status_names_a_hot_servo(arm):
+    arm.begin(FaultEvent(kind="hot", servo="gripper", value=72.0))
+    assert "too hot (72 degC" in told("status", "--port", arm.port)["alarms"]["gripper"]
+    assert "gripper: its servo is too hot" in run("status", "--port", arm.port).stderr
 
 
 # A configuration
