@@ -101,9 +101,13 @@ def build(target: str | None = None) -> Path:
         sources = [str(each) for each in sorted(SOURCES.glob("*.c"))]
         made = f"{folder}/made.so"
         # Without contraction, arithmetic is the same on every processor.
-        rest = ["-ffp-contract=off", *(("-s",) if system == "linux" else ()), "-shared"]
+        rest = ["-ffp-contract=off", "-shared"]
+        if system == "darwin":  # which otherwise keeps the path it was linked at
+            rest.append("-Wl,-install_name,@rpath/native.so")
         if "ziglang" in compiler:
             rest.append("-mcpu=baseline")  # otherwise it compiles for this processor
+        if "ziglang" in compiler or system == "linux":
+            rest.append("-s")
         if not _succeeds([*compiler, *FLAGS, *rest, "-o", made, *objects, *sources, "-lm"]):
             sys.exit("the C library of planning could not be compiled; see above")
         for old in SOURCES.glob(f"native-*-{system}-{machine.lower()}.so"):
