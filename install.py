@@ -195,7 +195,10 @@ def slim(environment: Path) -> None:
     for packages in environment.glob("lib/python3*/site-packages"):
         prefix = packages / "cmeel.prefix"
         for folder in (
-            *(prefix / name for name in ("bin", "include", "lib/cmake", "lib/pkgconfig")),
+            *(
+                prefix / name
+                for name in ("bin", "include", "share/doc", "lib/cmake", "lib/pkgconfig")
+            ),
             *(
                 folder
                 for name in ("numpy", "scipy")
