@@ -125,12 +125,12 @@ def task_of(program: Program, *, approach_tolerance: float = APPROACH_TOLERANCE)
     """Make a task for an arm anywhere from a program that was taught on an arm at the origin.
 
     The tool goes to the same points with the same approach within ``approach_tolerance`` [rad]; the
-    rotation about it is free. ``ConfigError`` if it has loops.
+    rotation about it is free. ``ConfigError`` if it has loops, or picks items.
     """
-    if program.loops:
-        raise ConfigError(
-            "loops", len(program.loops), "are not possible in a task; save the program without them"
-        )
+    for key, many in (("loops", program.loops), ("items", program.picking)):
+        if many:
+            reason = "are not possible in a task; save the program without them"
+            raise ConfigError(key, len(many), reason)
     model = RobotModel.load()
     poses = []
     for each in program.waypoints:

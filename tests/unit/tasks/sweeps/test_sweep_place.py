@@ -15,7 +15,7 @@ from so101_motion.files.cell_file import read_cell
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program import Program, Waypoint, files
+from so101_motion.tasks.program import Loop, Program, Waypoint, files
 from so101_motion.tasks.sweeps import (
     FixedArm,
     PlaceSweep,
@@ -197,6 +197,10 @@ def test_a_program_is_a_task_for_any_base(tmp_path):
     for waypoint, q in zip(waypoints, found.best[0].q, strict=True):
         assert model.frame(q).p == pytest.approx(model.frame(waypoint.q).p, abs=1e-5)
     assert task_of(Program.of_waypoints(waypoints)).poses[0].name == "a"
+    picks = Program.of_waypoints((*waypoints, replace(waypoints[0], item="cube")))
+    for odd in (picks, Program.of_waypoints(waypoints, loops=(Loop(first=0, last=1, times=2),))):
+        with pytest.raises(ConfigError, match="are not possible in a task"):
+            task_of(odd)
 
 
 @pytest.mark.parametrize(
