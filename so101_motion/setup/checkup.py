@@ -488,9 +488,10 @@ def _zeros(seen: Findings) -> Iterator[Check]:
     *each, together = seen.zero_reports or (None,)
     if together is None:
         return
-    knows_nothing = together.by == "middle"  # then a sentence about all joints says it all
-    for meaning in () if knows_nothing else each:
-        is_guess = meaning.by == "middle" and meaning.joint != "wrist_roll"
+    knows_nothing = together.by == "middle"
+    guessed = [m.joint for m in each if m.by == "middle" and m.joint != "wrist_roll"]
+    for meaning in each if guessed and not knows_nothing else ():  # else all joints are alike
+        is_guess = meaning.joint in guessed
         yield Check(
             name=f"zero of {meaning.joint}",
             verdict="warn" if is_guess else "ok",

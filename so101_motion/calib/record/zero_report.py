@@ -88,8 +88,8 @@ def _of_joint(joint: str, zero: Zero, entry: JointCalibration, jaws: _Jaws) -> Z
             )
     else:
         sentence = (
-            f"the middle of its travel is at {angle_deg:+.1f} deg, {_source(joint, zero, entry)};"
-            f" LeRobot takes it for 0, up to {most:.0f} mm away at the jaws"
+            f"zero is known {_source(joint, zero, entry)}; LeRobot's, the middle of the travel, is"
+            f" at {angle_deg:+.1f} deg, up to {most:.0f} mm at the jaws"
         )
     return ZeroReport(
         joint=joint,
@@ -103,12 +103,12 @@ def _of_joint(joint: str, zero: Zero, entry: JointCalibration, jaws: _Jaws) -> Z
 def _source(joint: str, zero: Zero, entry: JointCalibration) -> str:
     if zero.by == "stops":
         more_deg = to_deg(excess(joint, entry))
-        word = "more" if more_deg > 0.0 else "less"
-        return f"by its stops (recorded {abs(more_deg):.1f} deg {word} than between them)"
+        word = "longer" if more_deg > 0.0 else "shorter"
+        return f"by its stops (the travel is {abs(more_deg):.1f} deg {word} than between them)"
     return {
-        "pose": "by the pose it was held in",
-        "homing": "by the pose of set_homing",
-        "configured": "as joint_zero_offsets_deg says",
+        "pose": "from the pose it was held in",
+        "homing": "from the pose of set_homing",
+        "configured": "from joint_zero_offsets_deg",
     }[zero.by]
 
 
@@ -122,8 +122,8 @@ def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> ZeroReport:
         )
     else:
         sentence = (
-            f"all together: the jaws are {mean:.0f} mm on average and at most {most:.0f} mm from"
-            " where LeRobot would report them with this calibration"
+            f"the zeros in use differ from LeRobot's by {mean:.0f} mm at the jaws on average, at"
+            f" most {most:.0f} mm"
         )
     sources = ", ".join(sorted({zero.by for zero in zeros.values()}))
     return ZeroReport(joint="", by=sources, angle_deg=0.0, jaws_mm=most, sentence=sentence)

@@ -154,10 +154,10 @@ def test_zeros_that_are_known_are_reported_with_their_source(model):
     } | {"shoulder_pan": Zero(by="configured", angle=math.radians(4.0))}
     pan, _, elbow, _, roll, together = explain(zeros, calibrated(zeros), model)
 
-    assert "+4.0 deg, as joint_zero_offsets_deg says" in pan.sentence
-    assert "by its stops (recorded 0.1 deg more" in elbow.sentence
+    assert "from joint_zero_offsets_deg" in pan.sentence
+    assert "by its stops (the travel is 0.1 deg longer" in elbow.sentence
     assert elbow.jaws_mm == pytest.approx(30.0, abs=3.0)
-    assert "by the pose it was held in" in roll.sentence
+    assert "from the pose it was held in" in roll.sentence
     assert together.by == "configured, pose, stops"
     assert 45.0 < together.jaws_mm < 60.0
 
