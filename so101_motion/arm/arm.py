@@ -155,6 +155,8 @@ class Arm(CappedJoints):
 
     @scene.setter
     def scene(self, scene: Scene) -> None:
+        if not isinstance(scene, Scene):
+            raise ConfigError("scene", scene, "must be a Scene of obstacles, even of none")
         before, self._scene = self._scene, self._tooled(scene)
         if self.on_scene is not None:
             self.on_scene(before, self._scene)

@@ -394,6 +394,11 @@ class Scene:
     digest: bytes = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        for key, kind in (("obstacles", Obstacle), ("attached", Attached)):
+            given = getattr(self, key)
+            if not (isinstance(given, list | tuple) and all(isinstance(e, kind) for e in given)):
+                raise ConfigError(key, given, f"must be a tuple of {kind.__name__}")
+            object.__setattr__(self, key, tuple(given))
         if self.floor_z is not None and not abs(self.floor_z) <= LARGEST:
             raise ConfigError("floor_z", self.floor_z, "must be a finite height [m], or None")
         if self.floor_z is not None:
@@ -511,6 +516,9 @@ def _weighed(name: str, mass: float) -> None:
 
 
 def _placed(name: str, pose: SE3) -> None:
+    if not isinstance(pose, SE3):
+        reason = f'of "{name}" must be an SE3, such as SE3.from_translation((0.2, 0, 0.1))'
+        raise ConfigError("pose", pose, reason)
     if not (np.all(np.isfinite(pose.R)) and np.all(np.abs(pose.p) <= LARGEST)):
         reason = f'"{name}" must be within {LARGEST:g} m; did you mean millimetres?'
         raise ConfigError("pose", pose.p.tolist(), reason)

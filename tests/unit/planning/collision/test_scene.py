@@ -90,6 +90,8 @@ def held(name="pen", **settings):
         (lambda: PointCloud(points=CORNERS, resolution=0.0), '"resolution" = 0.0: must be more'),
         (lambda: PointCloud(points=CORNERS, resolution=1e-6), "too fine .* make it 3.1e-06 m or"),
         (lambda: obstacle(name=""), "each obstacle needs a name"),
+        (lambda: Obstacle(name="a", shape=Sphere(radius=0.1), T_base_obstacle=(0, 0, 1)), "an SE3"),
+        (lambda: Scene(obstacles=obstacle()), "must be a tuple of Obstacle"),
         (lambda: obstacle(pose=SE3.from_translation((300, 0, 0))), '"mug" must be within 100 m'),
         (lambda: obstacle(pose=SE3.from_translation((np.nan, 0, 0))), '"mug" must be within'),
         (lambda: held(mass=-1.0), '"mass" = -1.0: of "pen" must be 0 to 100 kg'),
