@@ -100,10 +100,10 @@ async def test_invalid_input_is_refused_with_a_sentence(client):
         ({"command": "replay_path", "name": "a", "outline": "yes"}, "outline"),
         ({"command": "replay_path", "name": "a", "speed_degs_per_sec": 900}, "speed_degs_per_sec"),
         ({"command": "delete_path", "name": "nobody"}, "no such path"),
-        ({"command": "restore_path"}, "is not kept"),
-        ({"command": "restore_path", "kept_as": "1 nobody"}, "is not kept"),
+        ({"command": "restore_path"}, "is gone; only the last"),
+        ({"command": "restore_path", "kept_as": "1 nobody"}, "is gone; only the last"),
         ({"command": "restore_path", "kept_as": "1 ../x"}, "letters, digits"),
-        ({"command": "restore_path", "kept_as": "../1 x"}, "is not kept"),
+        ({"command": "restore_path", "kept_as": "../1 x"}, "is gone; only the last"),
         ({"command": "play_path", "name": "a"}, "replay_path"),
     ]:
         await refused(client.do_command(request_), Status.INVALID_ARGUMENT, says)
