@@ -149,8 +149,8 @@ def test_late_reply_comes_after_the_answer_to_the_next_question(make_emulator):
 
 
 def test_a_reply_is_lost_when_the_client_has_changed_its_rate_meanwhile(make_emulator):
-    emulator = make_emulator(pacing=Pacing(realtime=True, latency=0.5))  # bears a stall of 0.4 s
-    with open_port(emulator, timeout=0.8) as port:
+    emulator = make_emulator(pacing=Pacing(realtime=True, latency=1.5))  # bears a stall of 1.4 s
+    with open_port(emulator, timeout=2.0) as port:
         port.write(PING)
         threading.Event().wait(0.1)  # the servo answers, the adapter still holds it
         port.baudrate = 500_000
