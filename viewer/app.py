@@ -211,20 +211,17 @@ class Preview(ServedPage):
 
 def serve(
     rig: RigLike,
-    host: str = "127.0.0.1",
-    port: int | None = None,
     *,
-    allow_remote: bool = False,
+    port: int | None = None,
     title: str = "Simulated arm",
     plan: Plan | None = None,
 ) -> Preview:
-    """Show ``rig`` in browsers.
+    """Show ``rig`` in browsers of this computer; ``port`` and errors are ``start_guarded``'s.
 
-    ``host``, ``port``, ``allow_remote`` and errors are those of ``start_guarded``. ``title`` says
-    which arm it is; ``plan`` is shown from the start. Close the preview before the rig.
+    ``title`` says which arm it is; ``plan`` is shown from the start. Close the preview before the
+    rig.
     """
-    source = Source.given(rig, title)
-    return serve_source(source, host, port, allow_remote=allow_remote, plan=plan)
+    return serve_source(Source.given(rig, title), port=port, plan=plan)
 
 
 def serve_source(

@@ -101,7 +101,7 @@ class JointAccuracy:
     def verdict(self) -> Verdict:
         if self.error is None:
             return "fail" if self.trouble else "not tested"
-        return "fail" if self.trouble else _worst(verdict for verdict, _ in self._findings())
+        return "fail" if self.trouble else max((v for v, _ in self._findings()), key=_RANK.index)
 
     @property
     def sentence(self) -> str:
@@ -302,10 +302,6 @@ def millimetres(length: float | None) -> str:
 
 
 _RANK: tuple[Verdict, ...] = ("ok", "warn", "fail")
-
-
-def _worst(verdicts: Any) -> Verdict:
-    return max(verdicts, key=_RANK.index)
 
 
 def _deg(angle: float | None) -> float | None:

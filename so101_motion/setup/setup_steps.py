@@ -14,17 +14,13 @@ from typing import Any
 from so101_motion.calib.motors.setup_view import SetupView
 from so101_motion.calib.procedure import view as calibration_view
 from so101_motion.calib.procedure.steps import State
-from so101_motion.calib.procedure.view import CalibrationView
+from so101_motion.calib.procedure.view import CalibrationProgress, CalibrationView
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.setup.calibrator import Calibrator
 from so101_motion.setup.checkup import Check, Findings, check_up, fail, ok, warn
 from so101_motion.setup.motor_operation import PUT_TOGETHER
-
-
-def _untouched() -> CalibrationView:
-    return calibration_view.show(calibration_view.CalibrationProgress(), None, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +30,9 @@ class SetupState:
     # the findings about the port and the servos of the finished chain
     seen: Findings = field(default_factory=Findings)
     setup: SetupView = field(default_factory=SetupView)  # the state of the motor setup
-    view: CalibrationView = field(default_factory=_untouched)  # the state of the calibration
+    view: CalibrationView = field(  # the state of the calibration
+        default_factory=lambda: calibration_view.show(CalibrationProgress(), None, 0.0)
+    )
     saved: Path | str | None = None  # the file of the calibration in force; None before it is saved
     tested: Check | None = None  # the result of the final test; None before it
 

@@ -151,11 +151,9 @@ class ServedPage:
         self._commands.post(command)
 
     def drop_commands(self) -> None:
-        """Drop all waiting commands; none has an effect after this."""
         self._commands.drop()
 
     def url_for_once(self) -> str:
-        """A link that opens the page once; see ``GuardedServer.url_for_once``."""
         return self._server.url_for_once()
 
     def __enter__(self) -> Self:

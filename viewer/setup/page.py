@@ -308,7 +308,7 @@ class ConfigurePage(StepPage):
             self._setup.saved = target.situation.saved
         if target is not None and not target.is_remote:
             make = partial(snippet, target)
-            self._setup.do("writing the configuration", make, self._take)
+            self._setup.do("writing the configuration", make, partial(setattr, self, "_text"))
 
     def refresh(self) -> bool:
         return False
@@ -354,9 +354,6 @@ class ConfigurePage(StepPage):
     def _show_preview(self, served: tuple[str, Callable[[], None]]) -> None:
         self._url, close = served
         self._setup.opened.callback(close)
-
-    def _take(self, text: str) -> None:
-        self._text = text
 
     def _hand_over(self, client: viser.ClientHandle) -> None:
         client.send_file_download(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -71,7 +72,9 @@ class WorldModel:
         self.dragging = False
         self.voxel = VOXEL
         self.scale = 1.0
-        self.saved_files = SavedFiles(lambda _name: self.file, lambda: (), self._tell)
+        self.saved_files = SavedFiles(
+            lambda _name: self.file, lambda: (), partial(setattr, self, "sentence")
+        )
         self.history = History(scene, self._return_to, now)
         self._given, self._given_at = scene, float("-inf")
 
@@ -234,9 +237,6 @@ class WorldModel:
         self.select(self.selected)
 
     # Helpers
-
-    def _tell(self, sentence: Sentence) -> None:
-        self.sentence = sentence
 
     def _name(self) -> str:
         if self.selected is None:
