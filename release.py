@@ -1,10 +1,10 @@
 """Make what a release consists of in ``dist/``: ``make release``.
 
-The wheel, which carries the library of planning for every system with wheels of Pinocchio, and the
-plugin's; the source distribution; the module's archives; a bill of materials (CycloneDX) of what
-the wheel needs; ``SHA256SUMS``. All are made from the last commit in an environment of their own
-with pinned tools, and nothing in them depends on the time or the folder: two builds have the same
-bytes.
+The wheel, which carries the library of planning for every system with wheels of Pinocchio; the
+plugin's wheel, and ruckig's for Linux on arm64; the source distribution; the module's archives; a
+bill of materials (CycloneDX) of what the wheel needs; ``SHA256SUMS``. All are made from the last
+commit in an environment of their own with pinned tools, and nothing in them depends on the time or
+the folder: two builds have the same bytes.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def main() -> None:
         run(python, "-c", backend, cwd=tree)
         for archive in ARCHIVES:
             run("./build.sh", *archive.split(), cwd=tree)
-        for made in (tree / "dist").glob("*.tar.gz"):
+        for made in (*(tree / "dist").glob("*.tar.gz"), *(tree / "wheels").glob("*.whl")):
             shutil.copy(made, DIST)
         for packed in DIST.glob("*.tar.gz"):
             pack_again(packed, int(epoch))
