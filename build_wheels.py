@@ -52,7 +52,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         python = str(folder / "bin" / "python")
-        os.environ["ZIG_GLOBAL_CACHE_DIR"] = os.environ["ZIG_LOCAL_CACHE_DIR"] = f"{name}/zig"
+        for cache in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"):
+            os.environ.setdefault(cache, f"{name}/zig")
         run(sys.executable, "-m", "venv", name)
         run(python, "-m", "pip", "install", "--quiet", *TOOLS)
         source = ("--no-deps", "--no-binary", "ruckig", "--dest", name)
