@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 from try_machines import (
+    CA_BUNDLE,
     RELEASES,
     RESULT,
     ROOT,
@@ -54,7 +55,8 @@ FOLDER = "/root/so101_motion"
 ALWAYS = ["base-files", "base-passwd", "coreutils", "dash", "grep", "libstdc++6", "sed"]
 """What every Debian has of what is used; nothing is unpacked but what is asked for."""
 TESTS = (
-    "tests/unit/planning/kinematics tests/unit/planning/timing tests/unit/common/test_geometry.py"
+    "tests/unit/planning/kinematics tests/unit/planning/timing/test_online.py "
+    "tests/unit/common/test_geometry.py"
 )
 TESTERS = ("pytest", "pytest-asyncio", "pytest-timeout", "pytest-xdist", "hypothesis")
 MOVES = [(x, y, z) for x in (180, 250) for y in (-80, 0, 80) for z in (100, 180)]
@@ -74,6 +76,9 @@ def make(root: Path, release: str, packages: list[str]) -> None:
     subprocess.run([*command, release, str(root), source], check=True, stdout=subprocess.DEVNULL)
     for name in ("passwd", "group"):
         shutil.copy(root / "usr/share/base-passwd" / f"{name}.master", root / "etc" / name)
+    certificates = root / CA_BUNDLE.relative_to("/")  # pip of Debian 13 opens it, also offline
+    certificates.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(CA_BUNDLE, certificates)
 
 
 def pip(release: str, site: Path, *asked: str) -> None:
