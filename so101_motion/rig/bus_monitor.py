@@ -8,20 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.protocol import Answer
 from so101_motion.drivers.bus.ticks import Ticks
 from so101_motion.drivers.feetech.connection import Connection
+from so101_motion.drivers.feetech.health import (
+    VITALS_COUNT,
+    VITALS_START,
+    HealthReadings,
+    JointHealth,
+)
 from so101_motion.drivers.port.serial_port import PortOpener
 
+_SILENT = 0.5  # how long without an answer until a servo is silent [s]; chosen: ten looks
 _PERIOD = 0.05  # [s] between two looks; fresh enough for a picture, near no load on the wire
 
 _START = reg.TORQUE_ENABLE.address
-_END = reg.PRESENT_POSITION.address + reg.PRESENT_POSITION.size
+_END = VITALS_START + VITALS_COUNT
 
 
 class BusMonitor:
@@ -39,12 +48,20 @@ class BusMonitor:
         self._opener, self._clock, self._reply_timeout = opener, clock, reply_timeout
         self._joints = {servo_id: joint for joint, servo_id in ids.items()}
         self._due = clock.now()
+        self._readings = HealthReadings(clock.now())
         self._baud = opener.baud
         self._connection = self._connect()
 
     @property
     def is_connected(self) -> bool:
         return self._connection.is_open
+
+    @property
+    def health(self) -> tuple[JointHealth, ...]:
+        """The health of each servo that has answered, base to jaw."""
+        now, counters = self._clock.now(), self._connection.counters
+        found = self._readings.health(self._joints, counters, ())
+        return tuple(replace(each, is_silent=now - each.t > _SILENT) for each in found)
 
     @contextmanager
     def bus(self) -> Iterator[Bus]:
@@ -94,9 +111,12 @@ class BusMonitor:
     def _positions(self, bus: Bus) -> dict[str, Ticks]:
         silent = [i for i, joint in self._joints.items() if joint not in self.positions]
         found = bus.sync_read(tuple(self._joints), _START, _END - _START, given_up=silent)
+        at = VITALS_START - _START
+        vitals = {i: Answer(each.data[at:], each.faults) for i, each in found.items()}
+        self._readings.take(self._clock.now(), vitals)
         blocks = {self._joints[i]: answer.data for i, answer in found.items()}
         self.driven = frozenset(
             joint for joint, data in blocks.items() if reg.TORQUE_ENABLE.cut(data, _START)
         )
-        at = reg.PRESENT_POSITION
-        return {joint: Ticks(at.cut(data, _START)) for joint, data in blocks.items()}
+        where = reg.PRESENT_POSITION
+        return {joint: Ticks(where.cut(data, _START)) for joint, data in blocks.items()}

@@ -181,16 +181,15 @@ class ServoDriver:
         if self._monitor is None and self._arm is None and not self.settings.required():
             self.monitor_only()  # whoever asked for servos left before they were found
         if self._monitor is not None:
-            self._last = self._seen(self._monitor)
-            return self._last
-        if self._arm is None and not self._is_asked:
+            reading = self._last = self._seen(self._monitor)
+        elif self._arm is None and not self._is_asked:
             return self.no_reading
-        arm = self._driver()
-        reading = arm.read()
+        else:
+            reading = self._driver().read()
         now = self._clock.now()
         if now >= self._look_due:
             self._look_due = now + _LOOK_PERIOD
-            self._alarms = alarms(arm.health)
+            self._alarms = alarms(self.health)
         return replace(reading, alarms=self._alarms) if self._alarms else reading
 
     def write(
@@ -287,7 +286,8 @@ class ServoDriver:
 
     @property
     def health(self) -> tuple[JointHealth, ...]:
-        return self._arm.health if self._arm is not None else ()
+        user = self._arm or self._monitor
+        return user.health if user is not None else ()
 
     @property
     def models(self) -> Mapping[str, ServoModel]:

@@ -14,6 +14,7 @@ from so101_motion.common.errors import MotionError, NoReply, PortUnavailable
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emu
+from so101_motion.drivers.emulator.faults import FaultEvent
 from so101_motion.planning.goals import JointGoal
 
 NOBODY = {"servo_ids": None, "gripper_id": None}
@@ -129,6 +130,20 @@ def test_where_the_joints_are_is_reported_while_a_hand_moves_them(bench):
     bench.advance(0.2)
     assert "wrist_roll" not in rig.servos.positions
     assert rig.arm.state.mode is Mode.CALIBRATING
+
+
+def test_a_servo_that_is_hot_is_told_while_its_arm_is_limp(bench):
+    rig = bench.open()
+    lease = rig.lend_bus("calibration")
+    bench.emulator.begin(FaultEvent(kind="hot", servo="gripper", value=72.0))
+    bench.advance(0.5)
+    assert [each.temperature_c >= 70 for each in rig.servos.health] == [False] * 5 + [True]
+    assert list(rig.arm.state.reading.alarms) == ["gripper"]
+    bench.emulator.begin(FaultEvent(kind="dead", servo="elbow_flex"))
+    bench.advance(1.0)
+    assert [each.joint for each in rig.servos.health if each.is_silent] == ["elbow_flex"]
+    bench.emulator.end(FaultEvent(kind="dead", servo="elbow_flex"))
+    lease.give_back()
 
 
 def test_the_driver_leaves_a_servo_alone_that_comes_up_meanwhile(bench):
