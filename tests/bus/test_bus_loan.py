@@ -143,6 +143,7 @@ def test_a_servo_that_is_hot_is_told_while_its_arm_is_limp(bench):
     bench.advance(1.0)
     assert [each.joint for each in rig.servos.health if each.is_silent] == ["elbow_flex"]
     bench.emulator.end(FaultEvent(kind="dead", servo="elbow_flex"))
+    bench.advance(1.0)
     lease.give_back()
 
 

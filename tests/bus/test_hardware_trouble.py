@@ -21,7 +21,7 @@ def test_setting_up_anew_without_a_port_says_what_helps_and_succeeds_by_itself_l
     bench.advance(0.2)
     with pytest.raises(PortUnavailable, match="check the USB cable"):
         rig.reload()
-    with pytest.raises(PortUnavailable, match=r"check the USB cable.*tried again"):
+    with pytest.raises(PortUnavailable, match=r"check the USB cable.*goes on trying"):
         bench.finish(rig.executor.hold())
     bench.emulator.plug()
     bench.advance(2.0)
