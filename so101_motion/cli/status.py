@@ -86,6 +86,7 @@ def _open_to_read(source: AnySource) -> RigLike:
 
 
 def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
+    from so101_motion.drivers.feetech.servo_judgement import alarms
     from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.viam.client import MachineRig
 
@@ -118,7 +119,7 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     }
     if isinstance(rig, HardwareRig):
         seen["joints_found"] = list(found)
-        seen["alarms"] |= _alarms(rig)
+        seen["alarms"] |= alarms(rig.servos.health)
         seen["notes"] = list(rig.servos.notes)
         if holds:  # since before; this program only reads
             seen["mode"] = Mode.HOLDING.value
@@ -127,17 +128,6 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
         seen["notes"] = [str(note) for note in notes] if isinstance(notes, list) else []
         seen["resources"] = [{"name": r.name, "api": r.api} for r in rig.resources]
     return seen
-
-
-def _alarms(rig: HardwareRig) -> dict[str, str]:
-    """What is wrong with the servos, by joint."""
-    from so101_motion.calib.motors.arm_identification import look
-
-    names = {servo_id: joint for joint, servo_id in rig.servos.settings.ids().items()}
-    with rig.servos.lent.bus() as bus:
-        seen = rig.executor.call(lambda _: look(bus, names)).result()
-    wrong = {names[i]: facts.troubles for i, facts in seen.servos.items() if i in names}
-    return {joint: "; ".join(map(str, each)) for joint, each in wrong.items() if each}
 
 
 def is_held(rig: HardwareRig) -> bool:
@@ -177,10 +167,10 @@ def _print_state(seen: dict[str, Any]) -> None:
     else:
         where = ", ".join(f"{x:.1f}" for x in seen["tool_mm"])
         click.echo(f"  {'tool':<14}({where}) mm")
-    alarms: dict[str, list[str]] = {}
+    alike: dict[str, list[str]] = {}
     for joint, words in seen["alarms"].items():
-        alarms.setdefault(words, []).append(joint)
-    for words, joints in alarms.items():  # one line for one weak supply
+        alike.setdefault(words, []).append(joint)
+    for words, joints in alike.items():  # one line for one weak supply
         echo(f"{', '.join(joints) if len(joints) < 6 else 'all servos'}: {words}", err=True)
     for note in seen["notes"]:
         echo(f"note: {note}", err=True)
