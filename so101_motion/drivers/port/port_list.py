@@ -140,7 +140,7 @@ def open_error_text(name: str, error: Exception) -> str:
         return _NO_PORT
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         lost = adapters_without_port()
-        if re.fullmatch(r"COM\d+", name, re.IGNORECASE):
+        if sys.platform != "win32" and re.fullmatch(r"COM\d+", name, re.IGNORECASE):
             lost = ("in WSL2 it is a /dev/ttyACM0, once usbipd attach --wsl has handed it over",)
         return "there is no such port; " + (lost[0] if lost else "check the USB cable and the name")
     if number in (errno.EACCES, errno.EPERM):
