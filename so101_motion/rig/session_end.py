@@ -27,12 +27,12 @@ from so101_motion.common.units import to_rad
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.rig.protocols import RigLike
 
 if TYPE_CHECKING:
     from so101_motion.arm.motion_handle import Motion
     from so101_motion.common.encoder_zeros import EncoderZeros
     from so101_motion.planning.request import Plan
+    from so101_motion.rig.protocols import RigLike  # it plans; an arm's attributes need not
 
 ENDS = ("hold", "release", "home", "park")
 """How an arm may be left. ``park``: at the pose of that name if one is saved, else at ``rest``."""

@@ -219,7 +219,7 @@ def test_setpoints_can_come_twice_as_often(bench):
 
 def test_another_rate_than_the_port_has_is_refused(bench):
     bench.open(gripper_id=None)
-    with pytest.raises(ConfigError, match=r"control_rate_hz.*100 Hz already"):
+    with pytest.raises(ConfigError, match=r"control_rate_hz.*already runs at 100 Hz"):
         bench.open(servo_ids=None, rate=200.0)
 
 

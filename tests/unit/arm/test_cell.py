@@ -262,7 +262,7 @@ def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(
         wait([motions["left"].future], timeout=0.001)
         pair.advance(0.001)
     pair.finish(*motions.values())
-    with pytest.raises(MotionError, match=r"ready 0\.\d+ s after the .* how busy"):
+    with pytest.raises(MotionError, match=r"ready 0\.\d+ s too late, .* how busy"):
         motions["left"].result()
     np.testing.assert_array_equal(pair.left.state.q_ref, before)
 
