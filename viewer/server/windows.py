@@ -113,8 +113,9 @@ class Windows:
             window = self._by_client.pop(client.client_id, None)
         if window is not None:
             self._tell(f"Window {window.number} closed")
-            if self._holder == window.number:
-                self._holder = None
+            if self._holder in (None, window.number):
+                left = self.all()  # one, if a page is loaded again and comes before it has gone
+                self._holder = left[0].number if len(left) == 1 else None
             self._show()
 
     def _give(self, number: int) -> None:
