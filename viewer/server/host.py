@@ -94,7 +94,7 @@ class ServedPage:
         self.url, self._server = server.url, server
         self.events = EventLog()
         self.say: Callable[[Exception], None] = self._note
-        self.windows = Windows(server.viser, self.events.add)
+        self.windows = Windows(server.viser, self.events.add, self._leave_front)
         self._commands = Commands(self._failed)
         self._closing = threading.Event()
         self._workers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-viewer-work")
@@ -137,6 +137,11 @@ class ServedPage:
             self._context.on_entry(self._front_name, self._turn_to)
             self._turn_to("")
         return self._context
+
+    def _leave_front(self) -> None:
+        """Show what belongs to no tab; the window in control may have been loaded again."""
+        if self._context is not None:
+            self._turn_to("")
 
     def _turn_to(self, name: str) -> None:
         self.front.name = name

@@ -59,10 +59,15 @@ class _Window:
 
 
 class Windows:
-    """Lets the window in control act, and shows every window its state."""
+    """Lets the window in control act, and shows every window its state.
 
-    def __init__(self, server: viser.ViserServer, tell: Callable[[str], None]) -> None:
-        self._tell = tell
+    ``given_up`` is called when the window in control has gone.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, tell: Callable[[str], None], given_up: Callable[[], None]
+    ) -> None:
+        self._tell, self._given_up = tell, given_up
         self._lock = threading.Lock()
         self._by_client: dict[int, _Window] = {}
         self._holder: int | None = None  # the number of the window in control
@@ -113,9 +118,9 @@ class Windows:
             window = self._by_client.pop(client.client_id, None)
         if window is not None:
             self._tell(f"Window {window.number} closed")
-            if self._holder in (None, window.number):
-                left = self.all()  # one, if a page is loaded again and comes before it has gone
-                self._holder = left[0].number if len(left) == 1 else None
+            if self._holder == window.number:
+                self._holder = None
+                self._given_up()
             self._show()
 
     def _give(self, number: int) -> None:

@@ -1,3 +1,5 @@
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 import pytest_asyncio
@@ -30,7 +32,8 @@ class PageUnderTest:
     def __init__(self, server):
         self.told = []
         self.done = []
-        self.windows = Windows(server.viser, self.told.append)
+        self.given_up = Mock()
+        self.windows = Windows(server.viser, self.told.append, self.given_up)
         gui = server.viser.gui
         self.button = gui.add_button("Execute")
         self.stop = gui.add_button("STOP")
@@ -69,6 +72,7 @@ def shared(server):
 def page(shared):
     shared.told.clear()
     shared.done.clear()
+    shared.given_up.reset_mock()
     return shared
 
 
@@ -118,31 +122,26 @@ async def test_stop_works_in_every_window_and_says_in_which(page, pair):
     assert page.told[-1] == "Stop pressed in window 2"
 
 
-async def test_another_window_takes_control_and_the_last_one_left_has_it(page, server):
+async def test_another_window_takes_control_and_gives_it_up_when_it_closes(page, server):
     async with RawWindow(server.url) as first:
         await page.until(1)
-        async with RawWindow(server.url) as third:
+        async with RawWindow(server.url) as second:
             await page.until(2)
-            async with RawWindow(server.url) as second:
-                await page.until(3)
-                mine, _, theirs = page.windows.all()
-                await first.press(theirs.take)  # another window's own button: nothing happens
-                await second.press(page.button)
-                await second.press(theirs.take)
-                await until(lambda: page.told[-1] == "Window 3 has control")
-                assert "Window 3 has control" in mine.board.content
-                await second.press(page.button)
-                await first.press(page.button)
-                await first.press(page.stop)
-                await page.has_done("execute", "stop")
-            await page.until(2)
-            assert "No window has control" in mine.board.content
-            await third.press(page.button)
-            await page.has_done("execute", "stop", "execute")
+            mine, theirs = page.windows.all()
+            await first.press(theirs.take)  # another window's own button: nothing happens
+            await second.press(page.button)
+            await second.press(theirs.take)
+            await until(lambda: page.told[-1] == "Window 2 has control")
+            assert "Window 2 has control" in mine.board.content
+            await second.press(page.button)
+            await first.press(page.button)
+            await first.press(page.stop)
+            await page.has_done("execute", "stop")
         await page.until(1)
-        assert '"text":null' in mine.board.content
+        assert "No window has control" in mine.board.content
+        page.given_up.assert_called_once_with()
         await first.press(page.button)
-        await page.has_done("execute", "stop", "execute", "execute")
+        await page.has_done("execute", "stop", "execute")
     await page.until(0)
 
 
