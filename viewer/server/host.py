@@ -178,6 +178,7 @@ class ServedPage:
         for part in self._parts:
             part.close()
         self._workers.shutdown(wait=True)
+        self.windows.close()
         self._server.close()
 
     def _note(self, error: Exception) -> None:

@@ -71,6 +71,7 @@ class Windows:
         self._lock = threading.Lock()
         self._by_client: dict[int, _Window] = {}
         self._holder: int | None = None  # the number of the window in control
+        self._closing = False
         self._filter = ControlFilter(
             server, may_act=self._may_act, refused=self._refused, passed=self._passed
         )
@@ -86,6 +87,10 @@ class Windows:
         """The same for buttons that stop the arm; logs which window pressed them."""
         self.leave_open(*widgets)
         self._stops.update(widget._impl.uuid for widget in widgets)
+
+    def close(self) -> None:
+        """Tell windows nothing more; the server ends."""
+        self._closing = True
 
     def all(self) -> tuple[_Window, ...]:
         with self._lock:
@@ -116,7 +121,7 @@ class Windows:
     async def _went(self, client: viser.ClientHandle) -> None:
         with self._lock:
             window = self._by_client.pop(client.client_id, None)
-        if window is not None:
+        if window is not None and not self._closing:
             self._tell(f"Window {window.number} closed")
             if self._holder == window.number:
                 self._holder = None

@@ -1,3 +1,4 @@
+import asyncio
 from unittest.mock import Mock
 
 import numpy as np
@@ -6,6 +7,7 @@ import pytest_asyncio
 from harness.fake_parent import until
 from harness.raw_window import RawWindow
 from so101_viewer.server.guarded_server import start_guarded
+from so101_viewer.server.host import ServedPage
 from so101_viewer.server.windows import Windows
 
 CLICK = {
@@ -165,3 +167,19 @@ async def test_a_window_acts_before_it_has_drawn(page, server):
             await second.press(page.stop)
             await page.has_done("execute", "stop", "stop")
     await page.until(0)
+
+
+async def test_a_page_that_closes_under_its_windows_says_nothing_of_it(recwarn):
+    page = ServedPage(start_guarded(port=0, label="test"))
+    page.page_context()
+    page.start()
+    try:
+        async with RawWindow(page.url) as window, RawWindow(page.url):
+            await until(lambda: len(page.windows.all()) == 2)
+            await window.enter(page._front_name, "Program")
+            await until(lambda: page.front.is_program)
+            await asyncio.to_thread(page.close)
+            await until(lambda: not page.windows.all())
+    finally:
+        page.close()
+    assert [str(each.message) for each in recwarn] == []
