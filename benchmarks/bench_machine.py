@@ -25,7 +25,7 @@ from viam.components.generic.service import GenericRPCService
 from viam.resource.manager import ResourceManager
 
 from benchmarks import _common
-from benchmarks.bench_module import reachable_points
+from benchmarks.bench_module import COMMAND, reachable_points
 
 PLANS = 60
 ROUNDS = 5
@@ -70,7 +70,11 @@ async def compared() -> list[dict[str, Any]]:
     frames, things = components()
     points = reachable_points(PLANS)
     times: dict[int, list[list[tuple[float, float] | None]]] = {0: [], 30: []}
-    async with _parent.running_module(services=[GenericRPCService(manager)]) as (module, _, _):
+    async with _parent.running_module(command=COMMAND, services=[GenericRPCService(manager)]) as (
+        module,
+        _,
+        _,
+    ):
         machine = module.parent.machine = _machine.FakeMachine(arm, things=things)
         for thing in things:
             manager.register(thing)

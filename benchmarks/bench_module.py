@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import sys
 import time
 from collections.abc import Awaitable
 from pathlib import Path
@@ -33,6 +34,8 @@ MOVES = 200
 SEED = 2
 
 _parent: Any = _common.from_tests("harness.fake_parent")
+
+COMMAND = (sys.executable, "-m", "so101_motion")  # as viam-server starts it; tests pace its clock
 
 
 def reachable_points(n: int) -> Array:
@@ -76,7 +79,7 @@ async def starts(point: Array) -> list[dict[str, Any]]:
     first: list[float] = []
     for _ in range(STARTS + 1):
         begin = time.perf_counter()
-        async with _parent.running_module() as (module, _, to_ready):
+        async with _parent.running_module(command=COMMAND) as (module, _, to_ready):
             arm = await module.add(_parent.ARM, _parent.SIMULATED, {}, "arm")
             await first_setpoint(arm, arm.move_to_position(pose_at(point)))
             ready.append(to_ready)
@@ -89,7 +92,7 @@ async def starts(point: Array) -> list[dict[str, Any]]:
 
 async def latencies(points: Array) -> list[dict[str, Any]]:
     """A warm module in real time: from the request to the first setpoint, and its memory."""
-    async with _parent.running_module() as (module, _, _):
+    async with _parent.running_module(command=COMMAND) as (module, _, _):
         arm = await module.add(_parent.ARM, _parent.SIMULATED, {}, "arm")
         await module.add(_parent.GRIPPER, _parent.SIMULATED_GRIPPER, {}, "gripper")
         times = [
@@ -121,7 +124,7 @@ async def moves(points: Array) -> list[dict[str, Any]]:
     errors_mm: list[float] = []
     times: list[float] = []
     failures: list[str] = []
-    async with _parent.running_module() as (module, _, _):
+    async with _parent.running_module(command=COMMAND) as (module, _, _):
         arm = await module.add(_parent.ARM, _parent.SIMULATED, {"simulate_time": False}, "arm")
         for point in points:
             begin = time.perf_counter()
