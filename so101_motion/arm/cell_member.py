@@ -60,7 +60,9 @@ TOUCHING = 0.5 * GUARDED
 keeps them further apart."""
 
 
-FAR = 1.5  # arms whose bases are farther apart do not meet [m]: 0.45 m of reach each, and a tool
+FAR = 1.5
+"""Arms whose bases are farther apart do not meet [m], if none has a tool or holds something: each
+reaches 0.45 m."""
 
 
 class RigWithExecutor(Protocol):
@@ -224,8 +226,10 @@ class CellMember:
     @property
     def can_meet(self) -> bool:
         """See ``Neighbours``; an arm that cannot may be late, because no other relies on it."""
-        here = self.T_cell_base.p
-        return any(math.dist(here, each.T_cell_base.p) < FAR for each in self._neighbours())
+        here, others = self.T_cell_base.p, self._neighbours()
+        if any(each.attached_to(each) for each in (self, *others)):
+            return bool(others)
+        return any(math.dist(here, each.T_cell_base.p) < FAR for each in others)
 
     # Every tick
 

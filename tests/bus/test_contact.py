@@ -8,6 +8,7 @@ import pytest
 from so101_motion.arm.cell import Cell
 from so101_motion.common.errors import FollowingError
 from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.rig.simulated_rig import open_simulated
 
 SEEN_WITHIN = 0.1
@@ -76,8 +77,8 @@ def test_a_silence_of_all_servos_is_no_contact_and_joints_do_not_hurry_after_it(
     silence_moves(bench, rig, ticks)
 
 
-@pytest.mark.parametrize("away", [0.7, 2.0])
-def test_one_that_missed_its_goals_stops_beside_arms_that_it_can_meet(bench, away):
+@pytest.mark.parametrize(("away", "held"), [(0.7, False), (2.0, False), (2.0, True)])
+def test_one_that_missed_its_goals_stops_beside_arms_that_it_can_meet(bench, away, held):
     rig = bench.open()
     bench.advance(1.0)
     rig.arm.set_speed(math.radians(45.0))
@@ -85,8 +86,12 @@ def test_one_that_missed_its_goals_stops_beside_arms_that_it_can_meet(bench, awa
     cell.add("left", rig, SE3.identity())
     with open_simulated(clock=bench.clock) as right:
         cell.add("right", right, SE3.from_translation((0.0, away, 0.0)))
+        if held:  # however long it is
+            box = Box(size=[0.02, 0.02, 0.1])
+            stick = Attached(name="stick", shape=box, T_tool_object=SE3.identity())
+            right.arm.scene = Scene(attached=(stick,))
         stops = pytest.raises(FollowingError, match=r"missed its goals .* answered for 0\.09 s")
-        with stops if away < 1.0 else nullcontext():
+        with stops if away < 1.0 or held else nullcontext():
             silence_moves(bench, rig, ticks=9)
         bench.emulator.bus.faults.request_loss = 0.0
         bench.advance(0.5)
