@@ -215,8 +215,7 @@ S = TypeVar("S", bound=AnySource)
 def end_as_asked(at_end: str, rig: RigLike) -> None:
     """Leave ``rig`` so when it is closed."""
     if at_end != "hold":
-        session: Any = rig
-        session.at_end, session.on_left = at_end, aside
+        rig.at_end, rig.on_left = at_end, aside
 
 
 def ending(source: Any) -> Any:

@@ -7,6 +7,7 @@ Two fit it: ``Rig``, whose joints are simulated or on a serial port of this comp
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -58,7 +59,14 @@ class GripperLike(Jaw, Protocol):
 
 
 class RigLike(Protocol):
-    """An arm and its gripper."""
+    """An arm and its gripper.
+
+    ``at_end`` is how ``close`` leaves it, one of ``session_end.ENDS``; ``on_left`` is told what
+    came in between.
+    """
+
+    at_end: str
+    on_left: Callable[[str], None]
 
     @property
     def arm(self) -> Arm: ...

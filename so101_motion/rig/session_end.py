@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -57,7 +57,7 @@ LONGEST = 60.0  # how long the way may take, unless less is asked for [s]; chose
 Waiter = Callable[["Future[None]", float], None]  # waits at most so long [s]; raises the error
 
 
-def leave_as_asked(rig: Any) -> None:
+def leave_as_asked(rig: RigLike) -> None:
     """Carry out ``at_end``, once; after an error, and if there is no way, the arm holds."""
     how, rig.at_end = rig.at_end, "hold"
     error = sys.exc_info()[1]

@@ -22,7 +22,7 @@ from ..scene.robot_view import Color, Line, SweepView, segments
 
 
 class TaskPart(Part):
-    """The widgets are made where the caller has put the cursor.
+    """Shows an operation of the arm in the tab that the caller has opened.
 
     Args:
         name: The operation's name on a machine.
