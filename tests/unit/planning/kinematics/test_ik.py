@@ -1,8 +1,8 @@
+import itertools
 import math
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import fields
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,15 +16,8 @@ from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
 from so101_motion.planning.kinematics.arm_geometry import BRANCHES, REACH_SLACK, to_joints
 from so101_motion.planning.kinematics.batch_ik import (
     angles_between,
-    facing,
-    facing_turned,
-    hands,
-    roll_for,
     rotation_angles,
-    straight_pitches,
-    wrap,
 )
-from so101_motion.planning.kinematics.batch_ik import configurations as all_configurations
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.geometry_from_model import (
     measure_structure,
@@ -34,7 +27,7 @@ from so101_motion.planning.kinematics.geometry_from_model import (
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.ik_closed import ClosedForms
 from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
-from so101_motion.planning.kinematics.ik_task import check_goal, check_seed, half_square, minimise
+from so101_motion.planning.kinematics.ik_task import check_goal, check_seed, minimise
 from so101_motion.planning.kinematics.model import LINKS, RobotModel
 
 HOME = np.zeros(5)
@@ -71,14 +64,6 @@ def test_position_only_keeps_the_roll_of_the_seed(model, solver):
         assert solver.solve(goal_at(model, q), Q).q[4] == Q[4]
 
 
-def test_a_full_pose_is_met_exactly_where_the_joints_can(model, solver):
-    for frame in ("tool", "jaw_tip"):
-        for q in configurations(model, 100, seed=4):
-            solution = solver.solve(goal_at(model, q, FULL, frame), HOME)
-            assert solution.error_angle < 1e-6
-            assert solution.error_position < 1e-9
-
-
 def test_full_poses_close_to_the_pan_axis_are_met_too(model, solver):
     x, y = solver.structure.measures.pan
     seen = 0
@@ -89,17 +74,6 @@ def test_full_poses_close_to_the_pan_axis_are_met_too(model, solver):
             assert solution.error_angle < 1e-6
             seen += 1
     assert seen >= 5
-
-
-def test_a_vertical_approach_is_no_special_case(model, solver):
-    q_down = np.array([0.4, -0.35, 0.35, math.pi / 2, 1.0])
-    for frame in ("tool", "jaw_tip"):
-        T = model.frame(q_down, frame)
-        assert T.R[2, 2] == pytest.approx(-1.0)
-        for metric in (APPROACH, FULL):
-            goal = goal_at(model, q_down, metric, frame)
-            solution = solver.solve(goal, HOME)
-            assert_arrived(model, solution, goal)
 
 
 def test_approach_leaves_the_roll_free(model, solver):
@@ -180,7 +154,7 @@ def test_candidates_for_a_point_are_spread_over_pitch_roll_and_branches(model, s
     assert len({round(solution.q[4], 3) for solution in found}) > 5
     pitches = sorted({round(float(solution.q[1:4].sum()), 2) for solution in found})
     assert pitches[-1] - pitches[0] > 1.5
-    assert max(b - a for a, b in pairwise(pitches)) < 0.45
+    assert max(b - a for a, b in itertools.pairwise(pitches)) < 0.45
     sideways = np.array([1.5, -0.9, 0.2, 0.3, 0.0])
     branches = {each.branch for each in solver.candidates(goal_at(model, sideways), HOME)}
     assert any(branch.startswith("front") for branch in branches)
@@ -197,21 +171,6 @@ def test_a_solution_at_a_limit_names_it(model, solver):
     solution = solver.solve(goal_at(model, q, APPROACH), q)
     assert solution.limit == "wrist_flex at its upper limit"
     assert solver.solve(goal_at(model, Q, APPROACH), Q).limit is None
-
-
-def test_a_held_object_is_solved_for_like_the_tool(model):
-    held = model.with_frame("cup", SE3.from_rpy((0.3, -0.2, 1.0), (0.02, -0.04, 0.12)))
-    solver = IkSolver(held)
-    for metric in GoalMetric:
-        for q in configurations(held, 60, seed=9):
-            goal = goal_at(held, q, metric, "cup")
-            solution = solver.solve(goal, HOME)
-            assert_arrived(held, solution, goal)
-            if metric is APPROACH:
-                # The approach is the tool's, whichever frame the goal is about.
-                R_base_tool = held.frame(q).R
-                axis = held.frame(solution.q).R[:, 2]
-                assert math.acos(min(axis @ R_base_tool[:, 2], 1.0)) < math.radians(1.0) + 1e-6
 
 
 def test_an_object_far_off_the_roll_axis_still_gets_its_nearest_point(model):
@@ -274,43 +233,6 @@ def test_invalid_goals_are_refused_in_a_sentence(solver, goal, key, reason):
 def test_seeds_that_cannot_be_meant_are_refused(solver, q_seed):
     with pytest.raises(ConfigError, match="five finite joint angles"):
         solver.solve(PoseGoal.at_point((0.2, 0.0, 0.2)), q_seed)
-
-
-def test_the_angles_of_a_solution_cannot_be_changed(solver):
-    solution = solver.solve(PoseGoal.at_point((0.2, 0.0, 0.2)), HOME)
-    with pytest.raises(ValueError, match="read-only"):
-        solution.q[0] = 2.0
-
-
-# Descents
-
-
-def task_at(model, q, metric, frame="jaw_tip"):
-    return check_goal(
-        model, PoseGoal(T_base_tool=model.frame(q, frame), metric=metric, frame=frame)
-    )
-
-
-@pytest.mark.parametrize("metric", GoalMetric)
-def test_gradient_and_curvature_are_those_of_the_value(model, metric):
-    for q, q_goal in configurations(model, 40).reshape(20, 2, 5):
-        task = task_at(model, q_goal, metric)
-        sides = [[half_square(model, task, q + s * e) for e in np.eye(5)] for s in (1e-6, -1e-6)]
-        rises = [[(a[n] - b[n]) / 2e-6 for a, b in zip(*sides, strict=True)] for n in (0, 1)]
-        _, gradient, curvature = half_square(model, task, q)
-        np.testing.assert_allclose(gradient, rises[0], atol=1e-8)
-        if metric is POSITION:
-            np.testing.assert_allclose(curvature, rises[1], atol=1e-8)
-
-
-@pytest.mark.parametrize("metric", GoalMetric)
-def test_a_descent_never_goes_uphill_nor_outside(model, metric):
-    for q, q_goal in configurations(model, 40, seed=1).reshape(20, 2, 5):
-        task = task_at(model, q_goal, metric)
-        end = minimise(model, task, 2.0 * q)
-        assert model.outside(end, tolerance=0.0) is None
-        begin = np.clip(2.0 * q, model.lower, model.upper)
-        assert half_square(model, task, end)[0] <= half_square(model, task, begin)[0]
 
 
 # The nearest reachable point
@@ -441,13 +363,12 @@ def test_every_solution_is_in_the_cloud_and_no_two_are_alike(model, solver, fram
 
 
 @pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
-@pytest.mark.parametrize("seed", range(5))
-def test_without_tolerances_the_cloud_is_the_pose(model, solver, frame, seed):
-    T = model.frame(np.random.default_rng(seed).uniform(model.lower, model.upper), frame)
-    goal = PoseGoal(T_base_tool=T, frame=frame, cloud=PoseCloud())
-    solution = solver.solve(goal, HOME)
-    assert_inside(model, goal, solution.q)
-    assert solution.error_position < 1e-4
+def test_without_tolerances_the_cloud_is_the_pose(model, solver, frame):
+    for q in configurations(model, 5):
+        goal = PoseGoal(T_base_tool=model.frame(q, frame), frame=frame, cloud=PoseCloud())
+        solution = solver.solve(goal, HOME)
+        assert_inside(model, goal, solution.q)
+        assert solution.error_position < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -493,9 +414,8 @@ def down_goal(radius, azimuth, yaw, cloud):
     return PoseGoal(T_base_tool=SE3(rot_z(yaw) @ DOWN, p), frame="jaw_tip", cloud=cloud)
 
 
-@pytest.mark.parametrize("yaw", np.radians(np.arange(0, 360, 30)))
-def test_straight_down_every_turn_about_the_approach_has_a_solution(model, solver, yaw):
-    for azimuth in (-1.0, 0.0, 1.2):
+def test_straight_down_every_turn_about_the_approach_has_a_solution(model, solver):
+    for yaw, azimuth in itertools.product(np.radians(np.arange(0, 360, 60)), (-1.0, 0.0, 1.2)):
         goal = down_goal(0.18, azimuth, yaw, ANY_TURN)
         assert_inside(model, goal, solver.solve(goal, HOME).q)
 
@@ -574,27 +494,6 @@ def changed(tmp_path):
     return make
 
 
-def test_measures_are_those_of_the_so101(structure):
-    m, bars = structure.measures, structure.bars
-    assert m.pan == pytest.approx((0.0388353, 0.0))
-    assert m.pan_sign == -1.0
-    assert m.shoulder == pytest.approx((0.0303992, 0.1166))
-    assert bars.upper_arm == pytest.approx(0.116000, abs=1e-6)
-    assert bars.forearm == pytest.approx(0.135000, abs=1e-6)
-    assert math.degrees(structure.bars.straight) == pytest.approx(-73.8, abs=0.05)
-    assert m.approach_elevation == pytest.approx(0.0, abs=1e-12)
-
-
-def test_the_tool_is_on_the_roll_axis_and_the_jaw_tip_7_9_mm_beside_it(structure):
-    assert len(at_pitch(structure, (*structure.measures.pan, 0.3), 0.0, 0.0, "tool")) == 0
-    tool, tip = structure.measures.offsets["tool"], structure.measures.offsets["jaw_tip"]
-    assert structure.on_axis("tool")
-    assert tool.rolls_with_lateral(0.0) == ()
-    assert not structure.on_axis("jaw_tip")
-    assert math.hypot(*tip.left[1:]) == pytest.approx(0.0079, abs=1e-5)
-    assert tip.forward[0] == pytest.approx(0.1592273, abs=1e-6)
-
-
 def test_formulas_and_model_agree_everywhere(model, structure):
     for q in configurations(model, 50, seed=1):
         R = rotation(structure.measures, q)
@@ -624,23 +523,6 @@ def test_postures_hold_the_configuration_that_made_the_target(model, frame):
     assert seen == set(BRANCHES.values())
 
 
-def test_a_roll_brings_the_jaw_tip_to_a_lateral_distance(structure):
-    offset = structure.measures.offsets["jaw_tip"]
-    for lateral in (-0.005, 0.0, 0.003):
-        for roll in offset.rolls_with_lateral(lateral):
-            assert offset.at(roll)[1] == pytest.approx(lateral, abs=1e-12)
-    reached = [offset.at(roll)[1] for roll in offset.rolls_with_lateral(0.1)]
-    assert reached == pytest.approx([offset.left[0] + math.hypot(*offset.left[1:])] * 2)
-
-
-def test_a_roll_outside_its_limits_is_turned_round_or_pulled_in(structure):
-    lower, upper = structure.measures.lower[4], structure.measures.upper[4]
-    assert structure.clip_roll(0.3) == 0.3
-    assert structure.clip_roll(0.3 + math.tau) == pytest.approx(0.3)
-    assert structure.clip_roll(-math.pi) in (lower, upper)
-    assert structure.clip_roll(upper + 0.1) == upper
-
-
 @pytest.mark.parametrize(
     ("joints", "forearm", "pan_sign"),
     [
@@ -654,9 +536,8 @@ def test_measures_follow_the_model_not_a_table(changed, joints, forearm, pan_sig
     structure = measure_structure(other)
     assert structure.bars.forearm == pytest.approx(forearm, abs=1e-6)
     assert structure.measures.pan_sign == pan_sign
-    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
-    found = at_pitch(structure, other.frame(q).p, q[1:4].sum(), 0.6, "tool")
-    assert np.abs(found - q).max(axis=1).min() < 1e-9
+    found = at_pitch(structure, other.frame(Q).p, Q[1:4].sum(), Q[4], "tool")
+    assert np.abs(found - Q).max(axis=1).min() < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -675,68 +556,7 @@ def test_an_arm_that_is_built_otherwise_is_noticed(changed, joints):
         measure_structure(changed(joints))
 
 
-def test_angles_rounded_to_six_digits_are_forgiven(tmp_path):
-    text = URDF_PATH.read_text()
-    text = text.replace("1.5707963267948966", "1.5708").replace("3.141592653589793", "3.14159")
-    (tmp_path / "rounded.urdf").write_text(text)
-    assert measure_structure(RobotModel.load(tmp_path / "rounded.urdf"))
-
-
 # Many targets at once
-
-
-def grid_at(structure, frame, p_base, pitch, roll):
-    roll = np.array([[[roll]]])
-    hand = hands(structure, frame, roll)
-    target = facing(structure, p_base, hand.lateral)
-    return all_configurations(structure, target, hand, np.asarray(pitch)[None, None], roll)
-
-
-def test_excess_is_how_far_the_worst_joint_is_beyond_its_limits(model, structure):
-    p = model.frame(np.zeros(5)).p
-    grid = grid_at(structure, "tool", p[None], np.linspace(-3.0, 3.0, 31), 0.0)
-    exists = np.isfinite(grid.excess)
-    beyond = np.maximum(model.lower - grid.q, grid.q - model.upper).max(axis=-1)
-    assert np.array_equal(grid.excess[exists], beyond[exists])
-    assert np.any(grid.excess[exists] > 0.0)
-    assert np.any(grid.excess < 0.0)
-    away = np.array([[1.0, 0.0, 0.1]])
-    grid = grid_at(structure, "tool", away, np.linspace(-3.0, 3.0, 31), 0.0)
-    assert np.all(np.isinf(grid.excess)), "a point out of reach has no posture"
-
-
-def test_at_a_straight_pitch_both_ways_to_bend_are_one(model, structure):
-    p = model.frame(np.radians([10, 30, -60, 20, 0])).p
-    roll = np.zeros((1, 1, 1))
-    hand = hands(structure, "tool", roll)
-    target = facing(structure, p[None], hand.lateral)
-    pitch = straight_pitches(structure, target, hand)
-    grid = all_configurations(structure, target, hand, pitch, roll)
-    exists = np.isfinite(grid.excess).all(axis=-1)
-    assert np.any(exists)
-    up, down = grid.q[exists][:, 0], grid.q[exists][:, 1]
-    assert up == pytest.approx(down, abs=1e-3)  # acos of a cosine that is 1 but for rounding
-
-
-@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
-def test_pan_pitch_and_roll_agree_for_poses_that_exist(model, structure, frame):
-    random = np.random.default_rng(3)
-    for q in random.uniform(model.lower, model.upper, (30, 5)):
-        T = model.frame(q, frame)
-        R_base_tool = (T.R @ model.rotation_to_tool(frame))[None]
-        target, pitch = facing_turned(structure, frame, T.p[None], R_base_tool, 0.0)
-        roll = roll_for(structure, target.pan, pitch, R_base_tool)
-        pitches = np.array([q[1:4].sum(), q[1:4].sum()])
-        off = np.abs(
-            wrap(
-                np.stack(
-                    [target.pan[0, :, 0] - q[0], pitch[0, :, 0] - pitches, roll[0, :, 0] - q[4]]
-                )
-            )
-        ).max(axis=0)
-        x, y = T.p[:2] - np.array(structure.measures.pan)
-        if np.hypot(x, y) > 0.05:
-            assert off.min() < 1e-6
 
 
 def test_angles_are_accurate_near_zero():
@@ -779,11 +599,10 @@ def test_what_is_no_frame_that_five_joints_place_is_refused(model, name, says):
 
 
 def test_links_are_placed_as_frames_are(model):
-    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
-    placements = model.link_placements(q, 0.7)
+    placements = model.link_placements(Q, 0.7)
     assert tuple(placements) == LINKS
     for name in LINKS[:-1]:
-        np.testing.assert_allclose(placements[name].matrix, model.frame(q, name).matrix, atol=1e-15)
+        np.testing.assert_allclose(placements[name].matrix, model.frame(Q, name).matrix, atol=1e-15)
 
 
 def test_the_jaw_turns_about_its_own_origin_and_moves_nothing_else(model):
@@ -795,26 +614,19 @@ def test_the_jaw_turns_about_its_own_origin_and_moves_nothing_else(model):
         np.testing.assert_array_equal(closed[name].matrix, opened[name].matrix)
 
 
-def test_an_added_frame_rides_on_the_gripper(model):
-    T_tool_cup = SE3.from_rpy((0.1, 0.2, 0.3), (0.01, -0.02, 0.12))
-    with_cup = model.with_frame("cup", T_tool_cup)
-    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
-    wanted = model.frame(q) @ T_tool_cup
-    np.testing.assert_allclose(with_cup.frame(q, "cup").matrix, wanted.matrix, atol=1e-12)
-    assert "cup" in with_cup.gripper_frames
-    assert "cup" not in model.gripper_frames
-
-
 def test_added_frames_add_up_but_not_under_one_name(model):
     lid = SE3.from_translation([0.0, 0.0, 0.05])
     both = model.with_frame("cup", SE3.identity()).with_frame("lid", lid)
     assert {"tool", "jaw_tip", "cup", "lid"} <= set(both.gripper_frames)
+    assert "cup" not in model.gripper_frames
     with pytest.raises(ConfigError, match="another frame"):
         both.with_frame("cup", lid)
-    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
+    np.testing.assert_allclose(
+        both.frame(Q, "lid").matrix, (both.frame(Q) @ lid).matrix, atol=1e-12
+    )
     for name in both.gripper_frames:
-        R_base_tool = both.frame(q, name).R @ both.rotation_to_tool(name)
-        np.testing.assert_allclose(R_base_tool, both.frame(q).R, atol=1e-12)
+        R_base_tool = both.frame(Q, name).R @ both.rotation_to_tool(name)
+        np.testing.assert_allclose(R_base_tool, both.frame(Q).R, atol=1e-12)
 
 
 def test_the_joint_furthest_outside_is_named_with_its_limits(model):
@@ -871,38 +683,6 @@ def test_limits_are_shown_so_that_both_ends_can_be_reached(model):
 # Many at once
 
 
-T_TOOL_PEN = SE3.from_rpy((0.3, -0.2, 0.1), (0.02, -0.03, 0.12))
-
-
-@pytest.fixture(scope="module")
-def penned():
-    return RobotModel.load().with_frame("pen", T_TOOL_PEN)
-
-
-@pytest.fixture(scope="module")
-def q(penned):
-    return np.random.default_rng(0).uniform(penned.lower, penned.upper, (40, 5))
-
-
-@pytest.mark.parametrize("frame", ["tool", "jaw_tip", "pen"])
-def test_many_postures_at_once_are_what_the_model_says_of_each(penned, q, frame):
-    chain = ArmChain(penned, frame)
-    p, J = chain.positions_and_jacobians(q)
-    R = chain.rotations(q)
-    for k, configuration in enumerate(q):
-        T = penned.frame(configuration, frame)
-        assert p[k] == pytest.approx(T.p, abs=1e-14)
-        assert R[k] == pytest.approx(T.R, abs=1e-14)
-        assert J[k] == pytest.approx(penned.frame_jacobian(configuration, frame)[:3], abs=1e-14)
-    assert chain.positions(q) == pytest.approx(p, abs=1e-15)
-    qd = np.random.default_rng(1).standard_normal(q.shape)
-    expected = np.linalg.norm(np.einsum("nij,nj->ni", J, qd), axis=1)
-    assert chain.speeds(q, qd) == pytest.approx(expected, abs=1e-14)
-
-
-# The compiled closed forms, judged by Pinocchio and by a search over what a goal leaves free
-
-
 PEN = SE3.from_rpy((0.3, 0.2, 0.1), (0.02, 0.01, 0.08))
 FRAMES = ("tool", "jaw_tip", "pen")
 
@@ -910,6 +690,25 @@ FRAMES = ("tool", "jaw_tip", "pen")
 @pytest.fixture(scope="module")
 def pen_model():
     return RobotModel.load().with_frame("pen", PEN)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_many_postures_at_once_are_what_the_model_says_of_each(pen_model, frame):
+    chain, q = ArmChain(pen_model, frame), configurations(pen_model, 40)
+    p, J = chain.positions_and_jacobians(q)
+    R = chain.rotations(q)
+    for k, configuration in enumerate(q):
+        T = pen_model.frame(configuration, frame)
+        assert p[k] == pytest.approx(T.p, abs=1e-14)
+        assert R[k] == pytest.approx(T.R, abs=1e-14)
+        assert J[k] == pytest.approx(pen_model.frame_jacobian(configuration, frame)[:3], abs=1e-14)
+    assert chain.positions(q) == pytest.approx(p, abs=1e-15)
+    qd = np.random.default_rng(1).standard_normal(q.shape)
+    expected = np.linalg.norm(np.einsum("nij,nj->ni", J, qd), axis=1)
+    assert chain.speeds(q, qd) == pytest.approx(expected, abs=1e-14)
+
+
+# The compiled closed forms, judged by Pinocchio and by a search over what a goal leaves free
 
 
 @pytest.fixture(scope="module")
