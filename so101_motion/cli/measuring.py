@@ -8,7 +8,7 @@ import threading
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -27,6 +27,9 @@ from so101_motion.cli.shared import (
     write_report,
 )
 from so101_motion.cli.sources import SOURCE, Source
+
+if TYPE_CHECKING:
+    from so101_motion.rig.hardware_rig import HardwareRig
 
 
 @verb()
@@ -162,7 +165,7 @@ def report_arm(
 
     It examines the arm as doctor does, checks the calibration by hand with --verify, then moves one
     joint after the other through standard motions, at 15, 45 and at most 90 deg/s, with rests, and
-    records them: four minutes. The hand must be empty. Ctrl-C stops the arm.
+    records them: five minutes. The hand must be empty. Ctrl-C stops the arm.
 
     FILE is text. It has no serial numbers, no names of ports or folders. Read it before you send
     it; the program itself sends nothing.
@@ -174,7 +177,7 @@ def report_arm(
     from so101_motion.cli.doctor import examined
     from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.setup.checkup import check_up, is_healthy
-    from so101_motion.setup.identify import STANDARD_SPEEDS, Identification, StandardMotions
+    from so101_motion.setup.identify import REPORT_REST, REPORT_SPEEDS, Identification
 
     if source.port is None:
         raise click.UsageError("the simulated arm has no servos to report of; give --port")
@@ -188,18 +191,18 @@ def report_arm(
     rows = verified(given, source.port, yes)[1] if verify else ()
     with quietly(), source.open() as rig:
         assert isinstance(rig, HardwareRig)
-        rig.arm.set_speed(max(rig.arm.speed, STANDARD_SPEEDS[-1]))
-        motions = StandardMotions(rig)
-        outline = Identification(rig).outline()
+        rig.arm.set_speed(max(rig.arm.speed, REPORT_SPEEDS[-1]))
+        motions = Identification(rig, speeds=REPORT_SPEEDS, rest=REPORT_REST)
+        outline = motions.outline()
         for joint, reason in outline.obstacles:
             aside(f"{joint} cannot be moved here: {reason}")
-        aside(motions.sentence(outline))
+        aside(outline.sentence)
         have_agreed(
             f"Is everything out of the way, and the hand empty? Move the {source.what}?", yes
         )
-        move = partial(motions.move_and_record, outline, lambda joint: aside(joint or "done"))
-        recorded = run_beside(move, motions.cancel)
-        registers = motions.registers()
+        move = partial(motions.move_and_record, outline, lambda joint, _: aside(joint))
+        run_beside(move, motions.cancel)
+        recorded, registers = motions.recorded(), registers_of(rig)
     found = {
         "what": "so101 report-arm",
         "version": __version__,
@@ -213,6 +216,20 @@ def report_arm(
     }
     write_report(file, text(found, recorded).encode())
     click.echo(f"{len(recorded)} motions; read the file before you send it to anybody")
+
+
+def registers_of(rig: HardwareRig) -> dict[str, dict[str, int]]:
+    """What the servos hold while the arm is driven, by joint and register."""
+    from so101_motion.drivers.feetech.servo_settings import read_registers
+
+    lease = rig.lend_bus("reading the servos' registers")
+    try:
+        return {
+            joint: lease.call(partial(read_registers, servo_id=setup.map.servo_id))
+            for joint, setup in rig.servos.setups.items()
+        }
+    finally:
+        lease.give_back(hold=True)
 
 
 def nameless(sentence: str) -> str:

@@ -42,7 +42,6 @@ from so101_motion.control.request_queue import running_future
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, Ticks
 from so101_motion.drivers.command_record import SentCommand
 from so101_motion.drivers.emulator.joint_figures import SO101
-from so101_motion.drivers.feetech.servo_settings import read_registers
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.request import Search
 from so101_motion.planning.timing.limits import MotionLimits
@@ -230,6 +229,17 @@ seconds, and all joints take minutes."""
 
 _LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
 
+REPORT_SPEEDS = (*SPEEDS, to_rad(90.0))
+"""Speeds of the sweeps that ``report-arm`` records [rad/s]; chosen."""
+
+REPORT_REST = 2.0
+"""How long a joint stands at each end then [s]: what it stands off is taken after 1.5 s. Chosen."""
+
+_POSITIONS = 2  # every second period is reported: 50 positions a second
+
+Recorded = dict[str, list[float] | list[list[float]]]
+"""Times [s] and angles of all joints [rad], the jaw's aperture last, as sent and as answered."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
@@ -253,6 +263,7 @@ class IdentificationOutline:
     raising: float  # how long the arm takes to the pose in which the sweeps begin [s]
     sweeps: tuple[Sweep, ...]
     obstacles: tuple[tuple[str, str], ...]
+    speed: float  # of the fastest [rad/s]
 
     @property
     def duration(self) -> float:
@@ -264,7 +275,7 @@ class IdentificationOutline:
         return (
             "The arm is raised; then move, one after the other:"
             f" {'; '.join(map(str, self.sweeps))}. At most"
-            f" {to_deg(SPEEDS[-1]):.0f}°/s, about {self.duration:.0f} s."
+            f" {to_deg(self.speed):.0f}°/s, about {self.duration:.0f} s."
         )
 
 
@@ -279,59 +290,31 @@ def count_with(arm: Arm, load: Load) -> None:
         arm.set_payload(Payload(mass=load.mass, com=load.com))
 
 
-class RecordedMotions:
-    """Motions one after the other, and what is sent to the servos and answered meanwhile."""
+class Identification:
+    """Identifies the servos of an arm, once.
 
-    def __init__(self, rig: HardwareRig) -> None:
+    Args:
+        rig: Whose arm moves.
+        joints: Which joints move, one after the other.
+        speeds: The speeds of each sweep [rad/s], slow first; the arm's own cap holds as well.
+        rest: How long the joint stands at each end of a sweep [s].
+    """
+
+    def __init__(
+        self,
+        rig: HardwareRig,
+        joints: Sequence[str] = ARM_JOINTS,
+        speeds: Sequence[float] = SPEEDS,
+        rest: float = 0.0,
+    ) -> None:
         self._rig = rig
         self._motion: Motion | None = None
         self._cancelled = threading.Event()
-
-    def cancel(self) -> None:
-        """End it; the arm slows to rest and holds. Any thread may call; returns at once."""
-        self._cancelled.set()
-        if self._motion is not None:
-            self._motion.interrupt("stop")
-
-    def _run(
-        self,
-        steps: Iterator[Step],
-        hear: Callable[[SentCommand], None],
-        look: Callable[[JointState], None],
-        meanwhile: Callable[[], None],
-    ) -> None:
-        """Carry out ``steps``; ``hear`` and ``look`` are called on the I/O thread."""
-        rig, listener = self._rig, self._rig.servos.on_command
-
-        def heard(command: SentCommand) -> None:
-            hear(command)
-            if listener is not None:
-                listener(command)
-
-        rig.servos.on_command = heard
-        end_looking = rig.executor.listen(look)
-        try:
-            with rig.clock.attend():
-                self._motion = motion = rig.arm.start_series(steps)
-                if self._cancelled.is_set():
-                    motion.interrupt("stop")
-                while not motion.future.done():
-                    rig.clock.wait(rig.clock.now() + _LOOK, threading.Event())
-                    meanwhile()
-                motion.result(timeout=0.0)
-        finally:
-            rig.servos.on_command = listener
-            end_looking()
-
-
-class Identification(RecordedMotions):
-    """Identifies the servos of an arm, once."""
-
-    def __init__(self, rig: HardwareRig, joints: Sequence[str] = ARM_JOINTS) -> None:
-        super().__init__(rig)
-        self._joints = joints
+        self._joints, self._speeds, self._rest = joints, speeds, rest
+        self._rests_until: tuple[float, Future[None]] | None = None
         self._plan = partial(rig.arm.plan, search=None)
         self._computing = OwnProcess()
+        self._tape = _Tape(rig)
         self._records: dict[str, JointRecord] = {}
         self._load: Load | None = None
 
@@ -346,11 +329,17 @@ class Identification(RecordedMotions):
             except PlanningError as error:
                 obstacles.append((joint, f"{error}. Give the arm more room"))
         return IdentificationOutline(
-            raising=raising.duration, sweeps=tuple(sweeps), obstacles=tuple(obstacles)
+            raising=raising.duration,
+            sweeps=tuple(sweeps),
+            obstacles=tuple(obstacles),
+            speed=min(self._speeds[-1], self._rig.arm.speed),
         )
 
     def cancel(self) -> None:
-        super().cancel()
+        """End it; the arm slows to rest and holds. Any thread may call; returns at once."""
+        self._cancelled.set()
+        if self._motion is not None:
+            self._motion.interrupt("stop")
         self._computing.kill()
 
     def move_and_record(
@@ -359,18 +348,38 @@ class Identification(RecordedMotions):
         on_progress: Callable[[str, float], None] = lambda _joint, _share: None,
     ) -> Mapping[str, JointRecord]:
         """Move each joint as outlined and record it. Blocks; the arm moves, then holds."""
-        tape, shown = _Tape(self._rig), ""
+        rig, tape, shown = self._rig, self._tape, ""
+        listener = rig.servos.on_command
 
-        def show() -> None:
-            nonlocal shown
-            if tape.joint != shown:
-                shown = tape.joint
-                done = [each.joint for each in outline.sweeps].index(shown)
-                on_progress(shown, done / len(outline.sweeps))
+        def hear(command: SentCommand) -> None:
+            tape.hear(command)
+            if listener is not None:
+                listener(command)
 
-        self._run(self._steps(outline, tape), tape.hear, tape.look, show)
+        rig.servos.on_command = hear
+        end_looking = rig.executor.listen(tape.look)
+        try:
+            with rig.clock.attend():
+                self._motion = motion = rig.arm.start_series(self._steps(outline))
+                if self._cancelled.is_set():
+                    motion.interrupt("stop")
+                while not motion.future.done():
+                    rig.clock.wait(rig.clock.now() + _LOOK, threading.Event())
+                    self._end_rest()
+                    if tape.joint != shown:
+                        shown = tape.joint
+                        done = [each.joint for each in outline.sweeps].index(shown)
+                        on_progress(shown, done / len(outline.sweeps))
+                motion.result(timeout=0.0)
+        finally:
+            rig.servos.on_command = listener
+            end_looking()
         self._records = tape.records()
         return self._records
+
+    def recorded(self) -> dict[str, Recorded]:
+        """What was sent to all joints, and answered, while each moved, by joint."""
+        return {joint: self._tape.recorded(joint) for joint in self._records}
 
     def report(self, *, hand_is_empty: bool, keeps: bool) -> IdentifyReport:
         """Compute the figures from the records, and save them beside the calibration.
@@ -407,9 +416,9 @@ class Identification(RecordedMotions):
                 sweep = Sweep(joint=joint, ends=(begin, end), folds=folds, duration=0.0)
                 q, duration = BASE, 0.0
                 try:
-                    for q_end, speed in _legs(sweep):
+                    for q_end, speed in _legs(sweep, self._speeds):
                         plan = self._plan(_to(q_end), limits=self._limits(speed), q_start=q)
-                        q, duration = q_end, duration + plan.duration + 0.2
+                        q, duration = q_end, duration + plan.duration + 0.2 + self._rest
                 except PlanningError as error:
                     trouble = trouble or error
                     continue
@@ -419,22 +428,36 @@ class Identification(RecordedMotions):
 
     def _limits(self, speed: float) -> MotionLimits:
         """Caps with at most ``speed`` [rad/s], within the arm's own."""
-        acceleration = min(ACCELERATION, self._rig.arm.acceleration)
+        most = ACCELERATION * max(1.0, speed / SPEEDS[-1])
+        acceleration = min(most, self._rig.arm.acceleration)
         return MotionLimits.uniform(
             velocity=min(speed, self._rig.arm.speed),
             acceleration=acceleration,
             jerk=acceleration / JERK_TIME,
         )
 
-    def _steps(self, outline: IdentificationOutline, tape: _Tape) -> Iterator[Step]:
+    def _steps(self, outline: IdentificationOutline) -> Iterator[Step]:
         yield self._plan(_RAISED, limits=self._limits(SPEEDS[-1]))
         for sweep in outline.sweeps:
             for _ in range(_TRIES):
-                tape.begin(sweep.joint)
-                for q_end, speed in _legs(sweep):
+                self._tape.begin(sweep.joint)
+                yield self._stand
+                for q_end, speed in _legs(sweep, self._speeds):
                     yield self._plan(_to(q_end), limits=self._limits(speed))
-                if tape.silence(sweep.joint) < _GAP:
+                    yield self._stand
+                if self._tape.silence(sweep.joint) < _GAP:
                     break
+
+    def _stand(self, motion: Motion) -> None:
+        if self._rest:
+            over: Future[None] = running_future()
+            self._rests_until = (self._rig.clock.now() + self._rest, over)
+            motion.wait_for(over)
+
+    def _end_rest(self) -> None:
+        if self._rests_until is not None and self._rig.clock.now() >= self._rests_until[0]:
+            over, self._rests_until = self._rests_until[1], None
+            over.set_result(None)
 
 
 class _Tape:
@@ -505,15 +528,39 @@ class _Tape:
             goals=np.array([float(goal) for _, goal in sent]),
         )
 
+    def recorded(self, joint: str) -> Recorded:
+        states, rig = self._states[joint], self._rig
+        maps = [rig.servos.setups[each].map for each in ARM_JOINTS]
+        jaw = 0.0 if rig.gripper is None else float(rig.gripper.aperture)
+        begin, end = states[0][0].t, states[-1][0].t
+        at = [float(x) for x in states[0][0].q]
+        command: list[list[float]] = []
+        when: list[float] = []
+        for each in self._sent:
+            if not (begin <= each.t <= end and each.goals):
+                continue
+            for i, joint_map in enumerate(maps):
+                if joint_map.servo_id in each.goals:
+                    at[i] = joint_map.to_rad(Ticks(each.goals[joint_map.servo_id]))
+            command.append([*(round(x, 4) for x in at), round(jaw, 3)])
+            when.append(round(each.t - begin, 4))
+        shown = [state for state, _ in states[::_POSITIONS]]
+        return {
+            "t_cmd_s": when,
+            "command": command,
+            "t_s": [round(state.t - begin, 4) for state in shown],
+            "position": [[*(round(float(x), 4) for x in s.q), round(jaw, 3)] for s in shown],
+        }
 
-def _legs(sweep: Sweep) -> Iterator[tuple[Array, float]]:
+
+def _legs(sweep: Sweep, speeds: Sequence[float]) -> Iterator[tuple[Array, float]]:
     """The motions of a sweep: goal configurations [rad] and speeds [rad/s]."""
     i = ARM_JOINTS.index(sweep.joint)
     for fold in (None, *sweep.folds):
         base = BASE if fold is None else _with(BASE, _WRIST, fold)
         low, high = (_with(base, i, end) for end in sweep.ends)
         yield low, SPEEDS[-1]
-        for speed in SPEEDS if fold is None else SPEEDS[:1]:
+        for speed in speeds if fold is None else speeds[:1]:
             yield high, speed
             yield low, speed
     far, times = STROKES.get(sweep.joint, (0.0, 0))
@@ -531,118 +578,3 @@ def _with(q: Array, i: int, angle: float) -> Array:
 
 def _to(q: Array) -> PathGoal:
     return PathGoal(waypoints=q[None], tolerance=0.0)
-
-
-STANDARD_SPEEDS = tuple(to_rad(each) for each in (15.0, 45.0, 90.0))
-"""Speeds of the motions [rad/s]; chosen, slow first. The arm's own cap holds as well."""
-
-STANDARD_ACCELERATION = to_rad(300.0)
-"""Acceleration of the fastest; the others have less, in proportion [rad/s^2]; chosen."""
-
-REST = 2.0  # how long a joint stands at each end [s]: what it stands off is taken after 1.5. Chosen
-
-_POSITIONS = 2  # every second period: 50 positions a second
-
-Recorded = dict[str, list[float] | list[list[float]]]
-
-
-class StandardMotions(RecordedMotions):
-    """The standard motions of one arm, once."""
-
-    def __init__(self, rig: HardwareRig) -> None:
-        super().__init__(rig)
-        self._rest: tuple[float, Future[None]] | None = None
-        self._joint = ""
-        self._goals: list[tuple[str, SentCommand]] = []
-        self._states: list[tuple[str, JointState]] = []
-
-    def sentence(self, outline: IdentificationOutline) -> str:
-        ways = "; ".join(str(replace(each, folds=())) for each in outline.sweeps)
-        fastest = to_deg(min(STANDARD_SPEEDS[-1], self._rig.arm.speed))
-        return (
-            f"The arm is raised; then move, one after the other: {ways}. At most {fastest:.0f}°/s."
-        )
-
-    def move_and_record(
-        self, outline: IdentificationOutline, on_progress: Callable[[str], None] = lambda _: None
-    ) -> dict[str, Recorded]:
-        """Move as outlined and record each joint's motion. Blocks; the arm moves, then holds."""
-        shown = ""
-
-        def look_on() -> None:
-            nonlocal shown
-            if self._rest is not None and self._rig.clock.now() >= self._rest[0]:
-                over, self._rest = self._rest[1], None
-                over.set_result(None)
-            if self._joint != shown:
-                shown = self._joint
-                on_progress(shown)
-
-        self._run(
-            self._steps(outline),
-            lambda command: self._goals.append((self._joint, command)),
-            lambda state: self._states.append((self._joint, state)),
-            look_on,
-        )
-        return {each.joint: self._recorded(each.joint) for each in outline.sweeps}
-
-    def registers(self) -> dict[str, dict[str, int]]:
-        lease = self._rig.lend_bus("reading the servos' registers")
-        try:
-            return {
-                joint: lease.call(partial(read_registers, servo_id=setup.map.servo_id))
-                for joint, setup in self._rig.servos.setups.items()
-            }
-        finally:
-            lease.give_back(hold=True)
-
-    def _steps(self, outline: IdentificationOutline) -> Iterator[Step]:
-        plan, speeds = self._rig.arm.plan, [min(v, self._rig.arm.speed) for v in STANDARD_SPEEDS]
-        yield plan(JointGoal(q=BASE), limits=self._limits(speeds[1]))
-        for sweep in outline.sweeps:
-            low, high = BASE.copy(), BASE.copy()
-            low[ARM_JOINTS.index(sweep.joint)], high[ARM_JOINTS.index(sweep.joint)] = sweep.ends
-            yield self._stand
-            self._joint = sweep.joint
-            yield self._stand
-            for speed in speeds:
-                for q in (low, high):
-                    yield plan(JointGoal(q=q), limits=self._limits(speed))
-                    yield self._stand
-            yield plan(JointGoal(q=BASE), limits=self._limits(speeds[1]))
-            yield self._stand
-        self._joint = ""
-
-    def _limits(self, speed: float) -> MotionLimits:
-        acceleration = min(
-            STANDARD_ACCELERATION * speed / STANDARD_SPEEDS[-1], self._rig.arm.acceleration
-        )
-        return MotionLimits.uniform(
-            velocity=speed, acceleration=acceleration, jerk=acceleration / JERK_TIME
-        )
-
-    def _stand(self, motion: Motion) -> None:
-        over: Future[None] = running_future()
-        self._rest = (self._rig.clock.now() + REST, over)
-        motion.wait_for(over)
-
-    def _recorded(self, joint: str) -> Recorded:
-        maps = [self._rig.servos.setups[each].map for each in ARM_JOINTS]
-        goals = [(e.t, e.goals) for name, e in self._goals if name == joint and e.goals]
-        states = [state for name, state in self._states if name == joint][::_POSITIONS]
-        jaw = 0.0 if self._rig.gripper is None else float(self._rig.gripper.aperture)
-        begin, at = states[0].t, [float(x) for x in states[0].q]
-        command: list[list[float]] = []
-        when: list[float] = []
-        for t, sent in goals:
-            for i, each in enumerate(maps):
-                if each.servo_id in sent:
-                    at[i] = each.to_rad(Ticks(sent[each.servo_id]))
-            command.append([*(round(x, 4) for x in at), round(jaw, 3)])
-            when.append(round(t - begin, 4))
-        return {
-            "t_cmd_s": when,
-            "command": command,
-            "t_s": [round(state.t - begin, 4) for state in states],
-            "position": [[*(round(float(x), 4) for x in s.q), round(jaw, 3)] for s in states],
-        }

@@ -3,7 +3,6 @@
 import json
 import resource
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,13 +12,13 @@ from harness.emulated_rig import MIDDLES_DEG, PATIENCE, TIMEOUT, arm_client
 from benchmarks.emulated_arm import arm_of, load
 from so101_motion.calib.record import servo_file, store
 from so101_motion.calib.record.servo_file import ServoRecord
-from so101_motion.cli.measuring import nameless, text
+from so101_motion.cli.measuring import nameless, registers_of, text
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import Interrupted, MotionError, NotPossibleNow
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.planning.goals import JointGoal
-from so101_motion.setup.identify import SWEEPS, Identification, StandardMotions
+from so101_motion.setup.identify import REPORT_REST, REPORT_SPEEDS, SWEEPS, Identification
 from so101_motion.setup.identify_operation import IdentifyOperation
 
 PAN = ServoFigures(torque=0.9, friction=1.2, dead_time=1.1)
@@ -181,12 +180,12 @@ def test_the_operation_plans_first_moves_when_told_to_and_stops(bench, rig):
 def test_motions_are_recorded_in_the_format_that_the_benchmark_reads(bench, tmp_path):
     rig = bench.open()
     bench.advance(1.0)
-    motions = StandardMotions(rig)
-    outline = Identification(rig, ("shoulder_pan",)).outline()
-    outline = replace(outline, sweeps=outline.sweeps[:1])
-    recorded = moved(bench, motions, outline)
+    motions = Identification(rig, ("shoulder_pan",), speeds=REPORT_SPEEDS, rest=REPORT_REST)
+    outline = motions.outline()
+    moved(bench, motions, outline)
+    recorded = motions.recorded()
     with ThreadPoolExecutor(1) as beside:
-        asked = beside.submit(motions.registers)
+        asked = beside.submit(registers_of, rig)
         while not asked.done():
             bench.advance(0.01)
     file = tmp_path / "arm.json"
