@@ -124,7 +124,7 @@ class Mesh(_Form):
     """
 
     vertices: Array
-    triangles: Array
+    triangles: NDArray[Any]
 
     def __post_init__(self) -> None:
         vertices = _points("vertices", self.vertices)
