@@ -36,6 +36,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from struct import iter_unpack, unpack_from
 from typing import IO
 
 HERE = Path(__file__).resolve().parent
@@ -186,7 +187,7 @@ def steps(extras: set[str]) -> Iterator[tuple[str, ...]]:
 
 
 def slim(environment: Path) -> None:
-    """Remove what only C++ programs and the tests of other packages need.
+    """Remove what only C++ programs, debuggers and the tests of other packages need.
 
     The wheels of Pinocchio bring the headers of all that it is made of, half of all that is
     installed, each of their libraries twice or thrice, because a wheel has no links, and all of
@@ -195,6 +196,7 @@ def slim(environment: Path) -> None:
     for packages in environment.glob("lib/python3*/site-packages"):
         prefix = packages / "cmeel.prefix"
         for folder in (
+            packages / "include",
             *(
                 prefix / name
                 for name in ("bin", "include", "share/doc", "lib/cmake", "lib/pkgconfig")
@@ -206,8 +208,11 @@ def slim(environment: Path) -> None:
             ),
         ):
             shutil.rmtree(folder, ignore_errors=True)
-        for file in prefix.rglob("*.a"):
+        for file in packages.rglob("*.a"):
             file.unlink()
+        for file in packages.rglob("*.so*"):
+            if file.is_file() and not file.is_symlink():
+                strip(file)
         same: dict[bytes, str] = {}
         for file in sorted(prefix.glob("lib/*.so*")):
             if not file.is_symlink():
@@ -229,6 +234,27 @@ def slim(environment: Path) -> None:
         for link in prefix.glob("lib/libboost_*.so*"):
             if not link.exists():
                 link.unlink()
+
+
+def strip(library: Path) -> None:
+    """Cut off what follows the segments of a 64-bit ELF file: symbols that only debuggers read.
+
+    It does what ``strip`` does, which a minimal system lacks. Other files are left alone.
+
+    Source: System V Application Binary Interface, chapters 4 (ELF header) and 5 (program header).
+    """
+    with library.open("r+b") as file:
+        header = bytearray(file.read(64))
+        if header[:6] != b"\x7fELF\x02\x01":  # of 64 bits, little-endian
+            return
+        (begin,), (size, count) = unpack_from("<Q", header, 32), unpack_from("<HH", header, 54)
+        file.seek(begin)
+        segments = iter_unpack("<IIQQQQQQ", file.read(size * count))
+        end = max(offset + length for _, _, offset, _, _, length, _, _ in segments)
+        header[40:48], header[60:64] = bytes(8), bytes(4)  # there is no table of sections anymore
+        file.seek(0)
+        file.write(header)
+        file.truncate(max(end, begin + size * count))
 
 
 def run(command: tuple[str, ...], limit: float, lock: int) -> tuple[int, str]:

@@ -161,6 +161,21 @@ def test_headers_and_second_copies_of_libraries_are_removed(installer):
     ]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only ELF files are cut")
+def test_a_library_is_smaller_and_works_without_its_symbols(installer):
+    code = "import sys; sys.path.insert(0, sys.argv[1]); import ruckig; print(ruckig.__file__)"
+    packages = installer.VENV / "lib" / "python3.12" / "site-packages"
+    packages.mkdir(parents=True)
+    copy = Path(shutil.copy(importlib.util.find_spec("ruckig").origin, packages))
+    with copy.open("ab") as file:  # as much as symbols would take
+        file.write(bytes(10_000))
+    before = copy.stat().st_size
+    installer.slim(installer.VENV)
+    assert copy.stat().st_size <= before - 10_000
+    said = subprocess.check_output([sys.executable, "-c", code, str(packages)], text=True)
+    assert said.strip() == str(copy)
+
+
 @pytest.mark.parametrize(
     ("said", "then"),
     [
