@@ -49,9 +49,8 @@ check: installed-dev
 	$(BIN)/lint-imports
 	@$(MAKE) test
 
-# The archive for a Raspberry Pi on emulated Debian 12 and 13; needs root, mmdebstrap and qemu.
-check-arm64: installed-dev
-	./build.sh linux/arm64
+# A release on Debian 12 and 13 of an emulated Raspberry Pi; needs root, mmdebstrap and qemu.
+check-arm64: release
 	$(BIN)/python tests/machines/try_arm64.py
 
 bench: browser
