@@ -25,7 +25,7 @@ PLANS = (
     ("program", "unwanted"),
     [
         ("import so101_motion.control.executor", "pinocchio toppra viam scipy matplotlib"),
-        ("import so101_motion.planning.differential.servo", "scipy"),
+        ("import so101_motion.planning.differential.servo", "osqp scipy"),
         (PLANS, "toppra matplotlib"),
     ],
     ids=["the control loop", "before the first servo", "planning"],

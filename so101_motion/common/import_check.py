@@ -17,7 +17,7 @@ from pathlib import Path
 
 NEEDED = (
     *("click", "coal", "google.protobuf", "grpclib", "h2", "mapbox_earcut", "msgspec"),
-    *("numpy", "pinocchio", "plyfile", "rich", "ruckig", "serial", "trimesh"),
+    *("numpy", "osqp", "pinocchio", "plyfile", "rich", "ruckig", "serial", "trimesh"),
     "viam.module.module",
 )
 """Packages that the module, the library and the command line import."""
@@ -26,7 +26,7 @@ NEEDED_BY_EXTRA = {
     "viewer": ("viser", "websockets"),
     "dev": (
         *("hypothesis", "manifold3d", "mcap_ros2", "playwright", "pyarrow", "pytest"),
-        "scservo_sdk",
+        *("qpsolvers", "scservo_sdk"),
     ),
 }
 """Further packages of each extra of the installation."""

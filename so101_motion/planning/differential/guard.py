@@ -39,7 +39,7 @@ from so101_motion.planning.collision.following_apart import GAP
 from so101_motion.planning.native.library import native
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 
-MOST = 18  # at most so many bounds are used, those with the least room; chosen, and the same in C
+MOST = 8  # at most so many bounds are used, those with the least room; chosen, and the same in C
 _ROOM = 64  # up to so many bounds need no new memory; chosen
 
 

@@ -2,17 +2,12 @@
 
 *The task velocity* (``task_velocity.py``). A twist, a pose or a point becomes joint velocities.
 
-*The bounds.* A task velocity ``w`` that keeps all bounds is taken as it is. The bounds are those of
-velocity and acceleration; and for each joint limit, each near pair of bodies and each joint near
-its torque limit, the room that is left must suffice to brake, so these are approached more and more
-slowly (B. Faverjon, P. Tournassoud, A local based approach for path planning of manipulators with a
-high number of degrees of freedom, ICRA 1987).
-
-*The nearest velocity.* Else ``v`` and a share ``s`` from 0 to 1 are found that keep the bounds with
-the least ``(v - s w)^T M (v - s w) + WORTH (1 - s)^2 w^T M w``. The share keeps a tool on its line:
-if one joint can only give half, all give half, unless a detour costs less than the speed is worth.
-``M`` weighs deviations of the tool, and slightly those of the joints. The best share for a given
-``v`` is known, so this is the point of a polytope nearest to ``w`` in another metric.
+*The bounds.* A task velocity that keeps all bounds is taken as it is. Otherwise a quadratic program
+(``servo_qp.py``) finds the nearest one. The bounds are those of velocity and acceleration; and for
+each joint limit, each near pair of bodies and each joint near its torque limit, the room that is
+left must suffice to brake, so these are approached more and more slowly (B. Faverjon, P.
+Tournassoud, A local based approach for path planning of manipulators with a high number of degrees
+of freedom, ICRA 1987).
 
 *The unfiltered reference.* Such a motion has no bound of jerk. The arm gets it through a moving
 average, which keeps every bound of position, velocity and acceleration that its input keeps. Its
@@ -44,7 +39,8 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.collision import ClosePair, CollisionModel
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.collision.following_apart import GAP
-from so101_motion.planning.differential.guard import MOST, BoundedStep, Guard, room_of
+from so101_motion.planning.differential.guard import Guard, room_of
+from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
 from so101_motion.planning.differential.targets import Target
 from so101_motion.planning.differential.task_velocity import SAME, TaskControl, TaskVelocity
 from so101_motion.planning.kinematics.geometry_from_model import measure_structure
@@ -85,13 +81,6 @@ motion leads back again, and joints that cannot turn round at once would swing t
 it costs 0.1 mm of reach."""
 
 BENT = 0.5  # share of the margin by which a path to rest may bend; chosen
-ROWS = MOST - 10  # most near pairs and heavy joints; the other bounds are those of the joints
-WORTH = 0.02  # of the full velocity against its direction; chosen: it slides at a slant
-_WEIGHTS = np.array([25.0, 25.0, 25.0, 0.05, 0.05, 0.05])
-"""Weights of deviations of the tool [s^2/m^2], [s^2/rad^2]: about one for a full speed of each."""
-
-_OWN_WEIGHT = 0.05 * np.eye(5)  # weights of deviations of the joints [s^2/rad^2]
-_EACH = np.concatenate((np.eye(5), -np.eye(5)))  # bounds of each joint from below and from above
 CLOSE = 0.02  # a joint is reported at its limit when it would come to rest so near it [rad]. Chosen
 
 
@@ -161,7 +150,7 @@ class Servo:
         self._filter = MovingAverage(self.q, limits, dt)
         self._model, self._limits, self._dt = model, limits, dt
         self._q_jaw = 0.0
-        self._task, self._bounded = TaskControl(model, limits, dt, frame), BoundedStep()
+        self._task, self._qp = TaskControl(model, limits, dt, frame), ServoQp()
         self._lower, self._upper = _range_with(model, self.q)
         self._last: tuple[TaskVelocity, _Room] | None = None
         self.keep_off(collision, load)
@@ -202,7 +191,7 @@ class Servo:
         if room.has(qd):
             self._task.grant(share)
         else:
-            qd, granted = self.nearest(wanted.J, qd, room) or (brake, 0.0)
+            qd, granted = self._qp.solve(wanted.J, qd, *room[:4])
             share *= granted
             self._task.refuse()
         if not self._can_stop(qd):
@@ -274,35 +263,6 @@ class Servo:
         return _Room(
             np.minimum(lower, brake), np.maximum(upper, brake), G, np.minimum(b, gain), against
         )
-
-    def nearest(self, J: Array, w: Array, room: _Room) -> tuple[Array, float] | None:
-        """The velocities nearest to a task velocity (5,), not all zero, and its granted share.
-
-        J (6, 5) is the Jacobian of the moved frame. None if the search ends without a result, which
-        two in a thousand random programs do, and none of 4,000 of jogging steps.
-        """
-        M = (J.T * _WEIGHTS) @ J + _OWN_WEIGHT
-        Mw = M @ w
-        square = float(w @ Mw)
-        qd = self._within(room, w, M - np.outer(Mw, Mw) / ((1.0 + WORTH) * square))
-        share = 0.0 if qd is None else (float(qd @ Mw) / square + WORTH) / (1.0 + WORTH)
-        if not 0.0 <= share <= 1.0:
-            share = min(max(share, 0.0), 1.0)
-            qd = self._within(room, share * w, M)
-        return None if qd is None else (qd, share)
-
-    def _within(self, room: _Room, wanted: Array, M: Array) -> Array | None:
-        """The velocities within the room with the least ``(v - wanted)^T M (v - wanted)``."""
-        # With M = L L^T they are those nearest to zero in x = L^T (v - wanted).
-        to_v = np.linalg.inv(np.linalg.cholesky(M)).T
-        rows = np.concatenate((_EACH, room.G))
-        least = np.concatenate((room.lower, -room.upper, room.b)) - rows @ wanted
-        rows = rows @ to_v
-        left = -least / np.maximum(np.linalg.norm(rows, axis=1), SAME)
-        x, _ = self._bounded.nearest(np.zeros(5), [np.column_stack((rows, least, left))])
-        if x is None:
-            return None
-        return np.asarray(np.clip(wanted + to_v @ x, room.lower, room.upper))
 
     def _attainable(self, wanted: Array) -> float:
         """The share of a task velocity that speed and acceleration limits allow now.

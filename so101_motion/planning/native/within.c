@@ -1,10 +1,10 @@
-/* Finds the step nearest to a wanted one that keeps linear bounds: differential/guard.py asks. */
+/* Finds the step nearest to a wanted one that keeps linear bounds: nearest_within.py in C. */
 #include <math.h>
 #include <string.h>
 
 #include "native.h"
 
-#define MOST 18 /* bounds that are used */
+#define MOST 8 /* bounds that are used */
 #define ROUNDS 12
 #define ROUNDING 1e-9
 #define SINGULAR 1e-15

@@ -1,10 +1,13 @@
 import numpy as np
 import pytest
+import qpsolvers
 from harness.random_scenes import obstacle
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import sparse
 from scipy.optimize import minimize
 
+from benchmarks.bench_servo import as_problem
 from so101_motion.common.geometry import SE3, rotation_angle, rotation_by
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
@@ -18,14 +21,8 @@ from so101_motion.planning.differential.guard import (
     Guard,
     room_of,
 )
-from so101_motion.planning.differential.servo import (
-    ROWS,
-    WORTH,
-    MovingAverage,
-    Servo,
-    Step,
-    _Room,
-)
+from so101_motion.planning.differential.servo import MovingAverage, Servo, Step
+from so101_motion.planning.differential.servo_qp import ROWS, WORTH, ServoQp
 from so101_motion.planning.differential.targets import STILL, Twist
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
@@ -295,50 +292,51 @@ def test_it_is_late_by_half_its_window_which_may_be_one_step() -> None:
     assert np.array_equal(average.ahead(2.0 * START[None]), 2.0 * START[None])
 
 
-# The velocity nearest to a wish
+# Its programs
 
 
 def a_program(rng: np.random.Generator):
-    """Jacobian and wish; bounds that hold zero, rows that zero keeps."""
+    """Jacobian, wish, bounds that hold zero, rows that zero keeps."""
     J = np.vstack([0.2 * rng.normal(size=(3, 5)), rng.normal(size=(3, 5))])
     wish = rng.normal(size=5) * rng.choice([0.01, 0.3, 2.0])
     lower, upper = -rng.uniform(0.0, 1.0, 5), rng.uniform(0.0, 1.0, 5)
     rows = rng.integers(0, ROWS + 1)
-    G, b = 0.2 * rng.normal(size=(rows, 5)), -rng.uniform(0.0, 0.1, rows)
-    return J, wish, _Room(lower, upper, G, b, ())
+    return J, wish, lower, upper, 0.2 * rng.normal(size=(rows, 5)), -rng.uniform(0.0, 0.1, rows)
 
 
-def cost(J, wish, x: np.ndarray) -> float:
-    """Of velocities and a share, as the head of ``servo.py`` says, 1 for none of the wish."""
-    tool = np.array([5.0, 5.0, 5.0, 0.05**0.5, 0.05**0.5, 0.05**0.5])[:, None] * J
-    A = np.vstack([tool, 0.05**0.5 * np.eye(5)])
-    off, whole = A @ (x[:5] - x[5] * wish), A @ wish
-    return float((off @ off) / (whole @ whole) / WORTH + (1.0 - x[5]) ** 2)
+def cost(program, qd: np.ndarray, share: float) -> float:
+    P, q, *_ = as_problem(*program)
+    x = np.append(qd / np.abs(program[1]).max(), share)
+    return float(0.5 * x @ P @ x + q @ x)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_no_velocity_that_keeps_the_bounds_costs_less(seed: int) -> None:
-    rng, moving, found = np.random.default_rng(seed), servo(), 0
+@pytest.mark.filterwarnings("ignore:The default value of raise_error")  # qpsolvers' call of OSQP
+@pytest.mark.parametrize("seed", range(8))
+def test_it_solves_the_program_as_qpsolvers_does_with_osqp(seed: int) -> None:
+    rng, qp = np.random.default_rng(seed), ServoQp()
     for _ in range(20):
-        J, wish, room = a_program(rng)
-        nearest = moving.nearest(J, wish, room)
-        if nearest is None:  # the search may end without one
-            continue
-        found += 1
-        qd, share = nearest
-        assert np.all((qd >= room.lower) & (qd <= room.upper))
-        assert 0.0 <= share <= 1.0
-        assert np.all(room.G @ qd >= room.b - 1e-9)
-        best = minimize(
-            lambda x, J=J, wish=wish: cost(J, wish, x),
-            np.zeros(6),
-            bounds=[*zip(room.lower, room.upper, strict=True), (0.0, 1.0)],
-            constraints={"type": "ineq", "fun": lambda x, room=room: room.G @ x[:5] - room.b},
-            method="SLSQP",
-            options={"ftol": 1e-12, "maxiter": 500},
+        program = a_program(rng)
+        P, q, G, h, lb, ub = as_problem(*program)
+        exact = qpsolvers.solve_qp(
+            sparse.csc_matrix(P),
+            q,
+            sparse.csc_matrix(G) if len(G) else None,
+            h if len(G) else None,
+            lb=lb,
+            ub=ub,
+            solver="osqp",
+            eps_abs=1e-9,
+            eps_rel=1e-9,
+            max_iter=100000,
         )
-        assert cost(J, wish, np.append(qd, share)) <= best.fun + 1e-4
-    assert found >= 19
+        qd, share = qp.solve(*program)
+        size = np.abs(program[1]).max()
+        assert np.all((qd >= program[2]) & (qd <= program[3]))
+        assert 0.0 <= share <= 1.0
+        assert np.all(program[4] @ qd >= program[5] - 5e-3 * size)
+        assert cost(program, qd, share) == pytest.approx(
+            cost(program, size * exact[:5], exact[5]), abs=1e-2 * WORTH
+        )
 
 
 @pytest.mark.parametrize(
@@ -349,8 +347,7 @@ def test_no_velocity_that_keeps_the_bounds_costs_less(seed: int) -> None:
 def test_a_wish_is_granted_as_far_as_all_joints_give(wish, first, granted) -> None:
     J = np.vstack([0.2 * np.eye(3, 5), np.eye(3, 5) if granted == 1.0 else np.zeros((3, 5))])
     wish, upper = np.array(wish), np.array([first, 1.0, 1.0, 1.0, 1.0])
-    room = _Room(-np.ones(5), upper, np.zeros((0, 5)), np.zeros(0), ())
-    qd, share = servo().nearest(J, wish, room)
+    qd, share = ServoQp().solve(J, wish, -np.ones(5), upper, np.zeros((0, 5)), np.zeros(0))
     exact = granted == 1.0
     assert share == pytest.approx(granted, abs=1e-3 if exact else 0.04)
     assert qd[1:] == pytest.approx(granted * wish[1:], abs=1e-3 if exact else 0.02)
