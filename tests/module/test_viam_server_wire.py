@@ -8,9 +8,8 @@ from viam.proto.common import PointCloud as ViamCloud
 from so101_motion.planning.collision.scene import PointCloud, Scene
 from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.viam.conversion.frames import Frames
-from so101_motion.viam.conversion.geometries import from_geometry
+from so101_motion.viam.conversion.geometries import from_geometry, pcd
 from so101_motion.viam.conversion.world_state import scene_with
-from so101_motion.viam.conversion.world_state_json import pcd
 
 CUBE_AT_MM = np.array([230.0, 50.0, 140.0])
 NO_CENTRE, AT_ORIGIN = None, Pose(o_z=1.0)

@@ -30,7 +30,7 @@ from so101_motion.planning.collision.scene import (
 )
 from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.viam.conversion.world_state_json import world_state_json
+from so101_motion.viam.conversion.geometries import world_state_json
 
 from ..page import texts
 from ..page.history import History, SavedFiles

@@ -18,18 +18,17 @@ from pathlib import Path
 import numpy as np
 import so101_description
 from so101_description import Surface
-from viam.proto.common import Geometry, Mesh, RectangularPrism, Vector3
+from viam.proto.common import Geometry, Mesh
 
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.common.units import to_mm
+from so101_motion.planning.collision import scene
 from so101_motion.planning.collision.coal_shapes import held_shape
 from so101_motion.planning.collision.scene import Attached, Tool
 from so101_motion.planning.collision.shape_files import coarse, read_shape
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.geometries import to_geometry
+from so101_motion.viam.conversion.geometries import ply, to_geometry
 from so101_motion.viam.conversion.kinematics import LINKS, URDF_LINK, Box, link_box, part_boxes
-from so101_motion.viam.conversion.world_state_json import ply
 
 GLB = "model/gltf-binary"  # content type of the arm's 3D models
 TOOL_MARKER = "tool"  # the part that shows the tool frame, when it is asked for
@@ -54,12 +53,7 @@ def arm_geometries(
 
 def _box(label: str, T_base_part: SE3, box: Box) -> Geometry:
     center = T_base_part @ SE3.from_translation(box.center)
-    x, y, z = (float(to_mm(edge)) for edge in box.size)
-    return Geometry(
-        center=convert.to_pose(center),
-        box=RectangularPrism(dims_mm=Vector3(x=x, y=y, z=z)),
-        label=label,
-    )
+    return to_geometry(scene.Box(size=box.size), label, center)
 
 
 def arm_models(*, with_tool: bool) -> dict[str, Mesh]:
@@ -149,10 +143,7 @@ def _ply(surfaces: Sequence[Surface], grid: float) -> Mesh:
 
 def tool_geometries(tool: Tool) -> list[Geometry]:
     """The bodies of what is fixed to the gripper, in the tool frame."""
-    made = [(each, to_geometry(each.shape, each.name)) for each in tool.parts]
-    for part, geometry in made:
-        geometry.center.CopyFrom(convert.to_pose(part.T_tool_object))
-    return [geometry for _, geometry in made]
+    return [to_geometry(each.shape, each.name, each.T_tool_object) for each in tool.parts]
 
 
 def box_around(part: Attached) -> Box:
