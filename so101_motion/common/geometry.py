@@ -39,6 +39,12 @@ def frozen_array(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Arr
     return array
 
 
+def freeze(value: object, **shapes: tuple[int, ...]) -> None:
+    """Make arrays of a frozen dataclass a ``frozen_array`` each; for its ``__post_init__``."""
+    for name, shape in shapes.items():
+        object.__setattr__(value, name, frozen_array(getattr(value, name), shape))
+
+
 FARTHEST = 10.0  # [m]; lengths beyond it are probably millimetres; chosen
 
 

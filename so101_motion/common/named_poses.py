@@ -8,7 +8,7 @@ import numpy as np
 import so101_description
 
 from so101_motion.common.encoder_zeros import EncoderZeros
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -21,7 +21,7 @@ class NamedPose:
     zeros: EncoderZeros | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+        freeze(self, q=(5,))
 
 
 POSES = tuple(

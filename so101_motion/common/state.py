@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.modes import Mode
 
 ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
@@ -52,8 +52,7 @@ class JointReading:
     in_play: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
-        object.__setattr__(self, "qd", frozen_array(self.qd, (5,)))
+        freeze(self, q=(5,), qd=(5,))
 
     @property
     def angles(self) -> dict[str, float]:
@@ -93,8 +92,7 @@ class JointState:
     lent_to: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q_ref", frozen_array(self.q_ref, (5,)))
-        object.__setattr__(self, "qd_ref", frozen_array(self.qd_ref, (5,)))
+        freeze(self, q_ref=(5,), qd_ref=(5,))
 
     @property
     def q(self) -> Array:

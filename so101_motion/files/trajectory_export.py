@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 from so101_motion.files import atomic
@@ -55,9 +55,8 @@ class Run:
     q: Array  # measured joint angles, shape (m, 5), [rad]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "t", frozen_array(self.t, (-1,)))
-        for name in ("q_ref", "q"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), (len(self.t), 5)))
+        freeze(self, t=(-1,))
+        freeze(self, q_ref=(len(self.t), 5), q=(len(self.t), 5))
 
 
 Motion = Trajectory | Run

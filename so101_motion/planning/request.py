@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, frozen_array, in_metres, joint_angles
+from so101_motion.common.geometry import SE3, Array, freeze, in_metres, joint_angles
 from so101_motion.planning.collision.course import OtherArm
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal
@@ -191,13 +191,7 @@ class Plan:
     report: PlanReport
 
     def __post_init__(self) -> None:
-        for name, shape in (
-            ("q_start", (5,)),
-            ("q_goal", (5,)),
-            ("path", (-1, 5)),
-            ("tool_path", (-1, 3)),
-        ):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
+        freeze(self, q_start=(5,), q_goal=(5,), path=(-1, 5), tool_path=(-1, 3))
 
     @property
     def duration(self) -> float:

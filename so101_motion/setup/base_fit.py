@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from so101_motion.common.errors import CalibrationError
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import SE3, Array, freeze, frozen_array
 from so101_motion.common.units import to_mm
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class BaseFit:
     residuals: Array  # how far the tips would be apart at each touch, shape (n,), [m]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "residuals", frozen_array(self.residuals, (-1,)))
+        freeze(self, residuals=(-1,))
 
     @property
     def rms(self) -> float:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.errors import OutsideLimits, Unreachable
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import SE3, Array, freeze
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import range_deg, to_deg, to_mm, to_rad
 from so101_motion.planning.collision.collision import Clearance, CollisionModel
@@ -57,8 +57,7 @@ class Target:
     direction: Direction | None = None  # where the gripper shall point; None where that is free
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "p_base", frozen_array(self.p_base, (3,)))
-        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+        freeze(self, p_base=(3,), q=(5,))
 
 
 class Surroundings(NamedTuple):

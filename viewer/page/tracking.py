@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.state import JointState
 from so101_motion.files.trajectory_export import Run
 
@@ -30,9 +30,8 @@ class Tracking:
     lag: float | None  # how late the joints were on the whole [s]; None when they hardly moved
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "t", frozen_array(self.t, (-1,)))
-        for name in ("q", "error"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), (len(self.t), 5)))
+        freeze(self, t=(-1,))
+        freeze(self, q=(len(self.t), 5), error=(len(self.t), 5))
 
     @property
     def run(self) -> Run:

@@ -34,7 +34,7 @@ import numpy as np
 import pinocchio as pin
 import so101_description
 
-from so101_motion.common.geometry import SE3, Array, frozen_array, rot_z
+from so101_motion.common.geometry import SE3, Array, freeze, frozen_array, rot_z
 from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.coal_shapes import (
     convex_hull,
@@ -140,7 +140,7 @@ class Bodies:
     insides: dict[int, Inside | None]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "margins", frozen_array(self.margins, (len(self.pairs),)))
+        freeze(self, margins=(len(self.pairs),))
 
 
 class Cubes(NamedTuple):

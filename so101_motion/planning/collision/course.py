@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import SE3, Array, freeze
 from so101_motion.planning.collision.scene import Attached
 
 STEP = 0.02  # time between compared samples [s]; chosen: 0.2 mm from straight at most
@@ -44,7 +44,7 @@ class Course:
 
     def __post_init__(self) -> None:
         if self.q.flags.writeable:  # else it is taken as it is: one is made in every control cycle
-            object.__setattr__(self, "q", frozen_array(self.q, (-1, 6)))
+            freeze(self, q=(-1, 6))
 
     @classmethod
     def through(cls, q: Array, q_jaw: float, *, t: float, dt: float) -> Course:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, frozen_array, given_array, in_metres
+from so101_motion.common.geometry import SE3, Array, freeze, given_array, in_metres
 
 FLOOR = "floor"  # the name of the floor in messages
 
@@ -364,7 +364,7 @@ class StandingArm:
     def __post_init__(self) -> None:
         _named(self.name)
         _placed(self.name, self.T_base_arm)
-        object.__setattr__(self, "q", frozen_array(self.q, (-1, 6)))
+        freeze(self, q=(-1, 6))
 
     def called(self, body: str) -> str:
         """The name of one of its links, or of an object it holds, in messages."""

@@ -23,7 +23,7 @@ from itertools import pairwise
 import numpy as np
 
 from so101_motion.common.errors import NoPath
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 from so101_motion.planning.collision.batch_check import LineCheck
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import FLOOR, LINKS
@@ -95,7 +95,7 @@ class FreePath:
     out_of_time: bool = False  # whether the time budget ended the comparison
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "waypoints", frozen_array(self.waypoints, (-1, 5)))
+        freeze(self, waypoints=(-1, 5))
 
 
 class PathFinder:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze, frozen_array
 
 SAME_POINT = 1e-9  # nearer waypoints are one [rad]; chosen
 
@@ -41,9 +41,9 @@ class JointPath:
     coefficients: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "knots", frozen_array(self.knots, (-1,)))
+        freeze(self, knots=(-1,))
         shape = (len(self.knots) - 1, 4, -1)
-        object.__setattr__(self, "coefficients", frozen_array(self.coefficients, shape))
+        freeze(self, coefficients=shape)
         if len(self.knots) < 2 or self.knots[0] != 0.0 or np.any(np.diff(self.knots) <= 0.0):
             raise ValueError("the knots of a path must rise from 0")
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,9 +56,8 @@ class Trajectory:
     duration: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", frozen_array(self.q, (-1, -1)))
-        for name in ("qd", "qdd"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), self.q.shape))
+        freeze(self, q=(-1, -1))
+        freeze(self, qd=self.q.shape, qdd=self.q.shape)
 
     def __len__(self) -> int:
         return len(self.q)

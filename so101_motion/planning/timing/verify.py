@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.common.errors import OutsideLimits
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import range_deg, to_deg
 from so101_motion.planning.native.library import native
@@ -39,8 +39,7 @@ class LimitReport:
     effort: float = 0.0  # largest torque of any joint over its servo's limit; 0 if not checked
 
     def __post_init__(self) -> None:
-        for name in ("velocity", "acceleration", "jerk", "outside"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), (-1,)))
+        freeze(self, velocity=(-1,), acceleration=(-1,), jerk=(-1,), outside=(-1,))
 
     @property
     def worst(self) -> float:

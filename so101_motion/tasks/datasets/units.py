@@ -34,7 +34,7 @@ from so101_motion.calib.record.zero import (
 )
 from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
@@ -68,8 +68,7 @@ class Units:
     calibration: Stored | None = None  # of the arm that was recorded; None if it is not known
 
     def __post_init__(self) -> None:
-        for name in ("factor", "offset", "lower", "upper"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), (6,)))
+        freeze(self, factor=(6,), offset=(6,), lower=(6,), upper=(6,))
 
     @property
     def encoder_zeros(self) -> EncoderZeros | None:

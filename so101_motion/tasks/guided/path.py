@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 from so101_motion.planning.kinematics.model import RobotModel
 
 TOLERANCE = np.radians(2.0)
@@ -36,11 +36,11 @@ class GuidedPath:
     aperture: Array | None = None  # of the jaw, 0 to 1, shape (n,); None for an arm without one
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "t", frozen_array(self.t, (-1,)))
+        freeze(self, t=(-1,))
         n = len(self.t)
-        object.__setattr__(self, "q", frozen_array(self.q, (-1, 5)))
+        freeze(self, q=(-1, 5))
         if self.aperture is not None:
-            object.__setattr__(self, "aperture", frozen_array(self.aperture, (-1,)))
+            freeze(self, aperture=(-1,))
         jaw = np.zeros(n) if self.aperture is None else self.aperture
         if n == 0 or len(self.q) != n or len(jaw) != n:
             raise ValueError(f"{n} times, {len(self.q)} configurations and {len(jaw)} apertures")

@@ -34,7 +34,7 @@ import numpy as np
 
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, frame_along, frozen_array
+from so101_motion.common.geometry import SE3, Array, frame_along, freeze
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from so101_motion.files import user_storage
 from so101_motion.planning.kinematics.model import RobotModel
@@ -77,11 +77,11 @@ class TaskPose:
     passes: bool = False  # as in a program's waypoint
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "p", frozen_array(self.p, (3,)))
+        freeze(self, p=(3,))
         if not np.all(np.isfinite(self.p)):
             raise ConfigError(self.name, self.p.tolist(), "must be a point [m]")
         if self.R is not None:
-            object.__setattr__(self, "R", frozen_array(self.R, (3, 3)))
+            freeze(self, R=(3, 3))
         self.waypoint(np.zeros(5))  # refuses what no waypoint can be
 
     def waypoint(self, q: Array) -> Waypoint:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.clock import Clock
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.following import APPROACH, GATE
@@ -48,8 +48,7 @@ class Mirror:
     offsets: Array = field(default_factory=lambda: np.zeros(5))  # shape (5,), [rad]
 
     def __post_init__(self) -> None:
-        for name in ("factors", "offsets"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), (5,)))
+        freeze(self, factors=(5,), offsets=(5,))
         if not (np.all(np.isfinite(self.factors)) and np.all(np.isfinite(self.offsets))):
             raise ValueError(f"must be finite, got {self.factors}, {self.offsets}")
 
