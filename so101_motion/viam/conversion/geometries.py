@@ -133,7 +133,8 @@ def world_state_json(scene: Scene, *, arm: str = "arm") -> dict[str, Any]:
         for each in scene.attached
     ]
     world = proto.WorldState(obstacles=[around] if geometries else [], transforms=held)
-    return json_format.MessageToDict(world)
+    document: dict[str, Any] = json_format.MessageToDict(world)
+    return document
 
 
 def _shape(geometry: Geometry, label: str) -> Shape | ShapeFile:
