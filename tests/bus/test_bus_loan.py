@@ -1,16 +1,13 @@
-import os
 from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from harness.emulated_rig import hardware_bench, rad
 from harness.held_calibration import filed, hold_calibration
-from serial.tools import list_ports
 
 from so101_motion.calib.procedure.eeprom import write_calibration
 from so101_motion.calib.record import store
-from so101_motion.common.errors import MotionError, NoReply, PortUnavailable
+from so101_motion.common.errors import MotionError, NoReply
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emu
@@ -157,50 +154,6 @@ def test_the_driver_leaves_a_servo_alone_that_comes_up_meanwhile(bench):
     assert loan.call(lambda bus: bus.read(3, reg.PRESENT_POSITION)) > 0
 
 
-def test_a_port_that_goes_away_meanwhile_is_there_again_later(bench):
-    rig = bench.open()
-    loan = rig.lend_bus("calibration")
-    bench.emulator.unplug()
-    with pytest.raises(PortUnavailable):
-        loan.call(lambda bus: bus.read(1, reg.ID))
-    bench.advance(1.0)
-    assert not rig.servos.is_connected
-    bench.emulator.plug()
-    bench.advance(3.0)
-
-    assert loan.call(lambda bus: bus.read(1, reg.ID)) == 1
-    assert rig.arm.state.mode is Mode.CALIBRATING
-    loan.give_back(hold=True)
-    assert rig.arm.state.mode is Mode.HOLDING
-
-
-def test_an_adapter_that_came_back_under_another_name_is_the_one_that_is_lent(bench, monkeypatch):
-    name, listed = os.path.realpath(bench.port), []
-
-    def plugged_in():
-        listed[:] = [
-            SimpleNamespace(
-                device=os.path.realpath(bench.port), vid=0x1A86, pid=0x55D3, serial_number="5A68"
-            )
-        ]
-
-    plugged_in()
-    monkeypatch.setattr(list_ports, "comports", lambda: list(listed))
-    rig = bench.open(port=name)
-    bench.emulator.unplug()
-    taken = os.openpty()  # somebody else has the old name now
-    bench.emulator.plug()
-    plugged_in()
-    bench.advance(3.0)
-    loan = rig.lend_bus("motor setup")
-    assert loan.call(lambda bus: bus.answering(range(1, 7))) == [1, 2, 3, 4, 5, 6]
-    memory(bench, "elbow_flex").set(emu.BAUD, 1)
-    loan.at_baud(500_000)
-    assert loan.call(lambda bus: bus.answering(range(1, 7))) == [3]
-    for fd in taken:
-        os.close(fd)
-
-
 def test_the_port_talks_at_another_rate_when_asked(bench):
     memory(bench, "elbow_flex").keep(emu.BAUD, 1)
     rig = bench.open(**NOBODY)
@@ -333,19 +286,6 @@ def test_a_fresh_kit_can_be_opened_and_its_bus_lent(tmp_path, ids):
         bench.advance(0.5)
         with pytest.raises(MotionError, match="configure an arm or a gripper"):
             bench.finish(rig.arm.move(goal_of(20), wait=False))
-
-
-def test_an_arm_that_no_component_uses_is_held_for_a_borrower_that_asks_for_it(bench):
-    rig = bench.open(**NOBODY)
-    before = bench.q_deg
-    rig.lend_bus("calibration").give_back(hold=True)
-    bench.advance(1.0)
-
-    assert rig.arm.state.mode is Mode.HOLDING
-    assert torque(bench) == [1] * 6
-    assert bench.q_deg == pytest.approx(before, abs=0.5)
-    rig.lend_bus("calibration").give_back()
-    assert torque(bench) == [0] * 6
 
 
 @pytest.mark.emulated(ids={6: 1}, calibrated=False)

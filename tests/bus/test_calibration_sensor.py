@@ -9,7 +9,6 @@ from harness.emulated_rig import ModelBench
 from harness.held_calibration import put
 from viam.components.arm import JointPositions
 
-from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
@@ -175,34 +174,6 @@ async def test_removing_the_sensor_half_way_puts_everything_back(bench, with_arm
     assert held(bench) == before
 
 
-async def test_an_arm_that_cannot_hold_again_is_reported_with_the_answer(bench):
-    bench.new_arm()
-    sensor = new_sensor(bench)
-    await do(sensor, "start")
-    bench.world.disconnect("wrist_flex")
-    answer = await do(sensor, "abort")
-
-    assert (answer["success"], answer["torque_enabled"]) == (True, False)
-    assert "no reply from servo 4" in answer["message"]
-
-
-async def test_only_the_joints_it_was_given_are_calibrated(bench, data):
-    arm, sensor = bench.new_arm(), new_sensor(bench, servo_ids=[6.0, 3.0])
-    await bench.pass_time(0.5)
-    before = held(bench)
-    await record(bench, sensor, ("elbow_flex", "gripper"))
-    now = await sensor.get_readings()
-    assert (now["servo_count"], set(now["joints"])) == (2, {"elbow_flex", "gripper"})
-    saved = await do(sensor, "save_calibration")
-
-    assert saved["joints_calibrated"] == 2
-    assert set(store.read(data / "so101_calibration.json").calibration) == {"elbow_flex", "gripper"}
-    unchanged = [i for i, row in enumerate(held(bench)) if row == before[i]]
-    assert unchanged == [0, 1, 3, 4]
-    sources = (await do(arm, "get_calibration"))["source"]
-    assert (sources["elbow_flex"], sources["wrist_flex"]) == ("file", "registers")
-
-
 # When things go wrong
 
 
@@ -223,24 +194,6 @@ async def test_requests_that_cannot_be_meant_are_refused_by_name(bench):
 
         assert caught.value.status in (Status.INVALID_ARGUMENT, Status.FAILED_PRECONDITION)
         assert says in caught.value.message
-
-
-async def test_saving_can_be_tried_again_when_a_cable_was_loose(bench):
-    sensor = new_sensor(bench)
-    await record(bench, sensor)
-    bench.world.disconnect("wrist_roll")
-    await bench.pass_time(0.2)
-    assert (await sensor.get_readings())["last_save_error"] == ""
-    says = await refused(sensor, "save_calibration")
-    assert "no reply" in says
-    now = await sensor.get_readings()
-    assert now["last_save_error"] == says
-    assert (now["calibration_state"], "error" in now) == ("completed", True)
-    assert "message" in now["joints"]["wrist_roll"]
-    bench.world.connect("wrist_roll")
-    await bench.pass_time(1.2)
-    assert (await do(sensor, "save_calibration"))["state"] == "idle"
-    assert (await sensor.get_readings())["last_save_error"] == ""
 
 
 async def test_a_servo_that_is_missing_at_the_start_is_named_and_the_arm_stays_up(bench):

@@ -15,7 +15,6 @@ from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.emulator import EmulatorOptions
-from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.drivers.servo_types import STS3215_7V4
@@ -174,14 +173,6 @@ def test_a_port_that_is_hardly_a_servo_adapter_is_asked_at_one_rate_only(table):
     assert not table.only().has_arm
 
 
-@pytest.mark.long
-def test_real_timing_of_the_wire_is_quick_enough(table):
-    table.arm(pacing=Pacing(realtime=True, latency=0.002))
-    begin = time.monotonic()
-    assert table.only().has_arm
-    assert time.monotonic() - begin < 1.0
-
-
 def test_no_port_at_all_is_explained(table):
     found = table.look()
     assert found.reports == ()
@@ -326,12 +317,6 @@ def test_of_files_that_servos_do_not_hold_the_one_with_their_adapters_name_is_ta
     report = table.only()
     assert report.calibration == (table.data / name if is_taken else None)
     assert says in report.sentence
-
-
-def test_a_broken_file_is_not_configured(table):
-    table.arm()
-    (table.data / "58CD_calibration.json").write_text('{"shoulder_pan": 7}')
-    assert table.only().calibration is None
 
 
 def test_lerobots_file_marks_a_leader_and_is_not_suggested(table):

@@ -20,7 +20,7 @@ from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.codec import BROADCAST, Code, frame
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.emulator.faults import WireFaults, parse_fault
+from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.emulator.run import run_emulator
 from so101_motion.rig.things import things_in
@@ -73,11 +73,10 @@ def first_chunk(port, request):
     return os.read(port.fileno(), 4096)
 
 
-@pytest.mark.parametrize("high", range(0, 256, 32))
-def test_every_byte_value_survives_the_way_there_and_back(make_emulator, high):
+def test_every_byte_value_survives_the_way_there_and_back(make_emulator):
     """Control characters above all: a terminal that is not raw eats or translates them."""
     with open_port(make_emulator()) as port:
-        for value in range(high, min(high + 32, 255)):
+        for value in range(255):
             params = bytes((reg.GOAL_TIME.address, value, 0))
             assert ask(port, frame(1, Code.WRITE, params), 6) == PONG
             reply = ask(port, frame(1, Code.READ, bytes((reg.GOAL_TIME.address, 1))), 7)
@@ -140,14 +139,6 @@ def test_adapter_latency_collects_the_replies_of_a_sync_read(make_emulator):
         assert len(first_chunk(port, SYNC_READ)) == 6 * 8
 
 
-def test_late_reply_comes_after_the_answer_to_the_next_question(make_emulator):
-    # This seed delays the first reply and not the second.
-    emulator = make_emulator(wire=WireFaults(late=0.5, lateness=0.05, seed=1))
-    with open_port(emulator) as port:
-        replies = ask(port, PING + frame(2, Code.PING), 12)
-        assert replies == bytes.fromhex("FF FF 02 02 00 FB") + PONG
-
-
 def test_a_reply_is_lost_when_the_client_has_changed_its_rate_meanwhile(make_emulator):
     emulator = make_emulator(pacing=Pacing(realtime=True, latency=1.5))  # bears a stall of 1.4 s
     with open_port(emulator, timeout=2.0) as port:
@@ -168,7 +159,7 @@ def test_client_that_never_reads_blocks_nobody(make_emulator):
         assert any(PONG in ask(port, PING, 4096) for _ in range(1000))
 
 
-@pytest.mark.parametrize("text", ["dead:1", "brownout=2", "loss=1", "request_loss=1", "twin:1=9"])
+@pytest.mark.parametrize("text", ["request_loss=1", "twin:1=9"])
 def test_faults_that_silence_a_servo_begin_and_end_on_request(make_emulator, clock, text):
     emulator, fault = make_emulator(), parse_fault(text)
     with open_port(emulator) as port:
@@ -177,18 +168,6 @@ def test_faults_that_silence_a_servo_begin_and_end_on_request(make_emulator, clo
         emulator.end(fault)
         clock.advance(1.0)  # time to boot
         assert ask(port, PING, 6) == PONG
-
-
-def test_reboot_and_object_are_faults_too(make_emulator, clock):
-    emulator = make_emulator()
-    with open_port(emulator) as port:
-        emulator.begin(parse_fault("reboot:1"))
-        assert is_silent(port, PING)
-        emulator.begin(parse_fault("object=0.05"))
-        clock.advance(1.0)
-        assert ask(port, PING, 6) == PONG
-        assert emulator.world.q[5] > 0.4  # the object holds the jaw open
-        emulator.end(parse_fault("object=0.05"))
 
 
 def test_program_announces_its_port_obeys_its_input_and_ends_when_told(link):

@@ -4,13 +4,11 @@ from concurrent.futures import wait
 
 import numpy as np
 import pytest
-from grpclib import GRPCError
 from harness.emulated_rig import arm_client
 
 from so101_motion.common.compliance import Compliance
-from so101_motion.common.errors import BusError, Interrupted, MotionError
+from so101_motion.common.errors import BusError, MotionError
 from so101_motion.common.modes import Mode
-from so101_motion.control.executor import Channel
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.tasks.guided import PathRecorder, plan_replay, start_replay
@@ -66,15 +64,6 @@ def test_the_jaw_opens_and_closes_while_the_arm_is_guided(bench, rig):
     assert rig.arm.state.mode is Mode.HOLDING
 
 
-def test_a_stop_of_the_jaw_leaves_the_arm_guided(bench, rig):
-    motion = rig.gripper.move(0.9, wait=False)
-    bench.advance(0.2)
-    bench.finish(rig.executor.stop(Channel.JAW))
-    with pytest.raises(Interrupted):
-        bench.finish(motion)
-    assert rig.arm.state.mode is Mode.GUIDING
-
-
 def test_a_dead_servo_is_a_fault_and_the_others_hold(bench, rig):
     bench.world.disconnect("wrist_roll")
     bench.advance(0.5)
@@ -118,15 +107,6 @@ async def test_the_configuration_and_the_request_say_how_it_yields(models):
         assert limits(models)[0] == pytest.approx(80, abs=25)
         await models.in_time(client.stop())
         assert not await client.get_manual_mode()
-
-
-async def test_torque_off_is_not_manual_mode_s_yielding(models):
-    arm = models.new_arm()
-    async with arm_client(arm) as client:
-        await models.in_time(client.do_command({"command": "set_torque", "enable": False}))
-        assert (await client.get_status())["state"] == "limp"
-        with pytest.raises(GRPCError, match="torque_limit"):
-            await client.do_command({"command": "enter_manual_mode", "torque_limit": 1001.0})
 
 
 async def test_after_the_cable_was_out_manual_mode_works_again(models):

@@ -115,7 +115,6 @@ async def test_a_file_that_the_arm_no_longer_names_is_not_in_force(bench):
     ("before", "after", "name", "asked"),
     [
         ({"at_end": "release"}, {}, "at_end", "hold"),
-        ({}, {"at_end": "release"}, "at_end", "release"),
         ({"timeout": "5s"}, {"timeout": "2s"}, "timeout", 2.0),
         (
             {"joint_zero_offsets_deg": {"elbow_flex": 1.0}},

@@ -81,12 +81,6 @@ def test_servos_as_they_are_sold_are_told_of_in_one_sentence(bench):
     assert jaw.startswith("gripper: the limits in the servo (0 to 4095) are wider")
 
 
-def test_the_same_calibration_of_another_program_has_its_zero_in_the_middle(bench, tmp_path):
-    rig = bench.open(calibration_file=saved(tmp_path / "arm.json", with_zeros=False, servos=bench))
-
-    assert error_deg(rig, bench) == pytest.approx([-d for d in MIDDLES_DEG], abs=0.5)
-
-
 @pytest.mark.parametrize("has_norm_mode", [True, False])
 def test_where_the_published_module_s_zeros_differ_is_told_until_one_is_chosen(
     bench, tmp_path, has_norm_mode
@@ -114,19 +108,6 @@ def test_where_the_published_module_s_zeros_differ_is_told_until_one_is_chosen(
     assert elbow.zero.by == "homing"
     assert elbow.map.zero_ticks == 2047
     assert elbow.map.lower + elbow.map.upper == pytest.approx(2 * elbow.zero.angle, abs=0.01)
-
-
-def test_a_calibration_that_viam_server_deleted_is_in_force_again_and_that_is_said(
-    bench, tmp_path, monkeypatch
-):
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path / "module"))
-    path = saved(tmp_path / "module" / "arm.json", with_zeros=True, servos=bench)
-    for file in path.parent.iterdir():
-        file.unlink()
-    rig = bench.open(calibration_file=path)
-
-    assert np.abs(error_deg(rig, bench)).max() < 0.5
-    assert "restored" in rig.servos.notes[0]
 
 
 def test_a_file_that_lies_where_the_published_module_put_it_is_pointed_out(

@@ -10,9 +10,7 @@ from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.errors import (
     BusError,
-    CorruptReply,
     MotorSetupError,
-    NoReply,
     PortUnavailable,
     So101Error,
 )
@@ -59,8 +57,9 @@ def test_a_kit_is_set_up_from_the_gripper_to_the_shoulder():
     assert setup.state.step == 6
 
 
-@pytest.mark.parametrize("baud", reg.BAUDS)
-@pytest.mark.parametrize("servo_id", [0, 1, 17, 253])
+@pytest.mark.parametrize(
+    ("servo_id", "baud"), [*zip((0, 1, 17, 253, 0, 1, 17, 253), reg.BAUDS, strict=True)]
+)
 def test_any_id_at_any_rate_is_found_and_set_up_for_good(servo_id, baud):
     bus, setup = loose(servo_id, baud)
     found = setup.discover("gripper")
@@ -326,21 +325,7 @@ def test_the_view_says_what_is_going_on_and_does_not_wait():
     assert setup.state.doing == ""
 
 
-def test_a_servo_that_falls_silent_is_reported_as_such():
-    bus, setup = loose()
-    jobs = iter(range(1000))
-
-    def pull():
-        if next(jobs) == 3:  # heard twice, and gone before it is asked what it is
-            bus.plug()
-
-    bus.before = pull
-    with pytest.raises((NoReply, CorruptReply)):
-        setup.discover("gripper")
-    assert "no reply from servo 1" in setup.state.status
-
-
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_lost_and_garbled_answers_cost_retries_or_a_plain_error_and_never_an_id(seed):
     bus, setup = loose(1, 115_200)
     bus.faults.__init__(seed=seed, loss=0.05, corrupt=0.03, request_loss=0.03)

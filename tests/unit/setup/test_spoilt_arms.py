@@ -21,32 +21,22 @@ from so101_motion.drivers.feetech.servo_setup import prepare
 from so101_motion.rig.servo_driver import ACCELERATION_CAP, SPEED_CAP
 
 SINGLE = [
-    (), ("LED_ALARM", 0), ("RETURN_DELAY", 254),
-    ("PHASE", 0), ("PHASE", 4), ("PHASE", 8), ("PHASE", 28), ("PHASE", 13), ("PHASE", 140),
-    ("PHASE", 141), ("PHASE", 157),
-    ("P_GAIN", 0), ("P_GAIN", 4), ("P_GAIN", 16), ("P_GAIN", 64), ("D_GAIN", 0), ("D_GAIN", 100),
-    ("I_GAIN", 10), ("I_GAIN", 254), ("STARTUP_FORCE", 0), ("STARTUP_FORCE", 254),
-    ("CW_DEAD_ZONE", 0), ("CW_DEAD_ZONE", 32), ("CCW_DEAD_ZONE", 32), ("RESOLUTION", 3),
-    ("MODE", 1), ("MODE", 2), ("MODE", 3), ("STATUS_LEVEL", 0), ("MIN_POSITION", 4000),
-    ("MAX_TEMPERATURE", 20), ("MAX_TEMPERATURE", 45), ("MAX_VOLTAGE", 80), ("MIN_VOLTAGE", 130),
-    ("MAX_TORQUE", 0), ("MAX_TORQUE", 20), ("MAX_TORQUE", 300), ("UNLOADING", 0), ("UNLOADING", 63),
-    ("PROTECTION_CURRENT", 0), ("PROTECTION_CURRENT", 2),
-    ("PROTECTION_CURRENT", 250), ("OVERLOAD_TORQUE", 0),
-    ("OVERLOAD_TORQUE", 25), ("PROTECTION_TIME", 0), ("OVERCURRENT_TIME", 0),
-    ("PROTECTIVE_TORQUE", 0), ("MOVING_THRESHOLD", 254), ("D_WINDOW", 254), ("SPEED_UNIT", 1),
-    ("MIN_SPEED", 254), ("MAX_SPEED", 0), ("MAX_SPEED", 20), ("MAX_ACCELERATION", 1),
-    ("MAX_ACCELERATION", 254), ("BAUD", 1), ("ID", 9),
+    (), ("RETURN_DELAY", 254), ("PHASE", 0), ("PHASE", 8), ("PHASE", 28), ("PHASE", 13),
+    ("PHASE", 140), ("P_GAIN", 0), ("P_GAIN", 16), ("P_GAIN", 64), ("D_GAIN", 100), ("I_GAIN", 10),
+    ("STARTUP_FORCE", 254), ("CW_DEAD_ZONE", 32), ("RESOLUTION", 3), ("MODE", 1),
+    ("STATUS_LEVEL", 0), ("MAX_TEMPERATURE", 20), ("MAX_VOLTAGE", 80), ("MIN_VOLTAGE", 130),
+    ("MAX_TORQUE", 20), ("MAX_TORQUE", 300), ("UNLOADING", 0), ("PROTECTION_CURRENT", 2),
+    ("PROTECTION_CURRENT", 250), ("OVERLOAD_TORQUE", 0), ("OVERLOAD_TORQUE", 25),
+    ("PROTECTION_TIME", 0), ("PROTECTIVE_TORQUE", 0), ("SPEED_UNIT", 1), ("MIN_SPEED", 254),
+    ("MAX_SPEED", 20), ("MAX_ACCELERATION", 1), ("BAUD", 1), ("ID", 9),
 ]  # fmt: skip
 
 PAIRS = [
-    (("PHASE", 0), ("MIN_SPEED", 254)), (("PHASE", 0), ("MODE", 1)), (("PHASE", 141), ("MODE", 3)),
-    (("P_GAIN", 4), ("D_GAIN", 0)), (("P_GAIN", 4), ("STATUS_LEVEL", 0)),
-    (("STATUS_LEVEL", 0), ("PHASE", 0)), (("RESOLUTION", 3), ("PHASE", 28)),
+    (("PHASE", 0), ("MIN_SPEED", 254)), (("PHASE", 141), ("MODE", 3)),
+    (("P_GAIN", 4), ("STATUS_LEVEL", 0)), (("RESOLUTION", 3), ("PHASE", 28)),
     (("CW_DEAD_ZONE", 16), ("CCW_DEAD_ZONE", 16)),
     (("OVERLOAD_TORQUE", 0), ("PROTECTIVE_TORQUE", 0)),
-    (("MIN_POSITION", 3000), ("MAX_POSITION", 1000)), (("MIN_POSITION", 0), ("MAX_POSITION", 0)),
-    (("MAX_TORQUE", 20), ("UNLOADING", 0)), (("MAX_SPEED", 5), ("MAX_ACCELERATION", 5)),
-    (("MAX_TEMPERATURE", 20), ("UNLOADING", 0)), (("MODE", 2), ("BAUD", 3)),
+    (("MIN_POSITION", 3000), ("MAX_POSITION", 1000)), (("MAX_TORQUE", 20), ("UNLOADING", 0)),
 ]  # fmt: skip
 
 
@@ -61,9 +51,7 @@ V12, V7 = spoilt_arms.KINDS
 ELSEWHERE = [
     (V12, 2, "MAX_TORQUE", 250), (V12, 2, "MAX_TORQUE", 275),
     (V7, 2, "MAX_TORQUE", 425), (V7, 2, "MAX_TORQUE", 450),
-    (V7, 3, "MAX_TORQUE", 225), (V7, 3, "MAX_TORQUE", 275),
-    (V12, 6, "BAUD", 7), (V7, 6, "ID", 7), (V12, 4, "MAX_TORQUE", 100), (V7, 2, "MIN_VOLTAGE", 74),
-    (V7, 3, "PROTECTION_CURRENT", 12), (V7, 2, "OVERLOAD_TORQUE", 10),
+    (V7, 6, "ID", 7), (V7, 2, "MIN_VOLTAGE", 74), (V7, 3, "PROTECTION_CURRENT", 12),
 ]  # fmt: skip
 
 

@@ -162,7 +162,7 @@ def test_dying_again_while_that_is_put_right_changes_nothing_about_it(workshops)
     whole = workshops()
     whole.calibrate()
     new, traces = whole.state(), whole.death.count
-    for at in range(3, traces, 11):
+    for at in range(3, traces, 17):
         again = 0
         while True:
             shop = workshops()
@@ -172,4 +172,4 @@ def test_dying_again_while_that_is_put_right_changes_nothing_about_it(workshops)
                 break
             shop.recover()
             shop.check(*((outcome,) if outcome else (shop.former, new)))
-            again += 4
+            again += 5

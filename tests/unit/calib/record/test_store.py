@@ -4,7 +4,7 @@ import stat
 import threading
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from so101_motion.calib.record import store, versions
@@ -124,13 +124,6 @@ def test_a_calibration_that_would_not_read_back_is_not_saved(file):
         store.save(file, {"shoulder_pan": JointCalibration(id=4)})
 
     assert not file.exists()
-
-
-def test_a_folder_that_cannot_be_made_is_an_error_of_ours(tmp_path):
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    with pytest.raises(CalibrationError, match=r"arm\.json cannot be written"):
-        store.save(blocked / "arm.json", {"gripper": JAW})
 
 
 def test_without_a_place_for_second_copies_saving_goes_on_and_says_so(file, data_home):
@@ -278,15 +271,6 @@ def test_rubbish_is_not_brought_back(module_file):
     assert store.load(module_file).calibration == {"gripper": JAW}
 
 
-def test_without_a_place_for_second_copies_loading_says_so(module_file, data_home):
-    put(module_file, json.dumps({"gripper": JAW.to_json()}))
-    data_home.write_text("not a folder")
-    found = store.load(module_file)
-
-    assert found.calibration == {"gripper": JAW}
-    assert "no second copy" in found.notes[0]
-
-
 # Where
 
 
@@ -330,6 +314,7 @@ entries = st.dictionaries(
 )  # fmt: skip
 
 
+@settings(max_examples=30)
 @given(st.lists(entries, min_size=1, max_size=4))
 def test_after_any_saves_the_file_says_the_last_of_each_joint(tmp_path_factory, saves):
     file = tmp_path_factory.mktemp("law") / "arm.json"

@@ -141,7 +141,7 @@ def as_bytes(ticks):
     return ticks.to_bytes(2, "little")
 
 
-@pytest.mark.parametrize("servo_id", range(1, 6))
+@pytest.mark.parametrize("servo_id", [1, 5])
 def test_a_cut_position_costs_its_own_servo_and_nobody_else(servo_id):
     behind = packet(servo_id + 1, as_bytes(2048))
     for ticks in range(4096):
@@ -156,7 +156,7 @@ def test_a_cut_position_costs_its_own_servo_and_nobody_else(servo_id):
 
 def test_a_cut_block_of_figures_is_never_believed_with_a_wrong_one():
     rng = random.Random(16)
-    for _ in range(20_000):
+    for _ in range(4_000):
         sent = {i: rng.randbytes(15).replace(b"\xff", b"\x0f") for i in (1, 2)}
         whole, behind = (packet(i, data) for i, data in sent.items())
         answers = Answers(sent.keys(), 15)
@@ -166,7 +166,7 @@ def test_a_cut_block_of_figures_is_never_believed_with_a_wrong_one():
 
 def test_a_byte_lost_anywhere_gives_no_wrong_answer_however_the_rest_is_cut():
     rng = random.Random(1617)
-    for _ in range(5_000):
+    for _ in range(1_000):
         sent = {i: rng.choices((0, 1, 2, 3, 0xF2, 0xFE, 0xFF), k=4) for i in (1, 2, 3)}
         begun = b"".join(packet(i, bytes(data)) for i, data in sent.items())
         at = rng.randrange(packet_size(4))

@@ -100,19 +100,6 @@ def test_in_step_mode_a_goal_is_so_much_farther(bench):
     assert position(bench) - begin == pytest.approx(250, abs=10), "clamped like any goal"
 
 
-def test_a_duty_outlives_a_change_of_mode(bench):
-    """The firmware zeroes speed and acceleration only."""
-    in_mode(bench, reg.PWM_MODE)
-    bench.write(ROLL, reg.GOAL_TIME, 400)
-    for mode in (reg.POSITION_MODE, reg.PWM_MODE):
-        bench.write(ROLL, reg.MODE, mode)
-    bench.advance(1.0)
-    before = position(bench)
-    bench.write(ROLL, reg.TORQUE_ENABLE, 1)
-    bench.advance(0.3)
-    assert position(bench) < before - 100
-
-
 def test_torque_off_ends_it(bench):
     in_mode(bench, reg.SPEED_MODE)
     bench.write(ROLL, reg.GOAL_VELOCITY, 400)

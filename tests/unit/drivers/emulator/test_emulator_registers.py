@@ -13,10 +13,9 @@ def test_rows_do_not_overlap_and_stay_inside_the_map():
     assert rows[-1].address + rows[-1].size == reg.SIZE
 
 
-@pytest.mark.parametrize("name", REGISTERS)
-def test_defaults_lie_in_range(name):
-    row = REGISTERS[name]
-    assert row.lower <= row.decode(row.default) <= row.upper
+def test_defaults_lie_in_range():
+    for name, row in REGISTERS.items():
+        assert row.lower <= row.decode(row.default) <= row.upper, name
 
 
 @pytest.mark.parametrize(
