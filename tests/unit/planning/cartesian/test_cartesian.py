@@ -1,4 +1,4 @@
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -6,37 +6,15 @@ import pytest
 from so101_motion.common.errors import ConfigError, InCollision, Unreachable
 from so101_motion.common.geometry import SE3, rot_y, rot_z, rotation_angle
 from so101_motion.planning.cartesian.cartesian import CartesianPlanner
-from so101_motion.planning.cartesian.curve_fit import (
-    EXACT,
-    SMOOTHED,
-    CurveFitter,
-    FitFailure,
-    curve_through,
-)
-from so101_motion.planning.cartesian.ladder_graph import (
-    JUMP,
-    OF_MOTION,
-    PAN_JUMP,
-    SIDE_JUMP,
-    LadderGraph,
-    are_near,
-)
 from so101_motion.planning.cartesian.tool_path import (
-    LEVER,
-    Arc,
-    Line,
     curve_of,
     path_through,
-    rounded,
-    straight_path,
 )
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import ArcTo, GoalMetric, LineGoal, LineTo, ToolPathGoal
-from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.path_geometry import JointPath
 from so101_motion.planning.timing.verify import check
 
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
@@ -83,13 +61,6 @@ def test_the_tool_moves_at_one_speed_and_keeps_its_cap(model, lines, find):
     speed = lines.tool.speeds(motion.q, motion.qd)
     assert speed.max() < 0.05 * 1.001
     assert np.ptp(speed[20:-20]) < 1e-4
-
-
-def test_a_line_without_length_is_no_motion(lines, find):
-    motion = timed(lines, find(READY, (0.0, 0.0, 0.0)), LIMITS, 0.01)
-    assert len(motion) == 1
-    assert motion.duration == 0.0
-    assert np.array_equal(motion.q[0], READY)
 
 
 def test_a_line_out_of_reach_says_how_far_it_can_be_followed_and_why(model, find):
@@ -301,89 +272,6 @@ def test_tolerances_that_are_none_are_refused_by_name(model, lines, collision, k
         lines.find(goal, READY, collision, 0.0)
 
 
-# The ladder graph
-
-
-def ladder(random, columns=5, rows=6, spread=0.12):
-    q = [spread * random.standard_normal((rows, 5)) for _ in range(columns)]
-    price = [random.random(rows) for _ in range(columns)]
-    price[0][1:] = np.inf
-    return LadderGraph(q, price, [np.ones(rows, dtype=bool)] * columns), q, price
-
-
-def cost_of(q, price, rows):
-    total = 0.0
-    for i, row in enumerate(rows):
-        total += price[i][row] / (len(q) - 1)
-        if i:
-            step = q[i][row] - q[i - 1][rows[i - 1]]
-            if np.linalg.norm(step[1:]) > JUMP or abs(step[0]) > PAN_JUMP:
-                return np.inf
-            total += (len(q) - 1) * (step[1:4].sum() ** 2 + OF_MOTION * (step[1:] @ step[1:]))
-    return total
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_the_best_sequence_is_the_cheapest_of_all(seed):
-    made, q, price = ladder(np.random.default_rng(seed))
-    every = product(*(range(len(column)) for column in q))
-    cheapest = min(cost_of(q, price, rows) for rows in every)
-    rows = made.best()
-    assert cost_of(q, price, rows) == pytest.approx(cheapest)
-    assert np.array_equal(made.sequence(rows), [c[row] for c, row in zip(q, rows, strict=True)])
-
-
-def test_forbidden_steps_are_avoided():
-    made, _, _ = ladder(np.random.default_rng(2))
-    first = made.best()
-    made.forbid_step(1, first[1], first[2])
-    assert tuple(made.best()[1:3]) != tuple(first[1:3]), "and their postures stay"
-    made, q, price = ladder(np.random.default_rng(1))
-    first = made.best()
-    made.forbid(2, first[2])
-    second = made.best()
-    assert second[2] != first[2]
-    price[2][first[2]] = np.inf
-    every = product(*(range(len(column)) for column in q))
-    assert cost_of(q, price, second) == pytest.approx(
-        min(cost_of(q, price, rows) for rows in every)
-    )
-
-
-def test_without_a_sequence_it_says_how_far_any_gets():
-    made, _, _ = ladder(np.random.default_rng(3))
-    for row in range(6):
-        made.forbid(3, row)
-    assert made.best() is None
-    assert made.farthest() == 2
-    assert len(made.best(2)) == 3
-    useful = made.useful()
-    assert len(useful) == 3
-    assert list(useful[0]) == [0]
-    q = [np.zeros((1, 5)), np.zeros((2, 5)), np.empty((0, 5)), np.zeros((1, 5))]
-    in_front = [np.ones(len(column), dtype=bool) for column in q]
-    made = LadderGraph(q, [np.zeros(len(column)) for column in q], in_front)
-    assert made.best() is None
-    assert made.farthest() == 1, "a column without postures ends it"
-
-
-def test_postures_far_apart_are_not_one_motion():
-    here = np.zeros((1, 5))
-    there = np.zeros((3, 5))
-    there[1, 2] = 0.3
-    there[2, 0] = 1.01
-    assert are_near(here, there, 0.2, 1.0).tolist() == [[True, False, False]]
-
-
-def test_front_becomes_back_only_where_both_are_one_posture():
-    q = [np.zeros((1, 5)), np.zeros((2, 5))]
-    q[1][:, 0] = SIDE_JUMP + 0.1, SIDE_JUMP - 0.1
-    price = [np.zeros(1), np.array([0.0, 1.0])]
-    in_front = [np.array([True]), np.array([False, False])]
-    assert LadderGraph(q, price, in_front).best()[1] == 1
-    assert LadderGraph(q, price, [np.array([False]), in_front[1]]).best()[1] == 0
-
-
 # Tool paths
 
 
@@ -396,35 +284,6 @@ SEGMENTS = (
     ArcTo(T_base_tool=T2, p_via=np.array([0.35, 0.05, 0.1])),
     LineTo(T_base_tool=T3),
 )
-
-
-def test_on_a_line_the_frame_turns_steadily():
-    tool_path = straight_path(T0, T1)
-    s = np.linspace(0.0, tool_path.length, 5)
-    turned = [rotation_angle(T0.R.T @ R) for R in tool_path.rotations(s)]
-    assert turned == pytest.approx(np.linspace(0.0, tool_path.turn, 5), abs=1e-12)
-    assert tool_path.rotations(s)[-1] == pytest.approx(T1.R, abs=1e-12)
-    assert tool_path.places(s)[2] == pytest.approx(0.5 * (T0.p + T1.p))
-
-
-@pytest.mark.parametrize("angle", [1e-9, 0.3, 3.0, np.pi])
-def test_a_turn_on_the_spot_counts_as_long_as_its_lever(angle):
-    tool_path = straight_path(T0, SE3(T0.R @ rot_z(angle), T0.p))
-    assert tool_path.spin
-    assert tool_path.turn == pytest.approx(angle, abs=1e-12)
-    assert tool_path.length == pytest.approx(max(LEVER * angle, 1e-6))
-    end = tool_path.rotations(np.array([tool_path.length]))[0]
-    assert end == pytest.approx(T0.R @ rot_z(angle), abs=1e-9)
-
-
-def test_without_blending_the_path_rests_at_every_corner():
-    tool_path = path_through(T0, SEGMENTS, 0.0)
-    assert len(tool_path.rests) == 2
-    assert tool_path.places(np.array(tool_path.rests)) == pytest.approx(np.array([T1.p, T2.p]))
-    assert tool_path.rotations(np.array(tool_path.rests))[0] == pytest.approx(T1.R)
-    assert tool_path.segments == 3
-    at = np.linspace(0.0, tool_path.length, 7)
-    assert [tool_path.segment_at(s) for s in at] == [0, 0, 1, 1, 2, 2, 2]
 
 
 @pytest.mark.parametrize("blend", [0.005, 0.02, 0.05])
@@ -444,17 +303,6 @@ def test_with_blending_place_and_orientation_have_no_corners(blend):
     assert tool_path.rotations(s[[0, -1]]) == pytest.approx(np.array([T0.R, T3.R]), abs=1e-12)
 
 
-def test_a_short_segment_gives_half_of_itself_to_each_corner():
-    middle = LineTo(T_base_tool=SE3(T1.R, T1.p + np.array([0.0, 0.004, 0.0])))
-    last = LineTo(T_base_tool=SE3(T1.R, T1.p + np.array([0.05, 0.004, 0.0])))
-    tool_path = path_through(T0, (SEGMENTS[0], middle, last), 0.02)
-    p = tool_path.places(np.linspace(0.0, tool_path.length, 5001))
-    assert (
-        np.linalg.norm(p - (T1.p + np.array([0.0, 0.002, 0.0])), axis=1).min()
-        < tool_path.length / 5000
-    )
-
-
 @pytest.mark.parametrize("blend", [-0.01, float("nan"), float("inf")])
 def test_a_blend_that_is_no_length_is_refused(blend):
     with pytest.raises(ConfigError, match=r"blend.*must be 0 or more and finite"):
@@ -463,7 +311,7 @@ def test_a_blend_that_is_no_length_is_refused(blend):
         path_through(T0, (), 0.0)
 
 
-# Segments and rounded corners
+# Segments
 
 START = np.array([0.2, 0.05, 0.1])
 
@@ -474,15 +322,6 @@ def to(p):
 
 def arc(end, via):
     return curve_of(START, ArcTo(T_base_tool=to(START + end), p_via=START + via), 1)
-
-
-def test_a_line_runs_straight_to_its_end():
-    line = curve_of(START, LineTo(T_base_tool=to(START + np.array([0.03, 0.0, -0.04]))), 1)
-    assert line.length == pytest.approx(0.05)
-    places = line.at(np.array([0.0, 0.025, 0.05]))
-    assert places.p[1] == pytest.approx(START + np.array([0.015, 0.0, -0.02]))
-    assert places.direction[0] == pytest.approx([0.6, 0.0, -0.8])
-    assert not np.any(places.curvature)
 
 
 @pytest.mark.parametrize(
@@ -515,173 +354,3 @@ def test_a_straight_arc_and_a_segment_without_length_are_refused():
         curve_of(START, LineTo(T_base_tool=to(START)), 3)
     with pytest.raises(ConfigError, match="make a full circle of two arcs"):
         curve_of(START, ArcTo(T_base_tool=to(START), p_via=START + np.array([0.01, 0.0, 0.0])), 1)
-
-
-def line(p_start, direction, length=0.1):
-    p_end = p_start + length * np.array(direction)
-    return Line(p_start=p_start, p_end=p_end, length=length)
-
-
-def quarter(p_start, radius=0.05):
-    return Arc(
-        centre=p_start + np.array([0.0, radius, 0.0]),
-        first=np.array([0.0, -1.0, 0.0]),
-        second=np.array([1.0, 0.0, 0.0]),
-        radius=radius,
-        length=0.5 * np.pi * radius,
-    )
-
-
-CORNERS = {
-    "no corner": lambda p: line(p, [1.0, 0.0, 0.0]),
-    "slight": lambda p: line(p, [np.cos(0.2), np.sin(0.2), 0.0]),
-    "right angle": lambda p: line(p, [0.0, 0.0, 1.0]),
-    "sharp": lambda p: line(p, [np.cos(2.6), np.sin(2.6), 0.0]),
-    "straight back": lambda p: line(p, [-1.0, 0.0, 0.0]),
-    "into an arc": quarter,
-}
-
-
-@pytest.mark.parametrize("after", CORNERS.values(), ids=CORNERS)
-def test_a_rounding_agrees_with_both_sides_and_stays_near_the_corner(after):
-    reach, corner = 0.02, START + np.array([0.1, 0.0, 0.0])
-    first, second = line(START, [1.0, 0.0, 0.0]), after(corner)
-    rounding = rounded(first, second, reach)
-    h = 1e-5 * rounding.length
-    for curve, along, here, tool_path in (
-        (first, first.length - reach, 0.0, 1.0),
-        (second, reach, rounding.length, -1.0),
-    ):
-        p = rounding.at(here + tool_path * h * np.arange(4))[:, :3]
-        place = curve.at(np.array([along]))
-        assert p[0] == pytest.approx(place.p[0], abs=1e-12)
-        assert tool_path * (p[1] - p[0]) / h == pytest.approx(place.direction[0], abs=1e-3)
-        bend = (2.0 * p[0] - 5.0 * p[1] + 4.0 * p[2] - p[3]) / h**2
-        assert bend == pytest.approx(place.curvature[0], abs=0.05)
-    s = np.linspace(0.0, rounding.length, 1001)
-    p = rounding.at(s)
-    speed = np.linalg.norm(np.diff(p[:, :3], axis=0), axis=1) / s[1]
-    assert speed.max() < 1.01  # slower where the path turns back, never faster
-    assert np.linalg.norm(p[:, :3] - corner, axis=1).max() <= reach * 1.001
-    assert np.all(np.diff(p[:, 3]) > 0.0)
-
-
-# Curves of the joints
-
-
-PATH_READY = np.radians([0, -45, 45, 60, 20])
-TOLERANCE = 1e-4
-
-
-@pytest.fixture(scope="module")
-def chain(model):
-    return ArmChain(model)
-
-
-@pytest.fixture(scope="module")
-def fitter(model, chain):
-    return CurveFitter(chain, model.lower, model.upper, TOLERANCE)
-
-
-@pytest.fixture(scope="module")
-def tool_path(model):
-    T = model.frame(PATH_READY)
-    return straight_path(T, SE3(T.R, T.p + np.array([0.02, 0.06, 0.03])))
-
-
-def configurations_on(model, tool_path, s, pitches):
-    """Configurations on a path whose pitch is prescribed, by Newton's method on the model."""
-    q, found = PATH_READY.copy(), []
-    for p, pitch in zip(tool_path.places(s), pitches, strict=True):
-        for _ in range(20):
-            J = np.zeros((5, 5))
-            J[:3] = model.frame_jacobian(q)[:3]
-            J[3, 1:4], J[4, 4] = 1.0, 1.0
-            off = np.append(p - model.frame(q).p, [pitch - q[1:4].sum(), PATH_READY[4] - q[4]])
-            q = q + np.linalg.solve(J, off)
-        found.append(q)
-    return np.array(found)
-
-
-def accepts_all(curve):
-    return None
-
-
-def distance(chain, tool_path, curve):
-    s = np.linspace(0.0, curve.length, 501)
-    return np.linalg.norm(chain.positions(curve.evaluate(s).q) - tool_path.places(s), axis=1).max()
-
-
-def test_the_tool_keeps_to_its_path_and_steps_of_pitch_are_evened_out_where_nobody_asked_for_them(
-    model, chain, fitter, tool_path
-):
-    s = np.linspace(0.0, tool_path.length, 9)
-    stairs = PATH_READY[1:4].sum() + 0.08 * np.floor(np.arange(9) / 3)
-    q, wobble = configurations_on(model, tool_path, s, stairs), []
-    for stiffnesses in (SMOOTHED, EXACT):
-        curve = fitter.fit(tool_path, s, q, stiffnesses, accepts_all)
-        assert isinstance(curve, JointPath)
-        assert distance(chain, tool_path, curve) < TOLERANCE
-        assert np.array_equal(curve.evaluate([0.0]).q[0], q[0])
-        assert curve.evaluate([tool_path.length]).q[0] == pytest.approx(q[-1], abs=1e-6)
-        pitch = curve.evaluate(np.linspace(0.0, curve.length, 200)).q[:, 1:4].sum(axis=1)
-        wobble.append(np.abs(np.diff(pitch, 2)).max())
-    assert wobble[0] < 0.3 * wobble[1]
-
-
-def test_a_pitch_that_stays_is_left_alone(model, fitter, tool_path):
-    s = np.linspace(0.0, tool_path.length, 9)
-    q = configurations_on(model, tool_path, s, np.full(9, PATH_READY[1:4].sum()))
-    curve = fitter.fit(tool_path, s, q, SMOOTHED, accepts_all)
-    knots = curve.evaluate(curve.knots[:: (len(curve.knots) - 1) // 8]).q
-    assert knots == pytest.approx(q, abs=1e-9)
-
-
-def test_a_curve_that_is_not_accepted_is_tried_less_smooth_and_then_given_up(
-    model, fitter, tool_path
-):
-    s = np.linspace(0.0, tool_path.length, 9)
-    q = configurations_on(
-        model, tool_path, s, PATH_READY[1:4].sum() + 0.05 * np.array([0, 1, 0, 1, 0, 1, 0, 1, 0])
-    )
-    tried = []
-
-    def refuse(curve):
-        tried.append(curve)
-        return FitFailure(s=0.01, q=q[0], in_contact=True)
-
-    assert fitter.fit(tool_path, s, q, SMOOTHED, refuse).in_contact
-    assert len(tried) == len(SMOOTHED)
-
-
-def test_where_postures_are_not_one_motion_there_is_no_curve(model, fitter, tool_path):
-    s = np.linspace(0.0, tool_path.length, 9)
-    q = configurations_on(model, tool_path, s, np.full(9, PATH_READY[1:4].sum()))
-    q[5:] = configurations_on(model, tool_path, s[5:], np.full(4, PATH_READY[1:4].sum() - 2.5))
-    found = fitter.fit(tool_path, s, np.clip(q, model.lower, model.upper), EXACT, accepts_all)
-    assert isinstance(found, FitFailure)
-    assert s[4] < found.s < s[5]
-
-
-def test_a_curve_does_not_bulge_over_a_joint_limit(model, chain):
-    T = model.frame(PATH_READY)
-    tool_path = straight_path(T, SE3(T.R, T.p + np.array([0.05, 0.0, 0.0])))
-    s = np.linspace(0.0, tool_path.length, 9)
-    q = configurations_on(model, tool_path, s, np.full(9, PATH_READY[1:4].sum()))
-    tight = CurveFitter(chain, q.min(axis=0), q.max(axis=0), TOLERANCE)
-    found = tight.fit(tool_path, s, q, EXACT, accepts_all)
-    assert isinstance(found, JointPath)
-    inside = found.evaluate(np.linspace(0.0, found.length, 2001)).q
-    assert np.all(inside >= q.min(axis=0) - 1e-6)
-    assert np.all(inside <= q.max(axis=0) + 1e-6)
-
-
-def test_the_curve_through_points_of_a_cubic_is_that_cubic():
-    u = np.linspace(0.0, 1.0, 9)[:, None]
-    factors = np.arange(1.0, 6.0)
-    path = curve_through(factors * (u**3 - u**2) + u, 1.0)
-    at = np.linspace(0.0, 1.0, 41)
-    expected = factors * (at**3 - at**2)[:, None] + at[:, None]
-    assert path.evaluate(at).q == pytest.approx(expected, abs=1e-12)
-    slope = factors * (3.0 * at**2 - 2.0 * at)[:, None] + 1.0
-    assert path.evaluate(at).q_s == pytest.approx(slope, abs=1e-10)

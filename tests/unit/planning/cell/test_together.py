@@ -1,10 +1,8 @@
 """Plans for several arms at once: they begin and end together and keep apart all the way."""
 
-import math
 from dataclasses import replace
 from itertools import combinations
 
-import coal
 import numpy as np
 import pytest
 from harness.coal_check import CoalJudge
@@ -16,14 +14,12 @@ from so101_motion.planning.cell import together
 from so101_motion.planning.cell.grasps import grasps_of
 from so101_motion.planning.cell.handover import JawGeometry, plan_handover
 from so101_motion.planning.cell.team_requests import HandoverRequest, TeamMember
-from so101_motion.planning.cell.together import FAR, SHARE, pace_on, plan_together
+from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision import apart
 from so101_motion.planning.collision.apart import (
-    EARLY,
     PARTING,
     ROOM,
     clearance_over_time,
-    distances,
     first_meeting,
     nearness,
 )
@@ -36,7 +32,6 @@ from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
-from so101_motion.planning.timing.path_geometry import blended_path
 from so101_motion.planning.timing.torque import Strength
 
 CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
@@ -169,46 +164,6 @@ def test_an_arm_too_weak_to_make_room_for_the_other_is_named(planner):
         plan_together(planner, team)
 
 
-# How fast several arms may move along a common path
-
-
-T_FACING = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
-TURNED = np.array([0.9, 0.0, 0.0, 0.0, 0.0])
-
-
-def arms(T=T_FACING):
-    request = PlanRequest(q_start=TURNED, goal=JointGoal(q=TURNED), limits=CAPS)
-    return [TeamMember(name="", T_cell_base=each, request=request) for each in (SE3.identity(), T)]
-
-
-def test_arms_are_slow_where_they_are_near_and_free_where_they_are_not():
-    nearer = np.array([0.45, -0.2, 0.2, 0.0, 0.0])
-    path = blended_path(np.array([np.tile(TURNED, 2), np.tile(nearer, 2)]), 0.01)
-    pace = pace_on(path, arms())
-    rate = np.ones((2, 10))
-    q = path.evaluate(np.array([0.0, path.length])).q
-    far, near = pace(q, rate)
-    assert near > 2.0 * far
-    assert pace(q, 2.0 * rate) == pytest.approx([2.0 * far, 2.0 * near])
-    rate[:, 5:] = 0.0  # who rests is never early
-    np.testing.assert_array_equal(pace(q, rate), 0.0)
-    bodies = bodies_of()
-    q_both = np.append(nearer, 0.0)[None]
-    gap = distances(bodies, bodies, T_FACING, q_both, q_both, need=ROOM, enough=FAR)[0]
-    fast = bodies.levers[:, :5].sum(axis=1)
-    wanted = np.minimum(fast[:, None], fast) * EARLY / (SHARE * (gap - ROOM))
-    assert near == pytest.approx(wanted.max(), rel=0.02)
-
-
-def test_a_path_on_which_arms_could_not_move_at_all_has_no_pace():
-    ahead = np.zeros(5)
-    path = blended_path(np.array([np.tile(TURNED, 2), np.tile(ahead, 2)]), 0.01)
-    assert pace_on(path, arms()) is None
-    far = SE3(rot_z(np.pi), np.array([2.0, 0.0, 0.0]))
-    pace = pace_on(path, arms(far))
-    assert np.all(pace(path.evaluate([0.0]).q, np.ones((1, 10))) < 0.2)
-
-
 # Plans among other moving arms
 
 
@@ -304,15 +259,6 @@ def test_an_arm_that_stands_blocks_like_its_bodies_do(planner):
     assert verdicts == {True, False}
 
 
-def test_scenes_with_other_arms_are_told_apart():
-    arm = StandingArm(name="right", T_base_arm=T_LEFT_RIGHT, q=np.zeros((1, 6)))
-    scene = Scene(arms=(arm,))
-    assert scene == Scene(arms=(replace(arm),))
-    assert scene != Scene()
-    assert scene != Scene(arms=(replace(arm, room=0.01),))
-    assert scene.called("right's gripper") == "right's gripper"
-
-
 # Handovers of random poses, checked by other means
 
 
@@ -405,53 +351,6 @@ def test_an_impossible_handover_says_why(planner):
 # Whether two arms that move at the same time keep apart, by coal at single instants
 
 
-_PART = 0.25  # as in apart.c
-
-
-def meet_by_coal(a, b, T, qa, qb, room, early):
-    """The first time at which two arms come too near, by coal; ``early`` is in steps.
-
-    A judge that shares no code with apart.c.
-    """
-    data = a.model.createData(), b.model.createData()
-    travel_a, travel_b, last = a.travel(qa), b.travel(qb), len(qa) - 1
-    due = np.zeros((len(a.objects), len(b.objects)))
-    request, t = coal.DistanceRequest(), 0.0
-    while t <= last:
-        k = min(int(t), max(last - 1, 0))
-        at = [q[k] + (t - k) * (q[min(k + 1, last)] - q[k]) for q in (qa, qb)]
-        place_a = a.placed(at[0], SE3.identity(), data[0])
-        place_b = b.placed(at[1], T, data[1])
-        for i, j in zip(*np.nonzero(due <= t), strict=True):
-            one, other = a.objects[i], b.objects[j]
-            due[i, j] = math.inf
-            if one.joint == other.joint == 0:
-                continue
-            speeds = np.column_stack((travel_a[k:, i], travel_b[k:, j]))
-            need = room + (early * float(speeds[0].min()) if last else 0.0)
-            gap = coal.distance(
-                one.shape, place_a[i], other.shape, place_b[j], request, coal.DistanceResult()
-            )
-            if gap < need:
-                return t, gap, int(i), int(j)
-            due[i, j] = max(
-                until(speeds, t, k, gap - room, early), until(speeds, t, k, _PART * room, 0.0)
-            )
-        following = float(due.min())
-        t = last if t < last < following < math.inf else following
-    return None
-
-
-def until(speeds, t, k, room, early):
-    """Like ``until`` in apart.c; ``speeds`` begin at step ``k``, shape (m, 2), [m]."""
-    for step, (va, vb) in enumerate(speeds, k):
-        left, late = (step + 1 - t) * (va + vb), early * min(va, vb)
-        if left + late > room:
-            return float(t + (room - late) / (va + vb)) if room > late else t
-        room, t = room - left, step + 1.0
-    return math.inf
-
-
 FURTHER = SE3(T_LEFT_RIGHT.R, np.array([0.47, 0.0, 0.0]))
 
 
@@ -478,17 +377,6 @@ def test_arms_at_rest_are_apart_where_coal_says_so():
             assert facing.are_apart(q_left, q_right, room=0.02) == (far > 0.02)
             verdicts.add(far > 0.02)
     assert verdicts == {True, False}
-
-
-def test_the_clearance_over_time_is_that_of_the_nearest_bodies():
-    left, right = random_courses(Facing(3))
-    bodies, times = Facing(3).bodies, np.linspace(0.0, left.end, 5)
-    pair = (bodies, left), (bodies, right)
-    for met, t in zip(apart.clearance_over_time(*pair, T_LEFT_RIGHT, times), times, strict=True):
-        far = distance(bodies, left.at(np.array([t]))[0], right.at(np.array([t]))[0])
-        assert met.t == t
-        assert met.distance == pytest.approx(far)
-        assert {met.first, met.second} <= set(bodies.names)
 
 
 def test_compiled_distances_are_those_of_coal_at_least_and_about():
@@ -676,21 +564,6 @@ def test_arms_that_swing_to_and_fro_meet_although_they_are_apart_at_the_ends(per
     assert 20 < met < 130
 
 
-def test_the_verdict_is_that_of_coal():
-    facing = Facing(3)
-    verdicts = set()
-    for _ in range(10):
-        left, right = random_courses(facing)
-        times = STEP * np.arange(np.ceil(max(left.end, right.end) / STEP - 1e-9) + 1)
-        pair = (facing.bodies, left), (facing.bodies, right)
-        found = apart.first_meeting(*pair, FURTHER, since=0.0, early=STEP)
-        both = (facing.bodies, facing.bodies), (left.at(times), right.at(times))
-        by_coal = meet_by_coal(*both[0], FURTHER, *both[1], apart.ROOM, 1.0)
-        assert (found is None) == (by_coal is None)
-        verdicts.add(found is None)
-    assert verdicts == {True, False}
-
-
 def test_fast_arms_must_stay_further_apart_than_slow_ones():
     facing = Facing(5)
     changed = 0
@@ -759,11 +632,3 @@ def test_stops_at_any_instant_are_judged_as_each_by_itself():
             assert (found.first, found.second) == (met.first, met.second)
         verdicts.append(found is None)
     assert set(verdicts) == {True, False}
-
-
-def test_bodies_are_made_once_whichever_arm_they_are_held_against():
-    stick = Attached(name="stick", shape=Box(size=[0.02, 0.02, 0.1]), T_tool_object=SE3.identity())
-    given = replace(stick, passed_to="right")
-    assert bodies_of((stick,), "left") is bodies_of((stick,), "right")
-    assert bodies_of((given,), "left") is not bodies_of((given,), "right")
-    assert bodies_of((given,), "right").passed == {"stick"}

@@ -3,7 +3,6 @@ import shutil
 import weakref
 from pathlib import Path
 
-import coal
 import numpy as np
 import pytest
 import so101_description
@@ -13,9 +12,7 @@ from harness.random_scenes import obstacle, random_scene
 
 from so101_motion.common.errors import WorkerError
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.checkpoint import Abandoned
 from so101_motion.planning.collision.bodies import bodies_in
-from so101_motion.planning.collision.coal_shapes import full_cubes
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import (
     LINKS,
@@ -63,16 +60,6 @@ def test_the_floor_is_where_the_scene_says_and_the_base_may_stand_on_it(model):
     assert CollisionModel(model, Scene(floor_z=0.05)).is_free(np.zeros(5))
 
 
-def test_an_open_gripper_is_wider_than_a_closed_one(model, collision):
-    only_closed = [
-        q
-        for q in random_configurations(model, 2000)
-        if collision.is_free(q, 0.0) and not collision.is_free(q, 1.7)
-    ]
-    assert only_closed
-    assert any("jaw" in collision.first_contact(q, 1.7) for q in only_closed)
-
-
 def test_the_closest_pair_is_the_one_with_the_least_room_by_coal(model):
     post = obstacle("post", (0.04, 0.04, 0.3), (0.25, 0.1, 0.15))
     for scene in (Scene(), Scene(obstacles=(post,), margin=0.01)):
@@ -82,56 +69,6 @@ def test_the_closest_pair_is_the_one_with_the_least_room_by_coal(model):
             rooms = collision.distances(q) - collision.margins
             assert closest.room == pytest.approx(rooms.min(), abs=1e-6)
             assert (closest.first, closest.second) == collision.pairs[int(np.argmin(rooms))]
-
-
-def triangles(part):
-    """What is drawn of a link, for coal."""
-    shape = coal.BVHModelOBBRSS()
-    meshes = [surface.mesh for surface in so101_description.load_visual(part)]
-    shape.beginModel(sum(len(m.faces) for m in meshes), sum(len(m.vertices) for m in meshes))
-    for mesh in meshes:
-        corners = mesh.vertices[mesh.faces]
-        for a, b, c in corners:
-            shape.addTriangle(a, b, c)
-    shape.endModel()
-    return shape
-
-
-def test_whatever_touches_as_drawn_is_found(model, collision):
-    links = so101_description.PARTS
-    shapes = {part.replace("_", " "): triangles(part) for part in links.values()}
-    request = coal.CollisionRequest()
-    touching = 0
-    for q in random_configurations(model, 250, seed=3):
-        placed = {
-            links[link].replace("_", " "): coal.Transform3s(T.R, T.p)
-            for link, T in model.link_placements(q, 0.3).items()
-        }
-        for first, second in collision.pairs:
-            if second == "floor":
-                continue
-            result = coal.CollisionResult()
-            coal.collide(
-                shapes[first], placed[first], shapes[second], placed[second], request, result
-            )
-            if result.isCollision():
-                touching += 1
-                assert not collision.is_free(q, 0.3), (first, second, q)
-    assert touching > 20
-
-
-def test_the_distance_to_the_floor_is_that_of_the_lowest_vertex_that_can_move(model, collision):
-    over_floor = {first for first, second in collision.pairs if second == "floor"}
-    assert over_floor == {"upper arm", "lower arm", "wrist", "gripper", "jaw"}
-    q = configuration(20, -30, 40, 50, 60)
-    placed = model.link_placements(q, 0.0)
-    lowest = min(
-        float((placed[link] @ so101_description.load_hull(part).vertices)[:, 2].min())
-        for link, part in so101_description.PARTS.items()
-        if part not in ("base", "shoulder")
-    )
-    floor = [k for k, pair in enumerate(collision.pairs) if "floor" in pair]
-    assert collision.distances(q)[floor].min() == pytest.approx(lowest + 0.0024, abs=1e-6)
 
 
 def test_near_pairs_are_asked_for_within_reason(collision):
@@ -192,7 +129,7 @@ def test_what_pairs_lack_more_than_they_may_is_seen_at_any_of_some_places(model,
 # The library beside coal
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_verdicts_are_coals_far_from_contact_and_close_to_it(model, seed):
     rng = np.random.default_rng(seed)
     told = verdicts.compare(rng, model, 400)
@@ -262,21 +199,6 @@ def test_many_cubes_and_many_triangles(model):
     found = compiled.touching(q)
     assert 0.2 < found.mean() < 0.95
     np.testing.assert_array_equal(found, plain.touching(q))
-
-
-def test_what_the_checkpoint_raises_ends_the_check_and_comes_out(model):
-    def give_up():
-        if asked:
-            raise Abandoned
-
-    asked = []
-    collision = CollisionModel(model, Scene(), give_up)
-    q = np.zeros((5000, 5))
-    asked.append(1)
-    with pytest.raises(Abandoned):
-        collision.touching(q)
-    asked.clear()
-    assert not collision.touching(q).any()
 
 
 def test_its_memory_goes_with_the_model(model):
@@ -374,7 +296,7 @@ def beside(model, q, shape, reach, distance, direction):
 def test_the_distance_to_a_shape_is_the_one_it_was_placed_at(model, name, distance):
     shape, reach = SHAPES[name]
     rng = np.random.default_rng(3)
-    for _ in range(10):
+    for _ in range(4):
         direction = rng.standard_normal(3)
         direction[0] = abs(direction[0]) + 1.0  # ahead, where the hand is
         obstacle, link = beside(model, READY, shape, reach, distance, direction)
@@ -487,31 +409,6 @@ def test_what_is_held_and_flat_has_a_body_too(model):
     assert collision.distances(READY)[k] == pytest.approx(0.01, abs=5e-4)
 
 
-def test_the_cubes_of_a_cloud_are_those_that_hold_its_points():
-    for seed, count in enumerate((1, 50, 100_000)):
-        random = np.random.default_rng(seed)
-        cloud = PointCloud(points=random.uniform(-0.3, 0.5, (count, 3)), resolution=0.007)
-        cubes = np.unique(np.floor(cloud.points / 0.007), axis=0)
-        found = full_cubes(cloud)
-        assert found.shape == cubes.shape
-        np.testing.assert_allclose(found, (cubes + 0.5) * 0.007, atol=1e-12)
-
-
-def test_leaving_out_what_lies_out_of_reach_in_a_cloud_changes_no_distance(model):
-    random = np.random.default_rng(0)
-    room = random.uniform(2.0, 3.0, (200_000, 3))
-    here = np.array([[0.2, 0.0, 0.1]])
-
-    def seen(points):
-        cloud = PointCloud(points=points, resolution=0.01)
-        thing = Obstacle(name="cloud", shape=cloud, T_base_obstacle=SE3.identity())
-        return CollisionModel(model, Scene(obstacles=(thing,)))
-
-    alone, among = seen(here), seen(np.concatenate([room, here, -room]))
-    for q in random.uniform(model.lower, model.upper, (20, 5)):
-        assert np.array_equal(alone.distances(q), among.distances(q))
-
-
 # How far a motion moves what is on a link
 
 
@@ -554,12 +451,3 @@ def test_no_vertex_moves_further_than_the_bound_on_travel(model, attached):
         assert bound <= collision.travel(np.array([begin, end]))[-1] + 1e-12
         share = max(share, moved / bound if bound else 0.0)
     assert share > 0.6, "the bound is no tighter than it need be"
-
-
-def test_what_is_held_and_an_open_jaw_reach_further_around_the_roll(model):
-    empty, full = CollisionModel(model), CollisionModel(model, Scene(attached=(STICK,)))
-    assert np.all(full.reach >= empty.reach)
-    assert full.reach[4] == pytest.approx(0.2, abs=0.02)
-    levers = bodies_in(model.pin_model, Scene()).levers
-    assert levers.at(1.7)[4] > 2.0 * levers.at(0.0)[4]
-    assert np.all(levers.longest >= levers.at(0.7))

@@ -2,8 +2,6 @@ import numpy as np
 import pytest
 import qpsolvers
 from harness.random_scenes import obstacle
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import sparse
 from scipy.optimize import minimize
 
@@ -21,9 +19,9 @@ from so101_motion.planning.differential.guard import (
     Guard,
     room_of,
 )
-from so101_motion.planning.differential.servo import MovingAverage, Servo, Step
+from so101_motion.planning.differential.servo import Servo, Step
 from so101_motion.planning.differential.servo_qp import ROWS, WORTH, ServoQp
-from so101_motion.planning.differential.targets import STILL, Twist
+from so101_motion.planning.differential.targets import Twist
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Load, Payload, Strength
@@ -129,15 +127,6 @@ def test_a_tool_that_is_let_go_of_stops_on_its_line() -> None:
     assert 0.07 < offsets[-1, 1] < 0.08 * (1.0 + 0.15)
 
 
-@pytest.mark.parametrize("limits", [LIMITS, AS_SET])
-def test_jerk_is_bounded_when_the_wish_jumps(limits: MotionLimits) -> None:
-    moving, q = servo(limits=limits), [READY] * 3
-    for target in (twist(y=0.2), twist(y=-0.2), tool(0.5 * READY), STILL):
-        q += [step.q for step in run(moving, target, 60)]
-    jerk = np.abs(np.diff(q, 3, axis=0)).max() / DT**3
-    assert 0.5 * limits.jerk[0] < jerk <= limits.jerk[0] * (1.0 + 1e-6)
-
-
 def test_what_is_not_granted_slows_the_tool_down_and_keeps_it_on_its_line() -> None:
     moving, start = (
         servo(limits=MotionLimits.uniform(velocity=0.3, acceleration=3.0, jerk=50.0)),
@@ -200,12 +189,6 @@ def test_a_start_outside_the_limits_may_come_in_and_not_go_further_out() -> None
     assert min(ends) < MODEL.upper[4]
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_twist_must_be_finite(bad: float) -> None:
-    with pytest.raises(ValueError, match="linear velocity must be finite"):
-        twist(x=bad)
-
-
 def test_it_stops_where_what_it_carries_becomes_too_heavy_and_says_so() -> None:
     moving = servo(limits=AS_SET, held=HELD)
     steps = run(moving, twist(x=0.08), 600)
@@ -228,68 +211,6 @@ def test_what_is_too_heavy_at_the_start_may_only_get_lighter() -> None:
     assert np.all(shares(pressed) <= np.maximum(begin, 1.001) + 1e-6)
     back = run(servo(heavy, held=HELD), twist(x=-0.06, z=0.02), 200)
     assert shares(back)[-1].max() < 1.0
-
-
-# The moving average that bounds jerk
-
-
-START = np.array([0.1, -0.2, 0.3, 0.4, -0.5])
-seeds = st.integers(min_value=0, max_value=2**32 - 1)
-
-
-def bounded(acceleration: float = 2.0, jerk: float = 20.0) -> MotionLimits:
-    return MotionLimits.uniform(velocity=1.0, acceleration=acceleration, jerk=jerk)
-
-
-def erratic(rng: np.random.Generator, most: float, steps: int) -> np.ndarray:
-    """A reference whose accelerations jump from one extreme to the other."""
-    qdd = most * rng.choice([-1.0, 0.0, 1.0], (steps, 5)).repeat(rng.integers(1, 30), axis=0)
-    return START + np.cumsum(np.cumsum(qdd[:steps], axis=0), axis=0) * DT**2
-
-
-@given(seeds, st.floats(0.5, 10.0), st.floats(0.001, 0.3))
-def test_jerk_is_bounded_whatever_the_reference_does(seed: int, most: float, rise: float) -> None:
-    average = MovingAverage(START, bounded(most, most / rise), DT)
-    reference = erratic(np.random.default_rng(seed), most, 80)
-    q = np.array([START, START, START, *(average.step(each) for each in reference)])
-    assert np.abs(np.diff(q, 3, axis=0)).max() / DT**3 <= most / rise * (1.0 + 1e-6) + 1e-6
-    assert np.abs(np.diff(q, 2, axis=0)).max() / DT**2 <= most * (1.0 + 1e-6) + 1e-9
-    assert np.all(q >= np.minimum(START, reference.min(axis=0)) - 1e-12)
-    assert np.all(q <= np.maximum(START, reference.max(axis=0)) + 1e-12)
-
-
-@given(seeds, st.integers(1, 30))
-def test_it_goes_where_it_said_it_would(seed: int, known: int) -> None:
-    average = MovingAverage(START, bounded(), DT)
-    reference = erratic(np.random.default_rng(seed), 2.0, 40)
-    for each in reference[:-known]:
-        average.step(each)
-    ahead = average.ahead(reference[-known:])
-    waiting = [reference[-1]] * (average.steps - 1)
-    np.testing.assert_allclose(
-        ahead, [average.step(each) for each in (*reference[-known:], *waiting)], atol=1e-12
-    )
-
-
-def test_it_stands_exactly_where_the_reference_stands() -> None:
-    average = MovingAverage(START, bounded(), DT)
-    end = START + 1.0 / 3.0
-    q = [average.step(end) for _ in range(average.steps)]
-    assert not np.array_equal(q[-2], end)
-    assert np.array_equal(q[-1], end)
-    assert np.array_equal(average.ahead(end[None])[0], end)
-
-
-def test_it_is_late_by_half_its_window_which_may_be_one_step() -> None:
-    average = MovingAverage(START, bounded(2.0, 20.0), DT)
-    assert average.steps == 20
-    for k in range(100):
-        q = average.step(START + 0.5 * DT * k)
-    assert START + 0.5 * DT * 99 - q == pytest.approx(np.full(5, 0.5 * DT * 9.5))
-    average = MovingAverage(START, bounded(2.0, 1e6), DT)
-    assert average.steps == 1
-    assert np.array_equal(average.step(2.0 * START), 2.0 * START)
-    assert np.array_equal(average.ahead(2.0 * START[None]), 2.0 * START[None])
 
 
 # Its programs
@@ -337,22 +258,6 @@ def test_it_solves_the_program_as_qpsolvers_does_with_osqp(seed: int) -> None:
         assert cost(program, qd, share) == pytest.approx(
             cost(program, size * exact[:5], exact[5]), abs=1e-2 * WORTH
         )
-
-
-@pytest.mark.parametrize(
-    ("wish", "first", "granted"),
-    [([0.1, 0.2, -0.3, 0.1, 0.0], 1.0, 1.0), ([0.4, 0.4, 0.4, 0.0, 0.0], 0.2, 0.5)],
-    ids=["fits", "a joint gives only half"],
-)
-def test_a_wish_is_granted_as_far_as_all_joints_give(wish, first, granted) -> None:
-    J = np.vstack([0.2 * np.eye(3, 5), np.eye(3, 5) if granted == 1.0 else np.zeros((3, 5))])
-    wish, upper = np.array(wish), np.array([first, 1.0, 1.0, 1.0, 1.0])
-    qd, share = ServoQp().solve(J, wish, -np.ones(5), upper, np.zeros((0, 5)), np.zeros(0))
-    exact = granted == 1.0
-    assert share == pytest.approx(granted, abs=1e-3 if exact else 0.04)
-    assert qd[1:] == pytest.approx(granted * wish[1:], abs=1e-3 if exact else 0.02)
-    assert qd[0] <= upper[0]
-    assert not exact or qd[0] == pytest.approx(wish[0], abs=1e-3)
 
 
 # How far a jogged arm may move near the table
@@ -404,13 +309,13 @@ def test_a_hand_is_held_back_where_it_leads_the_jaw_into_the_table_and_only_ther
     assert LOW[1] < lowest[1] < q_guided[1]
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_a_hand_leads_no_joint_farther_than_it_goes_nor_back(guard, seed):
-    rng = np.random.default_rng(seed)
-    q = LOW + rng.normal(0.0, 0.05, 5)
-    q_guided = q + rng.normal(0.0, 0.03, 5)
-    share = (guard.guided_to(q, q_guided) - q) / (q_guided - q)
-    assert np.all((share >= 0.0) & (share <= 1.0))
+def test_a_hand_leads_no_joint_farther_than_it_goes_nor_back(guard):
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        q = LOW + rng.normal(0.0, 0.05, 5)
+        q_guided = q + rng.normal(0.0, 0.03, 5)
+        share = (guard.guided_to(q, q_guided) - q) / (q_guided - q)
+        assert np.all((share >= 0.0) & (share <= 1.0))
 
 
 def test_a_short_step_may_go_nearer_than_a_long_one(guard, collision):
@@ -452,18 +357,6 @@ def test_a_path_is_shown_often_enough_that_it_cannot_bend_by_more_than_is_allowe
     bend = float(ACCELERATION @ collision.reach) * guard.look_every**2 / 8.0
     assert bend <= 0.5 * guard.margin
     assert Guard(collision, lambda: 0.3).look_every == np.inf
-
-
-def test_no_check_is_made_in_a_control_cycle():
-    collision = CollisionModel(RobotModel.load())
-    made = Guard(collision, lambda: 0.3, acceleration=ACCELERATION)
-    before = collision._bent.cache_info().misses
-    for share in np.linspace(0.0, 2.0, 120):  # from standing to as fast as is told apart
-        for ahead in (False, True):
-            made.look(OVER_TABLE)
-            made.admits(path(OVER_TABLE, share * np.array([0.4, 0.3, 0.3, 0.2, 0.5])), ahead=ahead)
-    assert collision._bent.cache_info().misses == before
-    assert collision._bent.cache_info().currsize == before
 
 
 # The step nearest to a wanted one that keeps its bounds

@@ -13,16 +13,10 @@ from so101_motion.arm.joint_caps import JointRange
 from so101_motion.common.errors import ConfigError, OutsideLimits, Unreachable
 from so101_motion.common.geometry import SE3, rot_x, rot_y, rot_z, rotation_angle
 from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
-from so101_motion.planning.kinematics.arm_geometry import BRANCHES, REACH_SLACK, to_joints
-from so101_motion.planning.kinematics.batch_ik import (
-    angles_between,
-    rotation_angles,
-)
+from so101_motion.planning.kinematics.arm_geometry import REACH_SLACK
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.geometry_from_model import (
     measure_structure,
-    position,
-    rotation,
 )
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.ik_closed import ClosedForms
@@ -494,35 +488,6 @@ def changed(tmp_path):
     return make
 
 
-def test_formulas_and_model_agree_everywhere(model, structure):
-    for q in configurations(model, 50, seed=1):
-        R = rotation(structure.measures, q)
-        assert rotation_angle(R.T @ model.frame(q).R) < 1e-12
-        for name in model.gripper_frames:
-            p_base = position(structure, q, name)
-            np.testing.assert_allclose(p_base, model.frame(q, name).p, atol=1e-14)
-
-
-@pytest.mark.parametrize("frame", ["tool", "jaw_tip", "cup"])
-def test_postures_hold_the_configuration_that_made_the_target(model, frame):
-    model = model.with_frame("cup", SE3.from_rpy((0.4, 0.3, 0.2), (0.03, -0.02, 0.12)))
-    structure, seen = measure_structure(model), set()
-    for q in configurations(model, 500, seed=2):
-        p_base = model.frame(q, frame).p
-        found = at_pitch(structure, p_base, q[1:4].sum(), q[4], frame)
-        assert 1 <= len(found) <= 4
-        assert np.abs(found - q).max(axis=1).min() < 1e-5
-        branches = [structure.branch(to_joints(each), frame) for each in found]
-        assert len(set(branches)) == len(found)
-        seen |= {*branches}
-        for each in found:
-            assert np.linalg.norm(model.frame(each, frame).p - p_base) < 1e-12
-            turned = each[1:4].sum() - q[1:4].sum()
-            assert math.remainder(turned, math.tau) == pytest.approx(0.0, abs=1e-9)
-            assert model.outside(each, tolerance=1e-6) is None
-    assert seen == set(BRANCHES.values())
-
-
 @pytest.mark.parametrize(
     ("joints", "forearm", "pan_sign"),
     [
@@ -554,21 +519,6 @@ def test_measures_follow_the_model_not_a_table(changed, joints, forearm, pan_sig
 def test_an_arm_that_is_built_otherwise_is_noticed(changed, joints):
     with pytest.raises(ConfigError, match="not built like the SO-101"):
         measure_structure(changed(joints))
-
-
-# Many targets at once
-
-
-def test_angles_are_accurate_near_zero():
-    random = np.random.default_rng(4)
-    a = random.standard_normal((50, 3))
-    a /= np.linalg.norm(a, axis=1)[:, None]
-    assert np.array_equal(angles_between(a, a), np.zeros(50))
-    turned = np.array([1.0, 1e-7, 0.0]), np.array([1.0, 0.0, 0.0])
-    assert angles_between(turned[0][None], turned[1][None])[0] == pytest.approx(1e-7, rel=1e-6)
-    c, s = np.cos(2.5), np.sin(2.5)
-    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    assert rotation_angles(R[None])[0] == pytest.approx(rotation_angle(R), abs=1e-12)
 
 
 # The model itself
@@ -777,21 +727,3 @@ def test_no_range_of_pitches_is_missed(pen_model, forms, frame):
             assert np.abs(turns).min() < 0.21
         reached += bool(on_grid)
     assert reached > 10
-
-
-@pytest.mark.parametrize("kind", ["in reach", "straight down", "stretched"])
-def test_for_a_point_none_of_those_spread_over_its_pitches_is_much_nearer(pen_model, forms, kind):
-    beaten = compared = 0
-    for frame in FRAMES:
-        for task, seed in goals(pen_model, kind, GoalMetric.POSITION_ONLY, frame, 30):
-            nearest = next(iter(forms.nearest(task, seed)), None)
-            if nearest is None:
-                continue
-            away = math.dist(nearest.q, seed)
-            same_roll = (c for c in forms.spread(task, seed) if c.q[4] == nearest.q[4])
-            least = min((math.dist(c.q, seed) for c in same_roll), default=math.inf)
-            assert away <= least + 0.05
-            beaten += away > least + 1e-3
-            compared += 1
-    assert compared > 50
-    assert beaten <= 1

@@ -1,35 +1,25 @@
 from functools import partial
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from harness.coal_check import CoalJudge
-from harness.facing_arms import T_LEFT_RIGHT, Facing
 from harness.random_scenes import LEFT, POST, RIGHT, obstacle
 
 from benchmarks.bench_no_path import closed
 from benchmarks.no_path_problems import cut_off, shut_in, slot, tube
 from so101_motion.common.errors import ConfigError, NoPath
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.checkpoint import Abandoned, never_abandoned
-from so101_motion.planning.collision.apart import ROOM, placement
-from so101_motion.planning.collision.batch_check import Couple, LineCheck
+from so101_motion.planning.checkpoint import never_abandoned
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import MARGIN_TOLERANCE, Box, Obstacle, Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
-from so101_motion.planning.paths import routes
 from so101_motion.planning.paths.compiled_search import (
-    CompiledSearch,
     Deadline,
-    Seeds,
-    Space,
-    Tree,
-    compiled_shortened,
 )
-from so101_motion.planning.paths.path import SPACING, PathFinder
+from so101_motion.planning.paths.path import PathFinder
 from so101_motion.planning.paths.routes import Routing
 from so101_motion.planning.paths.start_recovery import find_departure, is_harmless, needs_departure
 from so101_motion.planning.planner import Planner, PlanRequest
@@ -55,17 +45,6 @@ def test_a_free_straight_line_is_taken(model, collision):
     assert len(asked) == 1, "goals are worked out only as far as they are needed"
 
 
-def test_a_path_around_is_found_where_the_line_is_blocked(model, collision):
-    start, goal = OVER_THE_TABLE
-    finder = PathFinder(model, collision)
-    assert not finder.is_free_line(start, goal)
-    found = finder.find(start, [goal], 5.0)
-    assert len(found.waypoints) > 2
-    assert np.array_equal(found.waypoints[[0, -1]], OVER_THE_TABLE)
-    assert all(model.outside(q) is None for q in found.waypoints)
-    assert collision.first_blocked(found.waypoints) is None
-
-
 def test_of_several_goals_the_first_with_a_free_line_is_taken(model, collision):
     start, behind = OVER_THE_TABLE
     easy = start + np.radians([5, -5, 0, 0, 0])
@@ -73,21 +52,6 @@ def test_of_several_goals_the_first_with_a_free_line_is_taken(model, collision):
     found = PathFinder(model, collision).find(start, [behind, easy], 5.0)
     assert found.goal == 1
     assert np.array_equal(found.waypoints[-1], easy)
-
-
-@pytest.mark.parametrize("shut_in", ["start", "goal"])
-def test_an_end_that_is_shut_in_is_named(model, collision, shut_in):
-    finder, random = PathFinder(model, collision), np.random.default_rng(0)
-    space = Space(lower=model.lower, upper=model.upper, weights=collision.reach)
-    wide = Tree(random.uniform(model.lower, model.upper, (100, 5)), space, random)
-    low = np.radians([0.0, 34.0, -14.0, 36.5, 0.0])  # the jaw just above the table
-    narrow = Tree(low[None], space, random)
-    ends = (narrow, wide) if shut_in == "start" else (wide, narrow)
-    search = SimpleNamespace(trees=lambda: ends)
-    found = finder._no_path(search, Deadline(0.3))
-    assert found.where == shut_in
-    assert f"the {shut_in} is free but shut in, mostly by the floor: " in str(found)
-    assert found.blockers[0] == "floor"
 
 
 # Leaving a bad start
@@ -182,21 +146,6 @@ def test_gaps_two_millimetres_wider_than_what_must_pass_are_not_taken_for_closed
     assert closed(model, problem, 20_000) is None
 
 
-def test_it_ends_when_the_plan_is_not_wanted_any_more(model):
-    problem, left = cut_off(model, 0), [100]
-
-    def checkpoint():
-        left[0] -= 1
-        if left[0] < 0:
-            raise Abandoned
-
-    with pytest.raises(Abandoned):
-        PathFinder(model, CollisionModel(model, problem.scene, checkpoint)).find(
-            problem.path[0], [problem.path[-1]], AGES
-        )
-    assert left == [-1]
-
-
 # Routes around an obstacle: compared by counted work, cut short in time, proven, and given up
 
 
@@ -212,7 +161,7 @@ def request(effort, **changes):
     return PlanRequest(**{**made, "route_effort": effort, **changes})
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_more_effort_gives_a_quicker_motion_that_coal_finds_free(planner, seed):
     some, more = (planner.plan(request(effort, seed=seed)) for effort in (1, 16))
     assert (some.report.routes, some.report.out_of_time) == (1, False)
@@ -241,19 +190,6 @@ def found_route(effort=8, checkpoint=None, budget=10.0):
     return finder.find(LEFT, [RIGHT], budget, partial(Routing.within, LIMITS, effort))
 
 
-def test_its_pieces_fit_together_and_keep_the_caps():
-    motion = found_route().motion
-    (q, qd, half_qdd, none), step = motion.coefficients.transpose(1, 0, 2), np.diff(motion.knots)
-    end = motion.on_pieces(np.arange(len(step)), step)
-    np.testing.assert_allclose(end.q, [*q[1:], RIGHT], atol=1e-8)
-    np.testing.assert_allclose(end.q_s, [*qd[1:], np.zeros(5)], atol=1e-6)
-    np.testing.assert_array_equal(q[0], LEFT)
-    assert not np.any(qd[0])
-    assert not np.any(none)
-    assert np.abs(qd / LIMITS.velocity).max() <= 1.0 + 1e-9
-    assert 0.95 < np.abs(2.0 * half_qdd / LIMITS.acceleration).max() <= 1.0 + 1e-9
-
-
 def test_when_the_time_is_up_the_best_route_so_far_is_taken(monkeypatch):
     looks = 0
 
@@ -267,26 +203,6 @@ def test_when_the_time_is_up_the_best_route_so_far_is_taken(monkeypatch):
     assert found.out_of_time
     assert 1 < found.routes < 30
     assert found.motion.length > 0.0
-
-
-def test_a_comparison_that_nobody_wants_any_more_ends_at_once():
-    asked, most = 0, 40
-
-    def ask():
-        nonlocal asked
-        asked += 1
-        if asked >= most:
-            raise Abandoned
-
-    with pytest.raises(Abandoned):
-        found_route(effort=1000, checkpoint=ask)
-    assert asked == most
-
-
-def test_a_direct_motion_is_not_compared(planner, monkeypatch):
-    monkeypatch.setattr(routes, "DIRECT", 10.0)
-    assert planner.plan(request(16)).report.routes == 1
-    assert planner.plan(request(16, goal=JointGoal(q=LEFT + 0.1))).report.routes == 0
 
 
 def test_a_cap_on_the_tool_and_weak_servos_hold(planner):
@@ -317,7 +233,7 @@ def length(points):
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_path_around_a_post_is_proven_by_coal_and_the_same_at_any_width(model, seed):
     judge = CoalJudge(model, POST)
     found = []
@@ -361,53 +277,3 @@ def test_a_search_that_fails_says_what_was_in_the_way(model):
     with pytest.raises(NoPath, match=r"configurations reached from the start") as caught:
         finder.find(np.zeros(5), [np.array([-1.5, 0.0, 0.2, 0.9, 0.0])], 0.1)
     assert "wall 0" in caught.value.blockers
-
-
-def test_a_search_asks_as_often_when_its_trees_are_large(model):
-    asked = 0
-
-    def ask():
-        nonlocal asked
-        asked += 1
-
-    collision = CollisionModel(model, walled_in(), ask)
-    checker = collision.sampled_check(0.0, spacing=SPACING)
-    goal = np.array([-1.5, 0.0, 0.2, 0.9, 0.0])
-    space = Space(lower=model.lower, upper=model.upper, weights=collision.reach)
-    search = CompiledSearch(space, checker, np.zeros(5), [goal], Seeds(0))
-    apart = []
-    for _ in range(2):
-        before = collision.batch.tally()[0], asked
-        assert search.run(Deadline(60.0), most=2_000) is None
-        apart.append((collision.batch.tally()[0] - before[0]) / (asked - before[1]))
-    assert apart[1] < 0.8 * apart[0]  # configurations between two asks; comparing nodes takes long
-
-
-def two_arms(facing, *, spacing=0.01, room=ROOM):
-    arms = [facing.collision.sampled_check(0.3 * k, spacing=spacing).arms[0] for k in range(2)]
-    bodies = [(each.handle, each.levers_pointer) for each in (facing.bodies, facing.bodies)]
-    (a, levers_a), (b, levers_b) = bodies
-    couple = Couple(0, 1, a, b, levers_a, levers_b, tuple(placement(T_LEFT_RIGHT)))
-    return LineCheck(arms, [couple], room)
-
-
-def test_a_path_of_two_arms_is_clear_for_both_and_between_them():
-    facing = Facing(11)
-    team, model, reach = two_arms(facing), facing.model, facing.collision.reach
-    limits = np.tile(model.lower, 2), np.tile(model.upper, 2)
-    space = Space(lower=limits[0], upper=limits[1], weights=np.tile(reach, 2))
-    kept = two_arms(facing, spacing=1.0, room=0.7 * ROOM)  # a proof leaves seven eighths
-    seeds, deadline = Seeds(0), Deadline(60.0)
-    for _ in range(2):
-        start = goal = np.zeros(10)
-        while not team.is_free(start) or not team.is_free(goal) or team.is_clear(start, goal):
-            start, goal = (np.concatenate([facing.near(), facing.near()]) for _ in range(2))
-        found = CompiledSearch(space, team, start, [goal], seeds).run(deadline)
-        points = compiled_shortened(found[0], team, seeds, deadline)
-        for each in (found[0], points):
-            np.testing.assert_array_equal([each[0], each[-1]], [start, goal])
-            for q in each:
-                assert facing.are_apart(q[:5], q[5:], 0.99 * ROOM)
-                assert all(facing.collision.is_free(q[k : k + 5], 0.06 * k) for k in (0, 5))
-            assert all(kept.is_clear(*line) for line in pairwise(each))
-        assert length(points) <= length(found[0])

@@ -65,20 +65,6 @@ def test_a_cap_that_is_not_positive_and_finite_is_refused_by_name(kind: str, bad
         MotionLimits(velocity=[1.0], acceleration=[1.0], jerk=[1.0, 1.0])
 
 
-def test_point_to_point_stays_straight_when_joints_have_different_limits() -> None:
-    # Velocity binds one joint, acceleration another, jerk a third.
-    limits = MotionLimits(
-        velocity=np.array([0.3, 9.0, 9.0]),
-        acceleration=np.array([50.0, 0.8, 50.0]),
-        jerk=np.array([900.0, 900.0, 8.0]),
-    )
-    trajectory = online.point_to_point(np.zeros(3), np.ones(3), limits, 1e-3)
-    assert np.allclose(trajectory.q, trajectory.q[:, :1], atol=1e-13)
-    report = verify.check(trajectory, limits)
-    assert report.velocity[0] == pytest.approx(1.0, abs=1e-3)
-    assert report.jerk[2] == pytest.approx(1.0, abs=1e-3)
-
-
 def test_a_path_of_no_length_is_one_sample_at_the_goal() -> None:
     for start in (GOAL, GOAL + 1e-12):
         trajectory = online.point_to_point(start, GOAL, LIMITS, DT)
@@ -290,42 +276,6 @@ def test_what_is_no_state_of_these_joints_is_refused(qd):
 
 
 # Slower and faster along a path
-
-
-CRUISE = MotionLimits.uniform(velocity=2.0, acceleration=5.0, jerk=100.0, n=2)
-
-
-def cruise(speed: float = 1.0, dt: float = 0.01) -> Trajectory:
-    """Two joints at constant speed for three seconds."""
-    t = np.arange(301)[:, None] * dt
-    rate = np.array([speed, -0.5 * speed])
-    q, qd = t * rate, np.broadcast_to(rate, (301, 2))
-    return Trajectory(dt=dt, q=q, qd=qd, qdd=np.zeros_like(q), duration=3.0)
-
-
-@pytest.mark.parametrize("shape", [*time_scaling.SHAPES, (0.5, 0.5), (0.05, 0.9)])
-def test_a_ramp_falls_from_one_to_zero_and_its_derivatives_belong_together(shape) -> None:
-    x = np.linspace(0.0, 1.0, 20001)
-    ramp = time_scaling.ramp(shape, x)
-    assert ramp.rate[[0, -1]] == pytest.approx([1.0, 0.0], abs=1e-12)
-    assert ramp.slope[[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-12)
-    assert np.all(np.diff(ramp.rate) <= 1e-15)
-    for value, derivative in ((ramp.advance, ramp.rate), (ramp.rate, ramp.slope)):
-        assert np.allclose(np.gradient(value, x)[1:-1], derivative[1:-1], atol=1e-3)
-    steps = np.gradient(ramp.slope, x)
-    smooth = np.abs(np.diff(ramp.bend, prepend=ramp.bend[0], append=ramp.bend[-1]))
-    inside = (smooth[:-1] == 0.0) & (smooth[1:] == 0.0)
-    assert np.allclose(steps[inside][1:-1], ramp.bend[inside][1:-1], atol=1e-6)
-
-
-def test_stopping_from_cruise_takes_little_more_than_braking_in_full() -> None:
-    stopped, _ = time_scaling.shortest_slowdown(cruise(), 0.5, CRUISE, 0.01)
-    shortest = 1.0 / 5.0 + 5.0 / 100.0
-    assert shortest <= stopped.duration <= 1.35 * shortest
-    # near the end the motion is played out
-    stopped, _ = time_scaling.shortest_slowdown(cruise(), 2.95, CRUISE, 0.01)
-    assert np.allclose(stopped.q, cruise().q[295:])
-    assert stopped.duration == pytest.approx(0.05)
 
 
 @settings(max_examples=40)

@@ -1,13 +1,9 @@
-import ctypes
 import itertools
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks.bench_retime import LIMITS as BENCH
-from benchmarks.bench_retime import random_waypoints
 from so101_motion.common.errors import ConfigError, Overloaded, PlanningError
 from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS
@@ -15,15 +11,14 @@ from so101_motion.planning.collision.scene import Attached, Scene, Sphere
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.motion_builder import between_stops, roomy_corners
-from so101_motion.planning.native.library import native
+from so101_motion.planning.motion_builder import roomy_corners
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing import verify
 from so101_motion.planning.timing.exact_retiming import time_exactly
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import JointPath, blended_path, spline_path
-from so101_motion.planning.timing.retime import LimitRows, NativeTiming, retime
+from so101_motion.planning.timing.retime import LimitRows, retime
 from so101_motion.planning.timing.torque import NEARLY, Load, Payload, Strength, carried, slowed
 from so101_motion.planning.timing.verify import check, limit_report
 
@@ -61,16 +56,6 @@ def test_limits_are_kept_and_used_at_1_khz(path: JointPath, jerk: float) -> None
     assert acceleration <= 1.001
     assert jerk_share <= 1.001
     assert max(velocity, acceleration, jerk_share) > 0.95
-
-
-def test_samples_belong_to_one_motion_whatever_their_spacing() -> None:
-    path = spline_path(POINTS)
-    coarse, fine = retime(path, LIMITS, 0.01), retime(path, LIMITS, 0.001)
-    assert coarse.duration == pytest.approx(fine.duration, rel=1e-6)
-    inner = slice(0, len(coarse) - 1)
-    for name, tolerance in (("q", 1e-6), ("qd", 1e-4), ("qdd", 1e-2)):
-        every_tenth = getattr(fine, name)[::10][inner]
-        assert np.allclose(getattr(coarse, name)[inner], every_tenth, atol=tolerance)
 
 
 @pytest.mark.parametrize("cap", [0.05, 0.3, 1.5])
@@ -147,18 +132,6 @@ def test_velocity_and_acceleration_are_the_derivatives_of_the_positions(scale: f
     assert np.allclose((qd[2:] - qd[:-2]) / (2.0 * h), qdd[1:-1], atol=2e-2)
 
 
-def test_half_the_width_is_taken_at_the_ends_where_it_keeps_the_limits() -> None:
-    # One joint: full acceleration, top speed if there is room, full braking.
-    def lengthened_by(way: float, bang_bang: float, top: float) -> float:
-        limits = MotionLimits.uniform(velocity=top, acceleration=10.0, jerk=502.0, n=1)
-        motion = retime(blended_path([[0.0], [way]], 0.01), limits, 0.01)
-        return (motion.duration - bang_bang) / 0.04
-
-    assert 0.5 <= lengthened_by(2.0, 2.1, top=1.0) < 0.6  # a little slower near the ends
-    # Too short for a change of width.
-    assert lengthened_by(0.1, 0.2, top=4.0) == pytest.approx(1.0, abs=1e-9)
-
-
 @pytest.mark.parametrize("tiny", [2.6e-308, 1e-173, 1e-20])
 def test_next_to_nothing_may_be_anywhere_along_a_path(tiny):
     path = spline_path(np.array([[tiny, 0.0], [0.0, 1.0], [0.0, 0.0]]))
@@ -188,7 +161,7 @@ def distance_from(path, q):
 
 
 @pytest.mark.parametrize("limits", [LIMITS, LAZY], ids=["swift", "lazy"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_motion_keeps_every_limit_and_the_path(limits, seed):
     path = winding(seed)
     motion = time_exactly(path, limits, 0.01)
@@ -198,15 +171,6 @@ def test_the_motion_keeps_every_limit_and_the_path(limits, seed):
     assert motion.q[-1] == pytest.approx(path.evaluate([path.length]).q[0], abs=1e-12)
     assert not np.any(motion.qd[[0, -1]])
     assert distance_from(path, motion.q[::7]) < 1e-3  # as fine as the points compared with
-
-
-@pytest.mark.parametrize("dt", [0.001, 0.004, 0.02])
-def test_stated_velocities_are_those_of_the_positions(dt):
-    motion = time_exactly(winding(1), LIMITS, dt)
-    middle = (motion.q[2:] - motion.q[:-2]) / (2.0 * dt)
-    assert np.abs(middle - motion.qd[1:-1]).max() < 500.0 * dt**2
-    middle = (motion.qd[2:] - motion.qd[:-2]) / (2.0 * dt)
-    assert np.abs(middle - motion.qdd[1:-1]).max() < 500.0 * dt + 1e-6
 
 
 def test_a_straight_path_is_nearly_as_fast_as_can_be():
@@ -250,150 +214,15 @@ def test_jumps_of_curvature_are_passed_within_the_jerk_limit_of_the_samples():
     check(motion, LIMITS)
 
 
-# The speed profile of native/retime.c, before jerk is bounded
-
-
 CORNERS = np.array([[0.0, 0.0, 0.0], [0.8, -0.3, 0.2], [0.9, 0.5, -0.4], [0.2, 0.3, -0.6]])
-THREE = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, n=3)
+THREE = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=1e5, n=3)
 
 
-class Best:
-    """The best speeds along a path: at the cuts ``speed``, and the intervals between them."""
-
-    def __init__(self, path: JointPath, limits: MotionLimits = THREE, **more) -> None:
-        timing = NativeTiming(path, limits, more.get("tool"), more.get("further"))
-        rows, count = np.empty((20_000, 4)), ctypes.c_int(20_000)
-        place = ctypes.c_void_p(rows.ctypes.data)
-        timing.run(native().library.so101_best_speeds, place, ctypes.byref(count))
-        piece, begin, end, speed = rows[: count.value].T
-        self.steps, self.speed = end - begin, np.append(speed, 0.0)
-        self.begin, self.end = (path.on_pieces(piece.astype(int), at) for at in (begin, end))
-
-    @property
-    def duration(self) -> float:
-        return float(np.sum(2.0 * self.steps / (self.speed[1:] + self.speed[:-1])))
-
-    def accelerations(self) -> np.ndarray:
-        """Joint accelerations at both ends of each interval."""
-        square = self.speed[:, None] ** 2
-        u = np.diff(square, axis=0) / (2.0 * self.steps[:, None])
-        at_begin = self.begin.q_s * u + self.begin.q_ss * square[:-1]
-        return np.concatenate([at_begin, self.end.q_s * u + self.end.q_ss * square[1:]])
-
-
-def test_a_straight_path_has_the_three_phases_of_a_trapezoid() -> None:
-    best = Best(blended_path([np.zeros(3), [2.0, 1.0, 0.0]], 0.01))
-    scale = np.sqrt(5.0) / 2.0  # path length for each radian of the first joint
-    top = 3.0 * scale * (1.0 - 1e-4)
-    assert best.speed == pytest.approx([0.0, top, top, 0.0])
-    assert best.steps[[0, 2]] == pytest.approx(2 * [top**2 / (2.0 * 10.0 * scale)])
-    assert best.duration == pytest.approx(2.0 / 3.0 + 3.0 / 10.0, rel=1e-3)
-    # A short one turns from speeding up to braking in its middle.
-    best = Best(blended_path([np.zeros(3), [0.1, 0.0, 0.0]], 0.01))
-    assert best.steps == pytest.approx([0.05, 0.05])
-    assert best.speed == pytest.approx([0.0, 1.0, 0.0])
-
-
-@pytest.mark.parametrize("path", [blended_path(CORNERS, 0.05), spline_path(CORNERS)])
-def test_limits_are_kept_at_both_ends_of_every_interval_and_used(path: JointPath) -> None:
-    best = Best(path)
-    shares = np.abs(best.accelerations()) / THREE.acceleration
-    assert shares.max() <= 1.0 + 1e-9
-    speeds = np.abs(best.begin.q_s * best.speed[:-1, None]) / THREE.velocity
-    assert speeds.max() <= 1.0
-    assert np.median(np.maximum(shares.max(axis=1), speeds[1:].max())) > 0.9
-    assert best.speed[0] == best.speed[-1] == 0.0
-
-
-def largest_square(rows: np.ndarray, step: float, cap: float, following: float) -> float:
-    """The library's answer for rows a, b, c, shape (3, m)."""
-    solve = native().library.so101_largest_square
-    solve.restype = ctypes.c_double
-    a, b, c = (ctypes.c_void_p(row.ctypes.data) for row in rows)
-    return solve(a, b, c, rows.shape[1], *map(ctypes.c_double, (step, cap, following)))
-
-
-@pytest.mark.parametrize(
-    ("rows", "step", "cap", "following", "expected"),
-    [
-        ([(0.5, 0.0, 0.0)], 0.1, 9.0, 1.0, 1.4),  # braking as hard as it may
-        ([(0.5, 0.0, 0.0)], 0.1, 1.2, 1.0, 1.2),  # the speed limit, where braking allows more
-        ([(0.0, 0.25, 0.0)], 1.0, 9.0, 9.0, 4.0),  # a row without acceleration bounds the speed
-        ([(1.0, 0.0, -0.5)], 0.5, 9.0, 1.0, 1.5),  # a constant load leaves less for braking
-        ([(1.0, 0.0, 1.5), (1.0, 0.0, -1.5)], 0.5, 9.0, 1.0, 0.0),  # contradictory
-    ],
-)
-def test_the_largest_square_is_what_the_tightest_row_leaves(rows, step, cap, following, expected):
-    found = largest_square(np.array(rows).T.copy(), step, cap, following)
-    assert found == pytest.approx(expected)
-
-
-def test_the_result_is_the_largest_that_rows_allow() -> None:
-    """Against a fine search over u, where every row is tried."""
-    rng = np.random.default_rng(4)
-    for _ in range(50):
-        a, b = rng.normal(size=(2, 1, 6))
-        c = rng.uniform(-0.9, 0.9, (1, 6))
-        x = largest_square(np.concatenate((a, b, c)), 0.3, 50.0, 0.7)
-        assert is_allowed(x * (1.0 - 1e-9), a, b, c)
-        assert x == 50.0 or not is_allowed(x * (1.0 + 1e-3), a, b, c)
-
-
-def is_allowed(x: float, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> bool:
-    ends = np.sort(np.stack(((1.0 - c - b * x) / a, (-1.0 - c - b * x) / a)), axis=0)
-    lower, upper = max(ends[0].max(), -x / 0.6), min(ends[1].min(), (0.7 - x) / 0.6)
-    return lower <= upper
-
-
-def of_toppra(rows: np.ndarray, steps: np.ndarray, caps: np.ndarray):
-    """Toppra's solver of the same programs: of the N intervals with rows (3, N, m)."""
-    constraint = pytest.importorskip("toppra.constraint", reason="no wheel for this system")
-    from toppra.solverwrapper import seidelWrapper
-
-    m = rows.shape[2]
-    all_rows = np.concatenate((rows, rows[:, -1:]), axis=1)
-    sides = np.vstack((np.eye(m), -np.eye(m)))
-    given = (*all_rows, sides, np.ones(2 * m), None, np.column_stack((0.0 * caps, caps)))
-    base = constraint.LinearConstraint()
-    base.identical, base.compute_constraint_params = True, lambda *_: given
-    cuts = np.append(0.0, np.cumsum(steps))
-    path = SimpleNamespace(path_interval=(cuts[0], cuts[-1]))
-    solve = seidelWrapper([base], path, cuts).solve_stagewise_optim
-    up, free = np.array([1e-9, -1.0]), float("nan")
-    return lambda i, following: max(solve(i, None, up, free, free, 0.0, following)[1], 0.0)
-
-
-def test_it_agrees_with_toppra_on_a_fifth_of_the_benchmark_paths() -> None:
-    for waypoints in random_waypoints()[::5]:
-        best = Best(spline_path(waypoints), BENCH)
-        # Lengths in units of some intervals, accelerations in units of the limit.
-        unit = 16.0 * float(best.steps.mean())
-        steps, bend = best.steps / unit, best.end.q_ss * unit
-        at_end = best.end.q_s + 2.0 * steps[:, None] * bend
-        a = np.hstack((best.begin.q_s, at_end))
-        rows = np.stack((a, np.hstack((best.begin.q_ss * unit, bend)), 0.0 * a))
-        squares = 9.0 / (np.abs(np.vstack((best.begin.q_s, best.end.q_s[-1]))) ** 2).max(axis=1)
-        caps = (1.0 - 1e-4) ** 2 * squares / (10.0 * unit)
-        theirs, found = of_toppra(rows, steps, caps), [0.0]
-        for i in range(len(steps) - 1, -1, -1):
-            of_interval = np.ascontiguousarray(rows[:, i])
-            x = largest_square(of_interval, float(steps[i]), float(caps[i]), found[-1])
-            assert x == pytest.approx(theirs(i, found[-1]), rel=1e-9, abs=0.0)
-            found.append(x)
-        reached = best.speed**2 / (10.0 * unit)
-        assert np.all(reached[1:] <= np.array(found[-2::-1]) * (1.0 + 1e-9))
-
-
-@pytest.mark.parametrize("tolerance", [0.002, 0.02, 0.1])
-def test_a_coarse_grid_with_exact_straights_is_as_quick_as_a_fine_one(tolerance: float) -> None:
-    # Each piece split into many is the same path, with as many more cuts.
-    path, parts = blended_path(CORNERS, tolerance), 25
-    piece = np.repeat(np.arange(len(path.knots) - 1), parts)
-    ends = np.interp(np.arange(len(piece) + 1) / parts, np.arange(len(path.knots)), path.knots)
-    at = path.on_pieces(piece, ends[:-1] - path.knots[piece])
-    split = np.stack((at.q, at.q_s, 0.5 * at.q_ss, path.coefficients[piece, 3]), axis=1)
-    bound = Best(JointPath(knots=ends, coefficients=split)).duration
-    assert bound * (1.0 - 1e-4) <= Best(path).duration <= 1.002 * bound
+def test_with_much_jerk_a_straight_path_takes_as_long_as_speeding_up_and_braking_in_full() -> None:
+    # The shorter way ends before top speed; the average that bounds jerk is 10 ms wide at least.
+    for way, shortest in ((2.0, 2.0 / 3.0 + 3.0 / 10.0), (0.1, 0.2)):
+        motion = retime(blended_path([np.zeros(3), [way, 0.5 * way, 0.0]], 0.01), THREE, 1e-3)
+        assert shortest <= motion.duration < shortest + 0.013
 
 
 def test_further_limits_slow_the_motion_down_where_they_bind() -> None:
@@ -403,20 +232,10 @@ def test_further_limits_slow_the_motion_down_where_they_bind() -> None:
         first = points.q_s[:, :1] / 5.0, points.q_ss[:, :1] / 5.0
         return LimitRows(*first, np.zeros((len(points.q), 1)))
 
-    best = Best(path, further=half_of_the_first_joint)
-    assert np.abs(best.accelerations()[:, 0]).max() <= 5.0 * (1.0 + 1e-5)
-    assert best.duration > Best(path).duration
-
-
-def test_a_constant_load_leaves_less_on_one_side() -> None:
-    def leaning(points) -> LimitRows:
-        a = points.q_s[:, :1] / 10.0
-        return LimitRows(a, 0.0 * a, np.full_like(a, 0.5))
-
-    best = Best(blended_path([np.zeros(3), [0.1, 0.0, 0.0]], 0.01), further=leaning)
-    first = best.accelerations()[: len(best.steps), 0]
-    assert first.max() == pytest.approx(5.0, rel=1e-3)
-    assert first.min() == pytest.approx(-10.0, rel=0.1)
+    slower = retime(path, THREE, 1e-3, further=half_of_the_first_joint)
+    # Of 10 that the joint may have; the averaging that bounds jerk takes a little more.
+    assert 4.5 < np.abs(slower.qdd[:, 0]).max() <= 5.0 * 1.03
+    assert slower.duration > retime(path, THREE, 1e-3).duration
 
 
 @pytest.mark.parametrize("broken", [False, True])
@@ -431,7 +250,7 @@ def test_rows_that_contradict_each_other_or_raise_leave_no_motion(broken: bool) 
 
     error, says = (KeyError, "mine") if broken else (PlanningError, "no speed along this path")
     with pytest.raises(error, match=says):
-        Best(blended_path(CORNERS, 0.05), further=contradictory)
+        retime(blended_path(CORNERS, 0.05), THREE, 0.01, further=contradictory)
 
 
 # Within the torques
@@ -515,16 +334,6 @@ def test_what_is_known_nearby_never_hides_a_load() -> None:
         heavy, refused = heavy + bool(near), refused + (not fits)
     assert 20 < heavy < 380
     assert 20 < refused < 380
-
-
-def test_torque_is_gravity_and_inertia() -> None:
-    q, qd, qdd = (np.array([values]) for values in (FOLDED, np.ones(5), 4.0 * np.ones(5)))
-    still, model = np.zeros((1, 5)), loaded(0.1)
-    assert np.allclose(model.torques(q, still, still), model.holding_torques(q))
-    inertial = model.torques(q, qd, qdd) - model.holding_torques(q)
-    assert np.allclose(
-        model.torques(q, 0.5 * qd, 0.25 * qdd), model.holding_torques(q) + 0.25 * inertial
-    )
 
 
 @pytest.mark.parametrize("strength", [WEAK, STRONG])
@@ -616,16 +425,6 @@ def test_a_straight_line_of_the_tool_is_slowed_as_a_whole() -> None:
     assert np.allclose(slow.q[-1], quick.q[-1])
 
 
-@pytest.mark.parametrize("corners", [2, 5])
-def test_rows_bound_the_torque_along_a_path(corners: int) -> None:
-    rng = np.random.default_rng(corners)
-    points = FOLDED + rng.uniform(-0.6, 0.6, (corners, 5))
-    path, mass = blended_path(points, 0.05), 0.1
-    bears = load(mass, Strength(holding=1.6, moving=1.7))
-    motion = retime(path, TORQUE_LIMITS, 1e-3, further=bears.rows)
-    assert bears.stretch(motion) <= 1.01
-
-
 @pytest.mark.parametrize("k", [1.0, 1.3, 4.0])
 def test_slowed_is_the_same_path_more_slowly(k: float) -> None:
     quick = point_to_point(FOLDED, STRETCHED, TORQUE_LIMITS, 0.01)
@@ -679,13 +478,6 @@ RNG = np.random.default_rng(7)
 WAYPOINTS = np.cumsum(RNG.normal(scale=0.3, size=(12, 5)), axis=0)
 
 
-def sides_of_knots(path: JointPath) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """The path just before and just after each inner knot, taken from the pieces on both sides."""
-    pieces = np.arange(len(path.knots) - 2)
-    lengths = np.diff(path.knots)[:-1]
-    return path.on_pieces(pieces, lengths), path.on_pieces(pieces + 1, np.zeros(len(pieces)))
-
-
 def distance_to_polyline(q: np.ndarray, points: np.ndarray) -> np.ndarray:
     """For each q, how far its worst joint is from the best of densely sampled polyline points."""
     u = np.linspace(0.0, 1.0, 400)[:, None]
@@ -712,15 +504,6 @@ def test_derivatives_agree_with_differences(path: JointPath) -> None:
     assert np.allclose((ahead.q_s - behind.q_s) / (2.0 * h), here.q_ss, atol=1e-6)
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 7])
-def test_two_points_make_a_straight_line_for_any_number_of_joints(n: int) -> None:
-    start, goal = np.zeros(n), np.linspace(0.4, 1.0, n)
-    for path in (spline_path([start, goal]), blended_path([start, goal], 0.1)):
-        middle = path.evaluate([0.25 * path.length])
-        assert np.allclose(middle.q, 0.25 * goal)
-        assert np.allclose(middle.q_ss, 0.0)
-
-
 @pytest.mark.parametrize("tolerance", [1e-4, 0.01, 0.3, 10.0])
 def test_rounded_corners_stay_within_the_tolerance_of_the_lines(tolerance: float) -> None:
     path = blended_path(WAYPOINTS, tolerance)
@@ -734,19 +517,6 @@ def test_a_corner_uses_the_tolerance_it_is_given() -> None:
     path = blended_path(points, 0.02)
     nearest = np.abs(path.evaluate(np.linspace(0.0, path.length, 5001)).q - points[1]).max(axis=1)
     assert nearest.min() == pytest.approx(0.02, rel=1e-3)
-
-
-def test_rounded_corners_have_a_continuous_direction() -> None:
-    before, after = sides_of_knots(blended_path(WAYPOINTS, 0.05))
-    assert np.allclose(before[0], after[0], atol=1e-12)
-    assert np.allclose(before[1], after[1], atol=1e-12)
-
-
-def test_there_and_back_again_turns_within_the_tolerance() -> None:
-    path = blended_path([[0.0, 0.0], [1.0, 0.5], [0.0, 0.0]], 0.01)
-    q = path.evaluate(np.linspace(0.0, path.length, 2001)).q
-    assert q[:, 0].max() == pytest.approx(1.0 - 0.01, abs=1e-6)
-    assert np.allclose(q[-1], 0.0, atol=1e-14)
 
 
 def test_points_in_line_need_no_corner() -> None:
@@ -842,9 +612,3 @@ def test_a_corner_without_any_room_is_a_stop():
 def test_a_corner_that_is_straight_needs_no_room():
     straight = np.array([[0.0] * 5, [1.0] * 5, [2.0] * 5])
     assert corners(lambda q: False, straight) == pytest.approx([MOST])
-
-
-def test_parts_between_stops_keep_their_corners():
-    parts = list(between_stops(AROUND, np.array([0.1, 0.0, 0.05])))
-    assert [part[:, 0].tolist() for part, _ in parts] == [[0.0, 1.0, 1.0], [1.0, 2.0, 3.0]]
-    assert [cut.tolist() for _, cut in parts] == [[0.1], [0.05]]
