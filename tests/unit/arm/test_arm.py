@@ -1,6 +1,5 @@
 """The arm on simulated joints, planned for by the real worker, on a clock the test drives."""
 
-import math
 import threading
 from functools import partial
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 from harness.facing_arms import in_time
 
-from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import InCollision, Interrupted, MotionError
 from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
@@ -59,20 +57,6 @@ def test_a_retarget_into_the_table_stops_short_of_it_and_says_what_it_was(arm, c
     assert arm.T_base("jaw_tip").p[2] < 0.0
 
 
-def test_an_arm_that_follows_stays_off_the_table_and_slides_along_it(arm, clock):
-    finish(clock, arm.move(JointGoal(q=READY), wait=False))
-    following = in_time(clock, arm.follow)
-    heights = []
-    for k in range(700):
-        following.aim(np.radians([40.0 if k > 300 else -40.0, 60.0, 0.0, 40.0, 0.0]))
-        clock.advance(0.01)
-        heights.append(arm.T_base("jaw_tip").p[2])
-    assert min(heights) > 0.0
-    assert following.held_by == ("the jaw close to the floor",) or following.is_held
-    assert arm.state.q[0] > math.radians(25.0), "the pan goes on"
-    run_until(clock, following.close().done)
-
-
 def test_an_unguarded_following_goes_where_it_is_sent(arm, clock):
     following = in_time(clock, partial(arm.follow, guard=None))
     for _ in range(400):
@@ -87,14 +71,6 @@ def test_a_limp_arm_is_held_and_moved_from_where_it_is(arm, clock):
     finish(clock, arm.move(JointGoal(q=READY), wait=False))
     assert arm.state.mode is Mode.HOLDING
     np.testing.assert_allclose(arm.state.q, READY, atol=1e-3)
-
-
-def test_a_slower_arm_plans_a_longer_motion(arm):
-    fast = arm.plan(JointGoal(q=READY)).trajectory
-    arm.set_speed(math.radians(20.0))
-    slow = arm.plan(JointGoal(q=READY)).trajectory
-    assert slow.duration > fast.duration
-    assert np.max(np.abs(slow.qd)) <= math.radians(20.0) * (1 + 1e-6)
 
 
 def test_a_point_is_reached_with_the_joints_of_this_very_arm(arm):
@@ -206,18 +182,3 @@ def test_letting_go_stops_a_jaw_that_follows(rig, arm, clock):
     in_time(clock, lambda: arm.set_torque(False))
     assert arm.state.mode is Mode.LIMP
     assert jaw.future.exception(timeout=0).by == "stop"
-
-
-def test_a_motion_that_is_given_up_while_it_is_prepared_holds_no_limp_arm(arm, clock, monkeypatch):
-    in_time(clock, lambda: arm.set_torque(False))
-    begin = Motion.begin
-
-    def given_up(motion):
-        motion.interrupt("stop")
-        return begin(motion)
-
-    monkeypatch.setattr(Motion, "begin", given_up)
-    with pytest.raises(Interrupted):
-        finish(clock, arm.retarget(READY))
-    clock.advance(0.2)
-    assert arm.state.mode is Mode.LIMP

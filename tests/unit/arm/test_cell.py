@@ -1,7 +1,7 @@
 """Arms of one cell keep apart when motions are planned: simulated joints on a simulated clock."""
 
 import re
-from concurrent.futures import Future, wait
+from concurrent.futures import wait
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -15,14 +15,12 @@ from benchmarks.bench_crowd import LAYOUTS, Crowd, by_themselves, follow_targets
 from so101_motion.arm import cell_member as member_module
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import CellMember
-from so101_motion.arm.team_motion import TeamPlanning
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import (
     ConfigError,
     InCollision,
     Interrupted,
     MotionError,
-    So101Error,
 )
 from so101_motion.common.geometry import SE3
 from so101_motion.control.streamed_trajectory import TimedPoint
@@ -136,16 +134,6 @@ def test_a_way_into_another_arm_is_refused_by_a_plan_and_stopped_unguarded_by_it
         motion.result()
 
 
-def test_arms_that_are_too_near_already_may_part(pair_of):
-    facing = Facing(26)
-    apart = facing.are_apart
-    q_left, q_right = facing.drawn(lambda *q: apart(*q, 0.004) and not apart(*q, 0.008))
-    pair = pair_of(facing, q_left, q_right)
-    [q_goal] = facing.drawn(lambda q: apart(q, q_right, 0.05), 1)
-    motion = pair.left.move(JointGoal(q=q_goal), wait=False)
-    pair.arrive(motion, room=0.002)
-
-
 def test_arms_that_touch_at_the_start_are_told_to_be_moved_apart():
     """Neither moves, so that there is nobody to wait for."""
     clock = ManualClock()
@@ -172,20 +160,6 @@ def test_an_arm_that_left_the_cell_is_ignored(pair_of):
     pair.cell.remove("right", pair.rigs[1])
     assert pair.left.cell_member.others() == ()
     assert pair.right.cell_member is None
-
-
-def test_one_stop_brings_all_arms_to_rest(pair_of):
-    facing = Facing(28)
-    starts, goals = facing.task()
-    pair = pair_of(facing, *starts)
-    motion = pair.left.move(JointGoal(q=goals[0]), wait=False)
-    while not pair.left.is_moving:
-        pair.advance()
-    stops = [member.arm.start_stop() for member in pair.cell.members.values()]
-    while not all(each.done() for each in stops):
-        pair.advance()
-    with pytest.raises(So101Error):
-        motion.result()
 
 
 def task_of(pair_of, seed):
@@ -276,19 +250,6 @@ def test_an_arm_that_was_stopped_before_a_common_motion_began_is_seen_where_it_s
     assert left.plan_at(pair.clock.now()).end > pair.clock.now() + 0.3
     pair.advance(0.2)
     np.testing.assert_allclose(left.plan_at(pair.clock.now()).q[-1, :5], stands)
-
-
-def test_what_prevents_a_common_motion_is_told_to_all_its_arms():
-    def gone(plans):
-        raise MotionError("b left the cell")
-
-    planned = Future()
-    planning = TeamPlanning(("a", "b"), lambda: planned, gone)
-    parts = [planning.part(name) for name in ("a", "b")]
-    planned.set_result({"a": None, "b": None})
-    for part in parts:
-        with pytest.raises(MotionError, match="b left the cell"):
-            part.result(timeout=0)
 
 
 def planned_pair(pair_of):
@@ -765,32 +726,12 @@ def test_a_jog_under_way_keeps_off_what_comes_and_passes_where_it_was(arm, aroun
     finish(clock, jog.close())
 
 
-def test_a_jog_that_something_comes_over_goes_out_of_it(arm_inside, around, clock):
-    arm, jog = arm_inside, in_time(clock, arm_inside.jog)
-    arm.keep_off(arm.scene, around)
-    before = clearance(arm)
-    assert lead(arm, clock, jog.to_point, arm.model.frame(LEFT).p, seconds=6.0) > before - 1e-3
-    assert clearance(arm) > 0.0
-    finish(clock, jog.close())
-
-
 def test_what_is_held_longer_counts_for_a_jog_under_way(arm, around, clock):
     jog = in_time(clock, arm.jog)
     arm.keep_off(arm.scene, replace(around, attached=(POLE,)))
     lead(arm, clock, jog.to_point, BEYOND, seconds=3.0)
     assert any("'pole'" in each for each in jog.held_by)
     finish(clock, jog.close())
-
-
-def test_what_is_held_longer_counts_from_the_next_following_on(arm, around, clock):
-    """The one under way may not look often enough at something that moves so far."""
-    following = in_time(clock, arm.follow)
-    before = following.guard
-    arm.keep_off(arm.scene, replace(around, attached=(POLE,)))
-    assert following.guard is before
-    newer = in_time(clock, arm.follow)
-    assert newer.guard is not before
-    finish(clock, newer.close())
 
 
 # Streamed points that lead into contact: the arm stops before it and says what is in the way

@@ -1,14 +1,10 @@
 import math
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
-from unittest.mock import Mock
 
 import pytest
 from harness.retarget import retarget
 
-from so101_motion.arm import gripper as gripper_module
-from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper, JawFollowing
-from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
 from so101_motion.common.errors import (
     BusError,
     ConfigError,
@@ -240,20 +236,6 @@ def test_the_jaw_follows_apertures_and_rests_when_they_cease(rig, gripper):
         jaw.aim(0.5)
 
 
-def test_an_aperture_that_is_asked_for_while_a_following_begins_is_taken(gripper):
-    aimed, following = [], Mock(future=Future())
-    with ThreadPoolExecutor(1) as beside:
-
-        def begin(jaw):
-            aimed.append(beside.submit(jaw.aim, 0.6))
-            wait(aimed, timeout=0.1)  # it may come before the following is known
-            return following
-
-        JawFollowing(gripper, begin, Mock())
-        assert aimed[0].result(timeout=5.0) == 0.6
-    following.aim.assert_called_once()
-
-
 def test_a_jaw_that_follows_grips_what_it_meets_and_lets_go(rig, gripper):
     jaw = gripping(rig, gripper)
     assert jaw.is_gripping
@@ -279,54 +261,3 @@ def test_a_stop_of_a_jaw_that_grips_ends_its_following(rig, gripper):
     rig.after(0.5, gripper.start_stop())
     assert jaw.future.exception(timeout=0).by == "stop"
     assert gripper.is_holding, "and it holds on"
-
-
-@pytest.fixture
-def stopped_at_once(monkeypatch):
-    """A stop on another thread comes just before a motion of the jaw begins."""
-
-    class Stopped(Motion):
-        def begin(self):
-            self.interrupt("stop")
-            return super().begin()
-
-    monkeypatch.setattr(gripper_module, "Motion", Stopped)
-
-
-@pytest.mark.usefixtures("stopped_at_once")
-def test_a_jaw_that_is_stopped_before_it_follows_does_not_follow(rig, gripper):
-    before, called = gripper.aperture, []
-
-    def widen(jaw):
-        called.append(jaw.aim(1.0))
-
-    with pytest.raises(Interrupted):
-        gripper.follow(each=widen, stale_after=None)
-    rig.clock.advance(1.0)
-    assert called == []
-    assert gripper.aperture == before
-
-
-def test_a_motion_that_could_not_begin_keeps_no_grip_from_changing(rig, gripper, monkeypatch):
-    rig.after(2.0, meet(rig, gripper, grab(gripper)).future)
-    assert gripper.is_holding
-    with monkeypatch.context() as patch:
-        patch.setattr(rig.executor, "turn", Mock(side_effect=MotionError("no")))
-        with pytest.raises(MotionError):
-            gripper.grab(wait=False)
-    gripper.set_force(GENTLEST)
-    rig.clock.advance(1.0)
-    assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(GENTLEST * SQUEEZE, abs=1e-3)
-
-
-def test_a_jaw_that_grips_does_not_open_after_its_following_has_ended(rig, gripper):
-    jaw = gripping(rig, gripper)
-
-    class Aperture(float):
-        def __float__(self):  # a stop on another thread, after the following was looked at
-            jaw.interrupt("stop")
-            return super().__float__()
-
-    with pytest.raises(Interrupted):
-        jaw.aim(Aperture(1.0))
-    assert gripper.is_holding

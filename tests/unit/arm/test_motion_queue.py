@@ -2,7 +2,6 @@
 
 import gc
 import threading
-import tracemalloc
 import weakref
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
@@ -85,15 +84,6 @@ def test_a_motion_begins_at_rest_and_ends_when_it_has_run(motions, told) -> None
     still.start(lambda motion: told.append("moves")).result(60.0)
     still.close()
     assert told[2:] == ["moves"], "an arm that rests is not stopped first"
-
-
-def test_a_newer_motion_ends_the_one_under_way_and_waits_for_its_end(motions, told) -> None:
-    first = motions.start(until_interrupted)
-    second = motions.start(lambda motion: told.append(str(first.future.exception())))
-    second.result(60.0)
-    assert "a newer motion" in told[-1]
-    with pytest.raises(Interrupted, match="a newer motion"):
-        first.result(60.0)
 
 
 def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> None:
@@ -240,14 +230,6 @@ def test_a_motion_in_preparation_yields_to_a_newer_one(told) -> None:
     assert told[0] == "rest"
 
 
-def test_closing_ends_what_is_under_way(told) -> None:
-    motions = MotionQueue(lambda: resting(told))
-    first = motions.start(until_interrupted)
-    motions.close()
-    with pytest.raises(Interrupted, match="shutdown"):
-        first.result(0.0)
-
-
 def test_an_interrupted_motion_never_begins_and_its_wait_leaves_another_alone():
     motion, other = Motion(), Motion()
     motion.interrupt("cancelled")
@@ -293,17 +275,6 @@ def test_a_pause_lasts_its_time_unless_the_motion_is_interrupted(interrupted):
             clock.advance(0.5)
         assert ended.result() >= 3.0
     thread.join()
-
-
-def test_pauses_of_an_endless_motion_leave_nothing_behind():
-    clock, motion = ManualClock(), Motion()
-    motion.pause(clock, 0.0)
-    tracemalloc.start()
-    for _ in range(1000):
-        motion.pause(clock, 0.0)
-    kept, _ = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert kept < 50_000
 
 
 # Motions that were asked for before a stop do not begin after it

@@ -52,12 +52,6 @@ def request_to(q_deg):
 EASY = request_to([5.0, 0.0, 0.0, 0.0, 0.0])
 
 
-def test_a_plan_comes_back_as_it_was_made(worker):
-    plan = worker.plan(request_to([20.0, 0.0, 0.0, 0.0, 0.0])).result()
-    np.testing.assert_allclose(plan.trajectory.q[-1], np.radians([20.0, 0.0, 0.0, 0.0, 0.0]))
-    assert not plan.trajectory.q.flags.writeable
-
-
 def test_a_child_is_deaf_to_ctrl_c_from_its_first_moment():
     worker = PlanningWorker()
     ready = worker.start()
@@ -186,7 +180,7 @@ def test_a_request_may_be_cancelled_at_any_moment(worker):
     worker.start().result()
     pid, pause = pid_of(worker), threading.Event()
     random = np.random.default_rng(0)
-    for wait in random.uniform(0.0, 0.02, 60):
+    for wait in random.uniform(0.0, 0.02, 20):
         answer = worker.plan(dataclasses.replace(endless_request(), time_budget=0.01))
         pause.wait(wait)
         answer.cancel()
@@ -365,17 +359,6 @@ def test_a_scene_is_sent_once_and_known_by_its_content():
         assert unpacked(parts, received).scene == request.scene
     assert sizes[0] > 100_000
     assert sizes[1] == sizes[2] < 3_000
-
-
-def test_large_arrays_are_sent_from_where_they_are_and_stay_read_only():
-    scene = big_scene()
-    points = scene.obstacles[0].shape.points
-    head, array = packed(scene, Scenes())
-    assert np.shares_memory(np.frombuffer(array), points)
-    assert len(head) < 3_000
-    arrived = unpacked([bytes(head), bytes(array)], Scenes()).obstacles[0].shape.points
-    assert np.array_equal(arrived, points)
-    assert not arrived.flags.writeable
 
 
 def test_both_ends_forget_the_same_scenes():
