@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from harness.retarget import retarget
 
-from so101_motion.common.clock import MonotonicClock
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import (
     BusError,
@@ -17,11 +16,10 @@ from so101_motion.common.errors import (
     OutsideLimits,
 )
 from so101_motion.common.modes import Mode
-from so101_motion.control.executor import Channel, Executor, Tolerances
+from so101_motion.control.executor import Channel, Tolerances
 from so101_motion.control.following import Following
 from so101_motion.control.motion_source import FORESIGHT, PlannedMotion
 from so101_motion.control.streamed_trajectory import LEAD, START_GATE, Stream, TimedPoint
-from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
@@ -59,18 +57,6 @@ def test_there_is_no_state_before_the_start(make_sim):
 
 
 # Playing
-
-
-def test_a_move_ends_where_it_should_and_says_so(sim):
-    future = sim.executor.execute(sim.to_goal(Q_GOAL))
-    while not future.done():
-        sim.clock.advance(sim.dt)
-    assert future.result() is None
-    assert sim.state.mode is Mode.HOLDING
-    assert not sim.state.arm_moving
-    np.testing.assert_allclose(sim.state.q, Q_GOAL, atol=1e-4)
-    assert np.max(np.abs(sim.state.qd)) <= 0.01, "the joints have followed"
-    np.testing.assert_array_equal(sim.state.q_ref, Q_GOAL)
 
 
 def test_setpoints_are_the_samples_of_the_trajectory_at_exact_multiples_of_its_period(sim):
@@ -172,39 +158,6 @@ def test_a_future_cannot_be_cancelled_behind_the_arms_back(sim):
     future = sim.executor.execute(sim.to_goal(Q_GOAL))
     assert not future.cancel()
     sim.after(5.0, future)
-
-
-# Retargeting
-
-
-def test_retargeting_turns_without_stopping_and_ends_the_old_motion(sim):
-    first = sim.executor.execute(sim.to_goal(Q_GOAL))
-    sim.clock.advance(0.5)
-    fast = sim.state.qd_ref
-    second = retarget(sim.executor, -Q_GOAL, sim.limits)
-    error = sim.error_after(0.01, first)
-    assert isinstance(error, Interrupted)
-    assert error.by == "a newer motion"
-    np.testing.assert_allclose(sim.state.qd_ref, fast, atol=6.0 * sim.dt)
-    sim.after(6.0, second)
-    np.testing.assert_allclose(sim.state.q, -Q_GOAL, atol=1e-4)
-
-
-def test_goals_that_keep_coming_are_followed_smoothly(sim):
-    sim.arm.tape.clear()
-    futures = []
-    for k in range(100):
-        goal = 0.3 * np.sin(0.05 * (k + 1)) * np.ones(5)
-        futures.append(retarget(sim.executor, goal, sim.limits))
-        sim.clock.advance(0.02)
-    sim.clock.advance(3.0)
-    assert [type(f.exception()) for f in futures] == [Interrupted] * 99 + [type(None)]
-    qd = np.diff(sim.arm.goals, axis=0) / sim.dt
-    qdd = np.diff(qd, axis=0) / sim.dt
-    qddd = np.diff(qdd, axis=0) / sim.dt
-    assert np.max(np.abs(qd)) <= sim.limits.velocity[0] * 1.001
-    assert np.max(np.abs(qdd)) <= sim.limits.acceleration[0] * 1.001
-    assert np.max(np.abs(qddd)) <= sim.limits.jerk[0] * 1.01
 
 
 # Settling and following
@@ -785,16 +738,6 @@ def test_a_long_standstill_ends_the_motion_without_a_jump(pausing):
     assert sim.state.mode is Mode.HOLDING
 
 
-def test_a_short_move_in_real_time_arrives():
-    clock = MonotonicClock()
-    limits = MotionLimits.uniform(velocity=3.0, acceleration=30.0, jerk=600.0)
-    q_goal = np.full(5, 0.05)
-    with Executor(SimArm(clock), clock, dt=0.01, stop_limits=limits) as executor:
-        trajectory = online.point_to_point(np.zeros(5), q_goal, limits, 0.01)
-        executor.execute(trajectory).result(timeout=30.0)
-        np.testing.assert_allclose(executor.state.q, q_goal, atol=1e-3)
-
-
 def test_joints_that_follow_targets_speed_up_again_after_a_pause(pausing):
     sim = pausing(hundredth, 0.3)
     limits = MotionLimits.uniform(velocity=1.0, acceleration=4.0, jerk=80.0)
@@ -832,28 +775,6 @@ def test_the_next_setpoint_after_a_stop_already_slows_down(sim):
     assert np.all(np.abs(speeds[1]) < np.abs(speeds[0]))
     sim.after(2.0, stopped)
     assert move.exception(timeout=0).by == "stop"
-
-
-@pytest.mark.parametrize("for_", [0.05, 0.3, 0.8, 1.3, 1.6])
-def test_stop_keeps_within_speed_acceleration_and_jerk(sim, for_):
-    set_off(sim, for_)
-    sim.after(2.0, sim.executor.stop())
-    q = sim.arm.goals[1:]
-    for limit, order in (("velocity", 1), ("acceleration", 2), ("jerk", 3)):
-        cap = max(getattr(sim.limits, limit)[0], getattr(sim.stop_limits, limit)[0])
-        assert np.max(np.abs(np.diff(q, order, axis=0))) / sim.dt**order <= cap * 1.02
-
-
-def test_stop_stays_on_the_path_that_was_being_followed(sim):
-    set_off(sim)
-    sim.after(2.0, sim.executor.stop())
-    along = sim.state.q_ref @ FAR / (FAR @ FAR)
-    assert 0.0 < along < 1.0
-    np.testing.assert_allclose(
-        sim.arm.goals[1:] @ FAR / (FAR @ FAR) * FAR[:, None],
-        sim.arm.goals[1:].T,
-        atol=1e-6,
-    )
 
 
 def test_a_stop_is_over_when_the_joints_are_at_rest(sim):
@@ -919,19 +840,6 @@ def test_a_stop_cannot_be_undone_by_a_newer_motion(sim, turns):
     sim.after(2.0, stopped)
 
 
-def test_stopping_the_jaw_leaves_the_arm_alone(sim):
-    arm = set_off(sim, 0.1)
-    jaw = retarget(sim.executor, np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
-    sim.clock.advance(0.3)
-    stopped = sim.executor.stop(Channel.JAW)
-    sim.clock.advance(0.02)
-    assert sim.state.mode is Mode.MOVING
-    sim.after(1.0, stopped)
-    assert isinstance(jaw.exception(timeout=0), Interrupted)
-    assert 0.0 < sim.state.q_jaw_ref < 1.0
-    sim.after(5.0, arm)
-
-
 def test_the_jaw_may_set_off_while_the_arm_is_stopping(sim):
     set_off(sim)
     stopped = sim.executor.stop(Channel.ARM)
@@ -948,14 +856,6 @@ def test_interrupting_ends_that_motion_and_completes_at_rest(sim, for_):
     assert move.exception(timeout=0).by == "cancelled"
     assert not sim.state.arm_moving
     assert for_ or np.max(np.abs(sim.state.q)) < 1e-5, "before its first setpoint it stays"
-
-
-def test_interrupting_a_motion_that_is_over_leaves_its_successor_alone(sim):
-    first = set_off(sim, 5.0)
-    second = retarget(sim.executor, np.zeros(5), sim.limits)
-    sim.clock.advance(0.5)
-    sim.after(0.0, sim.executor.interrupt(first, "cancelled"))
-    sim.after(5.0, second)
 
 
 def test_interrupting_the_motion_that_a_newer_one_has_just_superseded_does_nothing(sim):
@@ -1043,16 +943,6 @@ def test_closing_a_stream_finishes_it_once_and_without_points_the_arm_stays(sent
     np.testing.assert_allclose(stream.at(5.0).q, there, atol=1e-9)
     with pytest.raises(MotionError):
         stream.push(points([9.0], [HOME]))
-
-
-def test_it_begins_at_rest_exactly_where_the_arm_is():
-    stream = make_stream()
-    t, q = smooth(q_start=HOME + np.radians(4.0))
-    stream.push(points(t, q))
-    first = stream.at(0.0)
-    np.testing.assert_allclose(first.q, HOME, atol=1e-12)
-    np.testing.assert_allclose(first.qd, 0.0, atol=1e-12)
-    np.testing.assert_allclose(first.qdd, 0.0, atol=1e-9)
 
 
 def test_dense_points_are_followed_closely_a_little_later():
