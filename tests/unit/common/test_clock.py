@@ -84,19 +84,6 @@ def test_waiting_for_the_past_returns_at_once_and_join_lets_only_the_needed_time
     assert not worker.thread.is_alive()
 
 
-def test_two_threads_may_advance_the_same_clock(clock):
-    log = []
-    worker = Worker(clock, [k * 0.01 for k in range(1, 101)], log)
-    others = [threading.Thread(target=clock.advance, args=(0.5,)) for _ in range(2)]
-    for other in others:
-        other.start()
-    for other in others:
-        other.join()
-    assert clock.now() == pytest.approx(1.0)
-    assert len(log) == 100
-    worker.thread.join()
-
-
 @pytest.mark.parametrize("dt", [-0.1, float("nan"), float("inf")])
 def test_time_neither_runs_backwards_nor_jumps_to_infinity(clock, dt):
     with pytest.raises(ValueError, match="forward by a finite amount"):

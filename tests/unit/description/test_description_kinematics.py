@@ -13,9 +13,9 @@ import so101_description as description
 from so101_description import PARTS, URDF_PATH
 from so101_description.generator.glb import to_linear
 from so101_description.make_allowed_pairs import FLOOR_Z, sample
-from so101_description.make_hulls import CORNERS, fitted_hull, official_triangles, to_obj
+from so101_description.make_hulls import CORNERS
 from so101_description.make_meshes import MATERIALS, make
-from so101_description.mesh_readers import read_glb, read_obj, to_srgb
+from so101_description.mesh_readers import read_glb, to_srgb
 
 GEOMETRY = Path(__file__).resolve().parents[2] / "data" / "so101_geometry.json"
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
@@ -98,12 +98,6 @@ def test_every_frame_agrees_with_the_official_urdf(model, geometry, name):
         T_base_frame = frame_pose(model, pose["q"], frame)
         assert T_base_frame.translation == pytest.approx(expected["p"], abs=1e-5), frame
         assert rotation_error(T_base_frame.rotation, expected["wxyz"]) < 5e-5, frame
-
-
-def test_named_poses_put_the_jaw_tip_where_the_official_urdf_does(model, geometry):
-    for name, pose in geometry["named"].items():
-        T_base_tip = frame_pose(model, np.radians(pose["q_deg"]), "jaw_tip")
-        assert T_base_tip.translation == pytest.approx(pose["p_jaw_tip"], abs=1.5e-5), name
 
 
 @pytest.mark.parametrize(
@@ -223,42 +217,6 @@ def spread_directions(count):
     z, turn = 1.0 - 2.0 * k / count, k * np.pi * (1.0 + np.sqrt(5.0))
     across = np.sqrt(1.0 - z * z)
     return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
-
-
-def test_fitting_finds_few_corners_around_many_points():
-    ellipsoid = spread_directions(700) * [0.05, 0.03, 0.02]
-    hull = fitted_hull(ellipsoid, 40)
-    assert len(hull.vertices) <= 40
-    assert furthest_outside(hull, ellipsoid) <= 0.0
-    directions = spread_directions(100)
-    beyond = np.max(hull.vertices @ directions.T, axis=0)
-    beyond -= np.max(ellipsoid @ directions.T, axis=0)
-    assert np.max(beyond) < 2.5e-3
-
-
-def test_official_triangles_are_read_into_their_links_frame(tmp_path):
-    row = np.zeros(1, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("a", "<u2")]))
-    row["corners"] = np.eye(3)
-    (tmp_path / "part.stl").write_bytes(bytes(84) + row.tobytes())
-    visual = (
-        '<visual><origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/>'
-        '<geometry><mesh filename="part.stl"/></geometry></visual>'
-    )
-    (tmp_path / "so101_new_calib.urdf").write_text(
-        f'<robot name="r"><link name="a">{visual}</link><link name="b"/></robot>'
-    )
-    triangles = official_triangles(tmp_path)
-    assert list(triangles) == ["a"]
-    expected = [[[1.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 1.0]]]
-    np.testing.assert_allclose(triangles["a"], expected, atol=1e-12)
-
-
-def test_a_hull_is_read_back_as_it_was_written(tmp_path):
-    hull = description.load_hull("jaw")
-    (tmp_path / "again.obj").write_text(to_obj(hull, "jaw"))
-    again = read_obj(tmp_path / "again.obj")
-    np.testing.assert_array_equal(again.vertices, hull.vertices)
-    np.testing.assert_array_equal(again.faces, hull.faces)
 
 
 def test_pinocchio_loads_one_convex_shape_a_link(checker):
