@@ -220,25 +220,24 @@ def test_a_goal_where_another_arm_will_rest_is_refused_by_its_name(planner):
 
 def test_an_arm_too_near_to_a_moving_one_leaves_and_never_comes_nearer(planner):
     facing = Facing(14)
-    for _ in range(2):
-        while True:
-            (q_left, q_right), goals = (facing.near(), facing.near()), facing.task()[1]
-            is_near = not facing.are_apart(q_left, q_right, 0.018)
-            can_go = facing.are_apart(q_left, goals[1], 0.03)
-            if is_near and can_go and facing.are_apart(q_left, q_right, 0.008):
-                break
-        away = planner.plan(request(q_right, goals[1], left(Course.resting(q_left, 0.0))))
-        course = Course.along(away.trajectory, 0.0)
-        plan = planner.plan(request(q_left, goals[0], right(course)))
-        own = Course.along(plan.trajectory, 0.0)
-        pair = (facing.bodies, own), (facing.bodies, course)
-        gaps = [
-            nearness(*pair, T_LEFT_RIGHT, at=t, room=ROOM) or ROOM
-            for t in np.arange(0.0, max(own.end, course.end) + 0.02, 0.02)
-        ]
-        assert min(gaps) > gaps[0] - 2.0 * PARTING
-        assert gaps[-1] == ROOM
-        assert min(gaps[gaps.index(ROOM) + 15 :]) > 0.75 * ROOM
+    while True:
+        (q_left, q_right), goals = (facing.near(), facing.near()), facing.task()[1]
+        is_near = not facing.are_apart(q_left, q_right, 0.018)
+        can_go = facing.are_apart(q_left, goals[1], 0.03)
+        if is_near and can_go and facing.are_apart(q_left, q_right, 0.008):
+            break
+    away = planner.plan(request(q_right, goals[1], left(Course.resting(q_left, 0.0))))
+    course = Course.along(away.trajectory, 0.0)
+    plan = planner.plan(request(q_left, goals[0], right(course)))
+    own = Course.along(plan.trajectory, 0.0)
+    pair = (facing.bodies, own), (facing.bodies, course)
+    gaps = [
+        nearness(*pair, T_LEFT_RIGHT, at=t, room=ROOM) or ROOM
+        for t in np.arange(0.0, max(own.end, course.end) + 0.02, 0.02)
+    ]
+    assert min(gaps) > gaps[0] - 2.0 * PARTING
+    assert gaps[-1] == ROOM
+    assert min(gaps[gaps.index(ROOM) + 15 :]) > 0.75 * ROOM
 
 
 def test_an_arm_that_stands_blocks_like_its_bodies_do(planner):
@@ -305,11 +304,11 @@ def clearance(left, right, held_left, held_right):
     return min(each.distance for each in clearance_over_time(*pair, T_LEFT_RIGHT, times))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_stick_in_a_random_pose_is_passed_on_without_contact(planner, seed):
     random, model = np.random.default_rng(seed), Facing(0).model
     jaw = JawGeometry(model)
-    for _ in range(4):
+    for _ in range(3):
         thing = stick_in_hand(random, jaw)
         plan = plan_handover(planner, request_for(thing))
         left, right = plan.approach["left"], plan.approach["right"]
@@ -455,7 +454,7 @@ def stop_from(q, qd):
 
 def test_what_is_known_from_the_cycle_before_changes_no_verdict():
     facing, verdicts = Facing(12), []
-    for _ in range(5):
+    for _ in range(3):
         beside, known = Beside(), [facing.near(), facing.near()]
         qd = facing.random.uniform(-1.0, 1.0, (2, 5))
         for _ in range(60):

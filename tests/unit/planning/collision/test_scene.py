@@ -184,7 +184,7 @@ def forms_of_a_block():
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_block_is_the_same_block_in_every_form(compiled):
     random, forms = np.random.default_rng(1), forms_of_a_block()
-    for _ in range(8):
+    for _ in range(4):
         q = random.uniform(MODEL.lower, MODEL.upper)
         p = MODEL.frame(q).p + random.uniform(-0.12, 0.12, 3)
         R = np.linalg.qr(random.standard_normal((3, 3)))[0]

@@ -692,7 +692,7 @@ def goals(pen_model, kind, metric, frame, count):
 def test_each_puts_the_frame_at_the_point_within_the_limits(pen_model, forms, kind, metric):
     found = 0
     for frame in FRAMES:
-        for task, seed in goals(pen_model, kind, metric, frame, 30):
+        for task, seed in goals(pen_model, kind, metric, frame, 15):
             nearest = forms.nearest(task, seed)
             for configuration in (*nearest, *forms.spread(task, seed)):
                 q = np.array(configuration.q)
@@ -710,8 +710,8 @@ def test_no_range_of_pitches_is_missed(pen_model, forms, frame):
     structure, reached = IkSolver(pen_model).structure, 0
     metric = GoalMetric.POSITION_ONLY
     for task, seed in (
-        *goals(pen_model, "anywhere", metric, frame, 15),
-        *goals(pen_model, "in reach", metric, frame, 15),
+        *goals(pen_model, "anywhere", metric, frame, 6),
+        *goals(pen_model, "in reach", metric, frame, 10),
     ):
         roll = structure.clip_roll(seed[4])
         on_grid = [
@@ -726,4 +726,4 @@ def test_no_range_of_pitches_is_missed(pen_model, forms, frame):
             turns = [math.remainder(each[1:4].sum() - q[1:4].sum(), math.tau) for each in like]
             assert np.abs(turns).min() < 0.21
         reached += bool(on_grid)
-    assert reached > 10
+    assert reached > 8

@@ -139,7 +139,7 @@ def test_walls_that_cut_the_goal_off_are_named(model):
     assert str(error).endswith("; choose another goal, or clear the way")
 
 
-@pytest.mark.parametrize(("make", "seed"), [(slot, 0), (slot, 1), (tube, 14)])
+@pytest.mark.parametrize(("make", "seed"), [(slot, 0), (tube, 14)])
 def test_gaps_two_millimetres_wider_than_what_must_pass_are_not_taken_for_closed(model, make, seed):
     problem = make(model, seed)
     assert CollisionModel(model, problem.scene).first_blocked(problem.path) is None

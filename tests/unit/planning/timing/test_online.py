@@ -219,7 +219,7 @@ def by_ruckig(now, period):
 @pytest.mark.parametrize("every", [0.02, 0.003, math.inf])
 def test_it_is_ruckigs(every):
     random, paths, counts = np.random.default_rng(7), StopPaths(UNEVEN, DT, every), set()
-    for _ in range(1000):
+    for _ in range(300):
         now = drawn(random)
         found = paths.to_rest(now)
         assert found.step <= every

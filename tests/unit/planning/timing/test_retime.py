@@ -507,7 +507,7 @@ def test_derivatives_agree_with_differences(path: JointPath) -> None:
 @pytest.mark.parametrize("tolerance", [1e-4, 0.01, 0.3, 10.0])
 def test_rounded_corners_stay_within_the_tolerance_of_the_lines(tolerance: float) -> None:
     path = blended_path(WAYPOINTS, tolerance)
-    q = path.evaluate(np.linspace(0.0, path.length, 700)).q
+    q = path.evaluate(np.linspace(0.0, path.length, 250)).q
     assert distance_to_polyline(q, WAYPOINTS).max() <= min(tolerance, 1.0) + 2e-3
     assert np.allclose(q[[0, -1]], WAYPOINTS[[0, -1]], atol=1e-14)
 
