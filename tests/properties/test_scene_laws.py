@@ -99,11 +99,11 @@ def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, jud
                 assert np.allclose(each.gradient, 0.5 * (right + left), atol=2e-2)
 
 
-@given(seed=seeds, q_jaw=jaws, held=st.booleans(), judge=judges)
-@settings(max_examples=9)
-def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held, judge):
+@given(seed=seeds, q_jaw=jaws, held=st.booleans())
+@settings(max_examples=6)
+def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held):
     rng = np.random.default_rng(seed)
-    collision = judge(MODEL, random_scene(rng, held=held))
+    collision = CollisionModel(MODEL, random_scene(rng, held=held))
     for _ in range(3):
         start, end = two_free_configurations(rng, q_jaw, collision)
         blocked = collision.first_blocked(np.array([start, end]), q_jaw)

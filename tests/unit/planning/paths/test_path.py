@@ -1,5 +1,4 @@
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -170,8 +169,8 @@ def test_more_effort_gives_a_quicker_motion_that_coal_finds_free(planner, seed):
     judge = CoalJudge(RobotModel.load(), POST)
     for each in (some, more):
         np.testing.assert_array_equal(each.trajectory.q[[0, -1]], [LEFT, RIGHT])
-        assert judge.first_blocked(each.trajectory.q, tolerance=MARGIN_TOLERANCE) is None
-        assert all(judge.first_blocked(edge) is None for edge in pairwise(each.path))
+        assert judge.keeps_room_along(each.trajectory.q, share=1.0 - MARGIN_TOLERANCE)
+        assert judge.keeps_room_along(each.path, share=1.0 - MARGIN_TOLERANCE)
 
 
 def test_the_same_request_gives_the_same_motion_at_any_width():
@@ -242,7 +241,7 @@ def test_a_path_around_a_post_is_proven_by_coal_and_the_same_at_any_width(model,
         finder = PathFinder(model, CollisionModel(model, POST), seed=seed)
         found.append(finder.find(LEFT, [RIGHT], 10.0).waypoints)
     native().library.so101_start(native().lanes)
-    assert judge.first_blocked(found[0]) is None
+    assert judge.keeps_room_along(found[0], share=1.0 - MARGIN_TOLERANCE)
     assert len(found[0]) > 2
     for other in found[1:]:
         np.testing.assert_array_equal(found[0], other)
