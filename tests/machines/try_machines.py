@@ -288,7 +288,7 @@ def try_demo(machine: Machine, line: str, folder: str) -> None:
         verdict = f"a link; the page comes ({size // 1000} kB)" if size > 100_000 else ""
         os.killpg(process.pid, signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(15.0)
+            process.wait(120.0)
         verdict = verdict if "ended by Ctrl-C" in log.read_text() else ""
     end(process)
     machine.note(line, verdict, last_words(log.read_text()), seconds)
