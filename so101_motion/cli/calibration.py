@@ -113,7 +113,6 @@ def export(
         "With --lerobot: its kind of arm, such as so_leader.", default="", show_default=False
     ),
     out: Path | None = option("Write to this file.", click.Path(path_type=Path)),
-    dry_run: bool = DRY_RUN,
 ) -> None:
     """Print FILE in LeRobot's format, or save it with --lerobot or --out.
 
@@ -129,9 +128,7 @@ def export(
     calibration = stored.calibration
     _notes(stored)
     path = out if lerobot is None else format_of_lerobot.path_for(lerobot, kind=kind)
-    if path is None or dry_run:
-        if path is not None:
-            aside(f"would be written to {path}:")
+    if path is None:
         click.echo(format_of_lerobot.text(calibration).decode(), nl=False)
         return
     format_of_lerobot.export(calibration, path)

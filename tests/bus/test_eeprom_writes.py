@@ -87,9 +87,6 @@ LOOKS = (
     ("doctor",),
     ("viam", "config"),
     ("plan", *GOAL),
-    ("calibrate", "--dry-run"),
-    ("setup", "--dry-run"),
-    ("setup", "--repair", "--dry-run"),
     ("calibration", "diff", "other.json"),
     ("identify", "--undo"),
 )
