@@ -57,7 +57,7 @@ LAZY = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
 
 @given(seed=seeds, q_jaw=jaws, limits=motion_limits())
 @example(seed=7139, q_jaw=0.0, limits=LAZY)  # around something: the ends differed in a last bit
-@settings(max_examples=20)
+@settings(max_examples=12)
 def test_between_free_postures_there_is_a_verified_motion(seed, q_jaw, limits):
     rng = np.random.default_rng(seed)
     start, goal = free_configuration(rng, q_jaw), free_configuration(rng, q_jaw)
@@ -70,7 +70,7 @@ def test_between_free_postures_there_is_a_verified_motion(seed, q_jaw, limits):
 
 
 @given(seed=seeds, q_jaw=jaws, frame=st.sampled_from(["tool", "jaw_tip"]))
-@settings(max_examples=20)
+@settings(max_examples=12)
 def test_every_point_that_a_free_posture_reaches_is_reached(seed, q_jaw, frame):
     rng = np.random.default_rng(seed)
     start, there = free_configuration(rng, q_jaw), free_configuration(rng, q_jaw)
@@ -83,7 +83,7 @@ def test_every_point_that_a_free_posture_reaches_is_reached(seed, q_jaw, frame):
 
 
 @given(seed=seeds, count=st.integers(2, 6), tolerance=st.floats(0.0, 0.2))
-@settings(max_examples=12)
+@settings(max_examples=8)
 def test_waypoints_are_passed_as_near_as_asked_or_refused(seed, count, tolerance):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng, 0.0)
@@ -108,7 +108,7 @@ def test_waypoints_are_passed_as_near_as_asked_or_refused(seed, count, tolerance
 @example(seed=155735, length=0.03125)  # between two configurations the curve left a limit
 @example(seed=1157, length=0.1094290691661624)  # likewise
 @example(seed=7, length=0.0956388426576767)  # slowed down once, its jerk was still 1 % over
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_a_line_is_followed_within_its_tolerance_or_refused_with_a_reason(seed, length):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng, 0.0)
@@ -131,7 +131,7 @@ def test_a_line_is_followed_within_its_tolerance_or_refused_with_a_reason(seed, 
 # Of an arm that carries something
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(seeds, st.floats(0.0, 0.4), st.floats(0.5, 2.0), st.floats(1.0, 1.4), st.floats(1.0, 15.0))
 def test_no_servo_has_to_exert_more_than_it_can_or_the_motion_is_refused(
     seed: int, mass: float, holding: float, more: float, acceleration: float
@@ -249,7 +249,7 @@ def path_deviation(tool_path, p):
 
 
 @given(seed=seeds, frame=frames, metric=metrics, blend=st.sampled_from([0.0, 0.004, 0.05]))
-@settings(max_examples=20)
+@settings(max_examples=12)
 def test_a_path_is_followed_within_its_tolerances_or_refused_with_a_reason(
     seed, frame, metric, blend
 ):
@@ -278,7 +278,7 @@ def test_a_path_is_followed_within_its_tolerances_or_refused_with_a_reason(
 
 
 @given(seed=seeds, blend=st.sampled_from([0.005, 0.02]), cap=st.floats(0.01, 0.3))
-@settings(max_examples=12)
+@settings(max_examples=8)
 def test_a_rounded_path_moves_on_under_the_cap_of_the_tool(seed, blend, cap):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng)
@@ -296,7 +296,7 @@ def test_a_rounded_path_moves_on_under_the_cap_of_the_tool(seed, blend, cap):
 
 
 @given(seed=seeds, metric=metrics)
-@settings(max_examples=12)
+@settings(max_examples=8)
 def test_a_line_turns_the_tool_no_further_off_than_it_says(seed, metric):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng)
@@ -329,7 +329,7 @@ def test_a_line_turns_the_tool_no_further_off_than_it_says(seed, metric):
 @given(seed=seeds, metric=metrics)
 @example(seed=114, metric=GoalMetric.POSITION_ONLY)
 @example(seed=176, metric=GoalMetric.FULL_POSE)
-@settings(max_examples=20)
+@settings(max_examples=8)
 def test_at_every_instant_a_line_is_left_by_no_more_than_is_said(seed, metric):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng)

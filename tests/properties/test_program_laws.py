@@ -83,7 +83,7 @@ TO_AND_FRO = [  # as far apart as a passed place may be missed, and a little mor
 ]
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @example(np.array(TO_AND_FRO * 2), CAPS[0], SCENES[0])
 @given(ways(), st.sampled_from(CAPS), st.sampled_from(SCENES))
 def test_passed_waypoints_are_passed_near_enough_in_order_and_within_the_caps(
@@ -109,7 +109,7 @@ def test_passed_waypoints_are_passed_near_enough_in_order_and_within_the_caps(
         assert np.abs(q[then] - place).max(axis=1).min() <= PASSING + 1e-3
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(ways(), st.sampled_from(CAPS))
 def test_passing_is_seldom_slower_than_stopping_and_then_by_little(
     way: np.ndarray, caps: MotionLimits

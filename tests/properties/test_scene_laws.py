@@ -44,7 +44,7 @@ judges = st.sampled_from([CollisionModel, CoalJudge])
 
 
 @given(seed=seeds, q_jaw=jaws, margin=margins, held=st.booleans(), judge=judges)
-@settings(max_examples=27)
+@settings(max_examples=18)
 def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, held, judge):
     rng = np.random.default_rng(seed)
     collision = judge(MODEL, random_scene(rng, margin, held=held))
@@ -56,7 +56,7 @@ def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, h
 
 
 @given(seed=seeds, q_jaw=jaws, within=st.sampled_from([0.01, 0.05, 0.1]), judge=judges)
-@settings(max_examples=18)
+@settings(max_examples=12)
 def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw, within, judge):
     rng = np.random.default_rng(seed)
     collision = judge(MODEL, random_scene(rng, held=True))
@@ -79,7 +79,7 @@ def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw
 
 
 @given(seed=seeds, q_jaw=jaws, judge=judges)
-@settings(max_examples=18)
+@settings(max_examples=10)
 def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, judge):
     rng = np.random.default_rng(seed)
     collision = judge(MODEL, random_scene(rng, held=True))
@@ -220,7 +220,7 @@ def test_the_second_opinion_knows_contact_when_it_sees_it():
 
 
 @given(seed=seeds, q_jaw=jaws, held=st.booleans())
-@settings(max_examples=9)
+@settings(max_examples=6)
 def test_a_plan_touches_nothing_or_says_what_is_in_the_way(seed, q_jaw, held):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=held)
@@ -244,7 +244,7 @@ def test_a_plan_touches_nothing_or_says_what_is_in_the_way(seed, q_jaw, held):
 
 
 @given(seed=seeds)
-@settings(max_examples=27)
+@settings(max_examples=16)
 def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
     rng = np.random.default_rng(seed)
     scene, beyond = (random_scene(rng, held=True), 0.0) if seed % 3 else (Scene(), 0.1)
@@ -276,7 +276,7 @@ def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
 
 
 @given(seed=seeds)
-@settings(max_examples=18)
+@settings(max_examples=10)
 def test_the_same_request_gives_the_same_bytes(seed):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=bool(seed % 2), count=3)

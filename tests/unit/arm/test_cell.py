@@ -671,16 +671,18 @@ def test_a_retarget_stops_short_of_it_and_names_it_until_it_is_gone(arm, around,
     assert arm.state.q == pytest.approx(RIGHT, abs=1e-3)
 
 
-def test_a_following_under_way_keeps_off_what_comes_and_passes_where_it_was(arm, around, clock):
-    following = in_time(clock, arm.follow)
-    lead(arm, clock, following.aim, LEFT, seconds=0.2)
+@pytest.mark.parametrize("how", ["follow", "jog"])
+def test_who_leads_an_arm_is_kept_off_what_comes_and_passes_where_it_was(arm, around, clock, how):
+    motion = in_time(clock, getattr(arm, how))
+    aim, to = (motion.aim, RIGHT) if how == "follow" else (motion.to_point, BEYOND)
+    lead(arm, clock, aim, to, seconds=0.3)
     arm.keep_off(arm.scene, around)
-    assert lead(arm, clock, following.aim, RIGHT) > 0.0
-    assert any("'crate'" in each for each in following.held_by)
+    assert 0.0 < lead(arm, clock, aim, to) < 0.02
+    assert any("'crate'" in each for each in motion.held_by)
     arm.keep_off(arm.scene, arm.scene)
-    lead(arm, clock, following.aim, RIGHT, seconds=6.0)
-    assert arm.state.q == pytest.approx(RIGHT, abs=1e-2)
-    finish(clock, following.close())
+    lead(arm, clock, aim, to, seconds=6.0)
+    assert arm.T_base("tool").p == pytest.approx(BEYOND, abs=2e-3)
+    finish(clock, motion.close())
 
 
 def test_an_arm_that_is_in_it_follows_targets_out_and_no_deeper(arm_inside, around, clock):
@@ -712,18 +714,6 @@ def test_beside_another_scene_of_the_arm_it_does_not_count(arm, around, clock):
     assert arm.plan(JointGoal(q=RIGHT)).report.straight, "plans do not know it"
     arm.keep_off(Scene(floor_z=-0.1), around)
     finish(clock, arm.retarget(RIGHT).future)
-
-
-def test_a_jog_under_way_keeps_off_what_comes_and_passes_where_it_was(arm, around, clock):
-    jog = in_time(clock, arm.jog)
-    lead(arm, clock, jog.to_point, BEYOND, seconds=0.3)
-    arm.keep_off(arm.scene, around)
-    assert 0.0 < lead(arm, clock, jog.to_point, BEYOND) < 0.02
-    assert any("'crate'" in each for each in jog.held_by)
-    arm.keep_off(arm.scene, arm.scene)
-    lead(arm, clock, jog.to_point, BEYOND, seconds=6.0)
-    assert arm.T_base("tool").p == pytest.approx(BEYOND, abs=2e-3)
-    finish(clock, jog.close())
 
 
 def test_what_is_held_longer_counts_for_a_jog_under_way(arm, around, clock):

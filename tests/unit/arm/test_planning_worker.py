@@ -75,14 +75,6 @@ def test_an_error_comes_back_with_its_fields(worker):
     assert caught.value.value == pytest.approx(math.radians(95.0))
 
 
-def test_a_worker_that_died_is_started_again(worker):
-    first = pid_of(worker)
-    os.kill(first, signal.SIGKILL)
-    os.waitid(os.P_PID, first, os.WEXITED | os.WNOWAIT)
-    worker.plan(EASY).result()
-    assert pid_of(worker) != first
-
-
 def _box(name, size, at):
     box = Box(size=np.array(size))
     return Obstacle(name=name, shape=box, T_base_obstacle=SE3.from_translation(at))
@@ -203,7 +195,7 @@ def test_closing_ends_every_plan_with_an_error_of_ours():
             answer.result(0.0)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def impatient():
     with started(hang_timeout=1.5) as worker:  # a busy machine may keep it from a sign of life
         yield worker
@@ -370,13 +362,14 @@ def test_both_ends_forget_the_same_scenes():
         assert unpacked(sent, received) == (some[k], some[(k + 1) % 20])
 
 
-def test_a_new_worker_gets_the_scene_again(worker):
+def test_a_worker_that_died_is_started_again_and_gets_the_scene_again(worker):
     request = dataclasses.replace(EASY, scene=big_scene())
     first = worker.plan(request).result()
     died = pid_of(worker)
     os.kill(died, signal.SIGKILL)
     os.waitid(os.P_PID, died, os.WEXITED | os.WNOWAIT)
     again = worker.plan(request).result()
+    assert pid_of(worker) != died
     assert np.array_equal(first.trajectory.q, again.trajectory.q)
 
 
