@@ -341,18 +341,6 @@ def big_scene():
     return Scene(obstacles=(Obstacle(name="cloud", shape=cloud, T_base_obstacle=here),))
 
 
-def test_a_scene_is_sent_once_and_known_by_its_content():
-    scenes, received = Scenes(), Scenes()
-    sizes = []
-    for _ in range(3):
-        request = dataclasses.replace(EASY, scene=big_scene())
-        parts = [bytes(part) for part in packed(request, scenes)]
-        sizes.append(sum(map(len, parts)))
-        assert unpacked(parts, received).scene == request.scene
-    assert sizes[0] > 100_000
-    assert sizes[1] == sizes[2] < 3_000
-
-
 def test_both_ends_forget_the_same_scenes():
     scenes, received = Scenes(), Scenes()
     rng = np.random.default_rng(0)

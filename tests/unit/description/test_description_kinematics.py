@@ -240,35 +240,6 @@ def test_named_poses_are_free_of_self_and_floor(checker, geometry):
     assert checker.overlaps(np.radians([-4.0, -103.0, 97.0, 78.0, -65.0, 0.0]))
 
 
-@pytest.mark.parametrize("reach", [0.12, 0.16, 0.20, 0.22])
-@pytest.mark.parametrize("tip_height", [0.006, 0.010, 0.020])
-def test_tool_down_near_the_floor_is_not_refused(model, checker, reach, tip_height):
-    q = tool_down(model, reach, tip_height)
-    assert checker.overlaps(q) == []
-    assert checker.height_above_floor(q) > 0.0
-
-
-def tool_down(model, reach, tip_height):
-    """Joint angles with the jaw tip at a distance from the pan axis, pointing straight down."""
-    target = np.array([0.0388353 + reach, tip_height])
-    data = model.createData()
-    frame = model.getFrameId("jaw_tip")
-    for lift, elbow in itertools.product(np.radians([-60, -20, 20]), np.radians([0, 40, 80])):
-        bend = np.array([lift, elbow])
-        for _ in range(60):
-            q = np.array([0.0, bend[0], bend[1], np.pi / 2 - bend.sum(), 0.0, 0.0])
-            pin.computeJointJacobians(model, data, q)
-            pin.updateFramePlacements(model, data)
-            error = target - data.oMf[frame].translation[[0, 2]]
-            J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[[0, 2]]
-            J = J[:, 1:3] - J[:, 3:4]
-            bend = bend + J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(2), error)
-        inside = np.all(q >= model.lowerPositionLimit) and np.all(q <= model.upperPositionLimit)
-        if np.linalg.norm(error) < 1e-6 and inside:
-            return q
-    raise AssertionError("the arm cannot point straight down there")
-
-
 def test_allowed_pairs_name_links_and_cover_every_hinge():
     allowed = description.load_allowed_pairs()
     known = {*LINKS, description.GROUND}
