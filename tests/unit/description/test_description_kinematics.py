@@ -12,10 +12,13 @@ import pytest
 import so101_description as description
 from so101_description import PARTS, URDF_PATH
 from so101_description.generator.glb import to_linear
-from so101_description.make_allowed_pairs import FLOOR_Z, sample
+from so101_description.make_allowed_pairs import sample
 from so101_description.make_hulls import CORNERS
 from so101_description.make_meshes import MATERIALS, make
 from so101_description.mesh_readers import read_glb, to_srgb
+
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.kinematics.model import RobotModel
 
 GEOMETRY = Path(__file__).resolve().parents[2] / "data" / "so101_geometry.json"
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
@@ -139,58 +142,6 @@ def furthest_outside(hull, points):
     return np.max(points @ normals.T - np.sum(normals * a, axis=1))
 
 
-class Checker:
-    """Hulls as pinocchio loads them from the URDF, with the pairs that need looking at."""
-
-    def __init__(self, model):
-        self.model = model
-        self.data = model.createData()
-        self.geometry = pin.buildGeomFromUrdf(
-            model,
-            str(description.URDF_PATH),
-            pin.COLLISION,
-            package_dirs=str(description.URDF_PATH.parent),
-        )
-        for shape in self.geometry.geometryObjects:
-            shape.geometry.buildConvexHull(True, "Qt")
-            shape.geometry = shape.geometry.convex
-        self.names = [shape.name.removesuffix("_0") for shape in self.geometry.geometryObjects]
-        allowed = description.load_allowed_pairs()
-        for i, j in itertools.combinations(range(len(self.names)), 2):
-            if frozenset((self.names[i], self.names[j])) not in allowed:
-                self.geometry.addCollisionPair(pin.CollisionPair(i, j))
-        self.reaching = [
-            None
-            if frozenset((name, description.GROUND)) in allowed
-            else description.load_hull(description.PARTS[name]).vertices
-            for name in self.names
-        ]
-        self.state = self.geometry.createData()
-
-    def overlaps(self, q):
-        pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.state, q)
-        return [
-            (self.names[pair.first], self.names[pair.second])
-            for i, pair in enumerate(self.geometry.collisionPairs)
-            if pin.computeCollision(self.geometry, self.state, i)
-        ]
-
-    def height_above_floor(self, q):
-        """Of the lowest hull among the links that can reach the floor."""
-        pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.state, q)
-        heights = [
-            hull @ placement.rotation[2] + placement.translation[2] - FLOOR_Z
-            for hull, placement in zip(self.reaching, self.state.oMg, strict=True)
-            if hull is not None
-        ]
-        return np.min(np.concatenate(heights))
-
-
-@pytest.fixture(scope="module")
-def checker(model):
-    return Checker(model)
-
-
 @pytest.mark.parametrize("part", description.PARTS.values())
 def test_hull_is_convex_has_few_corners_and_contains_what_is_drawn(part):
     hull = description.load_hull(part)
@@ -219,25 +170,14 @@ def spread_directions(count):
     return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
 
 
-def test_pinocchio_loads_one_convex_shape_a_link(checker):
-    assert checker.names == LINKS
-    for name, shape in zip(checker.names, checker.geometry.geometryObjects, strict=True):
-        hull = description.load_hull(description.PARTS[name])
-        loaded = np.array(shape.geometry.points())
-        assert furthest_outside(hull, loaded) == pytest.approx(0.0, abs=1e-8)  # read as float
-        directions = np.random.default_rng(0).normal(size=(3, 200))
-        reach = np.max(hull.vertices @ directions, axis=0)
-        assert np.max(loaded @ directions, axis=0) == pytest.approx(reach, abs=1e-7)
-
-
-def test_named_poses_are_free_of_self_and_floor(checker, geometry):
+def test_named_poses_are_free_of_self_and_floor(geometry):
+    collision = CollisionModel(RobotModel.load())
     assert len(geometry["named"]) == 8
     for name, pose in geometry["named"].items():
-        q = np.radians(pose["q_deg"])
-        assert checker.overlaps(q) == [], name
-        assert checker.height_above_floor(q) > 0.03, name
+        *q, q_jaw = np.radians(pose["q_deg"])
+        assert collision.clearance(np.array(q), q_jaw).room > 0.0, name
     # LeRobot's shipped rest pose read without its zero offsets: the official solids overlap.
-    assert checker.overlaps(np.radians([-4.0, -103.0, 97.0, 78.0, -65.0, 0.0]))
+    assert collision.first_contact(np.radians([-4.0, -103.0, 97.0, 78.0, -65.0])) is not None
 
 
 def test_allowed_pairs_name_links_and_cover_every_hinge():
