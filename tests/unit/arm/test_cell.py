@@ -458,28 +458,6 @@ def pair_in_the_way(pair_of):
     return pair_of(Facing(0), left, right)
 
 
-def test_a_jog_towards_another_arm_slows_down_before_it_and_slides_along_it_at_a_slant(
-    pair_in_the_way, clock
-):
-    pair = pair_in_the_way
-    jog = in_time(clock, pair.left.jog)
-    begin, nearest = pair.left.T_base("tool").p, np.inf
-    for _ in range(400):
-        jog.twist((0.04, 0.03, 0.0))
-        pair.advance()
-        nearest = min(nearest, pair.gap())
-    assert pair.left.T_base("tool").p[0] > begin[0] + 0.02, "as far as there is room"
-    assert np.abs(pair.left.state.qd_ref).max() < 0.01
-    assert any("right's" in each for each in jog.held_by)
-    along, begin = np.array([0.0275, -0.0119, 0.0]), pair.left.T_base("tool").p  # into it by 10 deg
-    for _ in range(150):
-        jog.twist(along)
-        pair.advance()
-        nearest = min(nearest, pair.gap())
-    assert (pair.left.T_base("tool").p - begin) @ along / np.linalg.norm(along) > 0.01
-    assert 1.1 * GUARDED < nearest < 1.3 * GUARDED
-
-
 def test_an_arm_with_a_following_that_has_no_target_yet_is_seen_where_it_stands(pair_of, clock):
     before, there = np.radians([[100.0, -90.0, 80.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
     beside, beyond = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -60.0, 50.0, 60.0, 0.0]])

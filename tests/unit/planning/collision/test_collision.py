@@ -1,6 +1,7 @@
 import gc
 import shutil
 import weakref
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -323,11 +324,17 @@ def pen(**settings):
     )
 
 
-def test_a_held_object_is_checked_against_all_but_its_holder(model):
+def test_links_obstacles_and_what_is_held_are_checked_against_all_that_they_may_not_touch(model):
     obstacle, _ = beside(model, READY, *SHAPES["box"], 0.02, np.array([1.0, 0.0, 0.0]))
     pairs = CollisionModel(model, Scene(obstacles=(obstacle,), attached=(pen(),))).pairs
     others = {pair[1] for pair in pairs if pair[0] == "pen"}
     assert others == {*LINKS, "floor", "thing"} - {"gripper", "jaw"}
+    near = {pair[0] for pair in pairs if pair[1] == "thing"}
+    assert near >= {"upper arm", "lower arm", "wrist", "gripper", "jaw", "pen"}
+    names = {link: part.replace("_", " ") for link, part in so101_description.PARTS.items()}
+    allowed = {frozenset(map(names.get, each)) for each in so101_description.load_allowed_pairs()}
+    every = {frozenset(each) for each in combinations(LINKS, 2)}
+    assert {frozenset(each) for each in pairs if {*each} <= {*LINKS}} == every - allowed
 
 
 def test_what_may_touch_is_not_checked(model):
