@@ -20,10 +20,9 @@ from so101_motion.viam.component_config import HardwareArmConfig, HardwareGrippe
 
 
 @pytest.fixture(autouse=True)
-def own_home(tmp_path, monkeypatch):
+def own_folders(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home" / "data"))
-    for name in ("VIAM_MODULE_DATA", "VIAM_HOME", "SO101_PORT"):
+    for name in ("VIAM_MODULE_DATA", "VIAM_HOME"):
         monkeypatch.delenv(name, raising=False)
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")

@@ -13,7 +13,6 @@ from viam.components.arm import Pose
 
 import so101_motion
 from so101_motion.planning.goals import JointGoal
-from so101_motion.viam.models.calibration import So101Calibration
 
 PACKAGE = str(Path(so101_motion.__file__).parent) + os.sep
 PLANNING = "(planning, in a process of its own)"
@@ -169,8 +168,7 @@ async def test_a_calibration_step_passes_few_functions_from_request_to_bytes(
     counter, bench, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
-    sensor = bench.new(So101Calibration, "calibration", port=str(bench.port))
+    sensor = bench.new_sensor()
     await sensor.do_command({"command": "start"})
     counter.start("SerialPort.write")
     await sensor.do_command({"command": "set_homing"})

@@ -27,11 +27,6 @@ ZEROS = dict(zip(ARM_JOINTS, np.radians(MIDDLES_DEG), strict=True))
 pytestmark = pytest.mark.emulated(reply_timeout=2.0, figures={"shoulder_pan": PAN})
 
 
-@pytest.fixture(autouse=True)
-def own_home(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-
-
 @pytest.fixture
 def rig(bench, tmp_path):
     """An arm with a calibration file."""
