@@ -49,6 +49,7 @@ def move_test(
     so101 move-test --port /dev/ttyACM0 --report test.json
     so101 move-test --sim --yes
     """  # noqa: D301
+    from so101_motion.cli.operation_terminal import printed
     from so101_motion.setup.move_test import MoveTest
 
     stopped = threading.Event()
@@ -69,7 +70,8 @@ def move_test(
             aside(f"{100.0 * share:3.0f} %  {joint}")
 
         found = run_beside(partial(test.move_and_measure, outline, show), stop)
-    answer(as_json, "move-test", found.to_json(), found.text())
+        text = printed(test.view, f"{found.sentence}.", f"{found.arm}, {found.seconds:.0f} s")
+    answer(as_json, "move-test", found.to_json(), text)
     if report is not None:
         write_report(report, found.file({"version": __version__}))
     if stopped.is_set():
@@ -105,6 +107,7 @@ def identify(
     so101 identify --port /dev/ttyACM0 --check
     so101 identify --port /dev/ttyACM0 --undo
     """  # noqa: D301
+    from so101_motion.cli.operation_terminal import printed
     from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.setup.identify_operation import IdentifyOperation
 
@@ -128,7 +131,8 @@ def identify(
         if record is not None:
             files = identification.write_recordings(record, hand_is_empty=not carrying)
             aside(f"{len(files)} recordings in {record}; they stay on this computer")
-    answer(as_json, "identify", report.to_json(), report.text())
+        text = printed(operation.view, *report.remarks(), operation.view.text)
+    answer(as_json, "identify", report.to_json(), text)
 
 
 def _restore_figures(source: Source, as_json: bool) -> None:

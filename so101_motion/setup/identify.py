@@ -75,24 +75,6 @@ class IdentifyReport:
             "changes": list(changes(self.before, self.found)),
         }
 
-    def text(self) -> str:
-        lines = [
-            f"{'joint':<15}{'torque':>8}{'friction':>10}{'dead time':>11}{'play':>8}"
-            f"{'off, as sold':>14}{'as known':>10}"
-        ]
-        for joint, each in self.found.servos.items():
-            play = "–" if each.play is None else f"{to_deg(each.play):.2f}°"
-            told = self.predictions.get(joint)
-            off = ("–", "–") if told is None else (_deg(told.as_sold), _deg(told.as_known))
-            lines.append(
-                f"{joint:<15}{each.torque:>8.0%}{each.friction:>10.0%}{each.dead_time:>11.0%}"
-                f"{play:>8}{off[0]:>14}{off[1]:>10}"
-            )
-        lines += self.remarks()
-        if self.file is not None:
-            lines.append(f"saved in {self.file}; used from the next start")
-        return "\n".join(lines) + "\n"
-
     def remarks(self) -> list[str]:
         said = [f"supply {self.found.volts:.1f} V; shares are of the servo type's figures"]
         load = self.found.load
@@ -181,10 +163,6 @@ def write_recordings(
             trajectory=np.array([f"sweep of {joint}"]),
         )
     return tuple(files)
-
-
-def _deg(angle: float) -> str:
-    return f"{to_deg(angle):.2f}°"
 
 
 BASE = to_rad(np.array([0.0, 0.0, -45.0, 0.0, 0.0]))
