@@ -1,26 +1,7 @@
 """Read and write scenes as JSON: in a file, or in the ``obstacles`` attribute of a component.
 
-Millimetres and degrees, with the unit in every name, in the arm's base frame::
-
-    {
-      "floor_z_mm": -2.4,
-      "obstacles": [
-        {"name": "mug", "box_mm": [80, 80, 95], "position_mm": [250, 60, 45]},
-        {"name": "ball", "sphere_radius_mm": 30, "position_mm": [180, -90, 30]},
-        {"name": "post", "capsule_radius_mm": 10, "capsule_length_mm": 200,
-         "position_mm": [0, 200, 100], "rpy_deg": [0, 90, 0]},
-        {"name": "part", "mesh_file": "part.stl", "position_mm": [200, 0, 0]},
-        {"name": "seen", "points_mm": [[310, 20, 5]], "resolution_mm": 10},
-        {"name": "lamp zone", "box_mm": [300, 300, 200], "position_mm": [0, 0, 500],
-         "keep_out": true},
-        {"name": "can", "cylinder_radius_mm": 15, "cylinder_length_mm": 40,
-         "position_mm": [220, 0, 17.6], "mass_kg": 0.03}
-      ],
-      "attached": [
-        {"name": "cube", "box_mm": [20, 20, 20], "position_mm": [0, 0, 100], "mass_kg": 0.02,
-         "may_touch": ["floor"]}
-      ]
-    }
+Millimetres and degrees, with the unit in every name, in the arm's base frame; ``docs/planning.md``
+has an example.
 
 A mesh file is in millimetres unless its format declares a unit (GLB: metres, y up; 3MF); the
 optional ``"scale"`` of an entry multiplies the lengths of its shape. An obstacle with
