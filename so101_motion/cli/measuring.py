@@ -85,11 +85,6 @@ def identify(
     source: Source = SOURCE,
     carrying: bool = flag("The hand holds something: measure its weight as well."),
     check: bool = flag("Save nothing; only tell how well the figures predict."),
-    record: Path | None = option(
-        "Write goals, positions and voltages of each joint there; no serial number.",
-        click.Path(path_type=Path, file_okay=False),
-        metavar="FOLDER",
-    ),
     undo: bool = flag("Move nothing: restore the previous figures."),
     yes: bool = YES,
     as_json: bool = JSON,
@@ -125,12 +120,8 @@ def identify(
         have_agreed(f"Is everything out of the way? Move the {source.what}?", yes)
         move = partial(operation.ask, "move", carrying=carrying, check=check)
         run_beside(move, operation.close)
-        report, identification = operation.report, operation.identification
+        report = operation.report
         assert report is not None
-        assert identification is not None
-        if record is not None:
-            files = identification.write_recordings(record, hand_is_empty=not carrying)
-            aside(f"{len(files)} recordings in {record}; they stay on this computer")
         text = printed(operation.view, *report.remarks(), operation.view.text)
     answer(as_json, "identify", report.to_json(), text)
 

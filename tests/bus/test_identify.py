@@ -196,6 +196,7 @@ def test_motions_are_recorded_in_the_format_that_the_benchmark_reads(bench, tmp_
         pan = motion[name][:, 0]
         np.testing.assert_allclose((pan.min(), pan.max()), (low, high), atol=near)
     assert motion["t_s"][0] == 0.0
+    assert motion["volts"] == pytest.approx(12.0, abs=0.5)
     assert np.diff(motion["t_cmd_s"]).min() >= 0.0
     assert arm_of(file).registers["p_gain"] == 32
 
