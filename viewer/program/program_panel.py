@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import viser
 
@@ -248,8 +249,11 @@ class WaypointFields:
     """The fields of what an arm does in the selected step."""
 
     def __init__(self, context: PageContext, editor: ArmInStep) -> None:
+        def sets(field: str) -> Callable[[Any], None]:
+            return lambda value: editor.set(**{field: value})
+
         gui = context.gui
-        self._name = SharedField(gui.add_text("Name", ""), editor.rename, context)
+        self._name = SharedField(gui.add_text("Name", ""), sets("name"), context)
         speed = gui.add_slider(
             "Speed (%)",
             round(100.0 * SLOWEST),
@@ -258,22 +262,22 @@ class WaypointFields:
             100,
             hint="On the way to it, as a share of the speed on the Move tab",
         )
-        self._speed = SharedField(speed, editor.set_speed, context, units.PERCENT)
+        self._speed = SharedField(speed, sets("speed"), context, units.PERCENT)
         passes = gui.add_checkbox(
             "Pass through",
             False,
             hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
         )
-        self._pass = SharedField(passes, editor.set_passes, context)
+        self._pass = SharedField(passes, sets("passes"), context)
         pause = gui.add_number("Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1)
-        self._pause = SharedField(pause, editor.set_pause, context, units.TENTHS)
+        self._pause = SharedField(pause, sets("pause"), context, units.TENTHS)
         jaw = gui.add_dropdown("Gripper", tuple(_JAW))
-        self._jaw = SharedField(jaw, lambda name: editor.set_aperture(_JAW[name]), context)
+        self._jaw = SharedField(jaw, lambda name: editor.set(aperture=_JAW[name]), context)
         opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
-        self._opening = SharedField(opening, editor.set_aperture, context, units.PERCENT)
-        self._item = SharedField(gui.add_text("Pick item", ""), editor.set_item, context)
+        self._opening = SharedField(opening, sets("aperture"), context, units.PERCENT)
+        self._item = SharedField(gui.add_text("Pick item", ""), sets("item"), context)
         place = gui.add_text("Put it at", "", hint="x,y,z in mm or a name; empty: hold it")
-        self._place = SharedField(place, editor.set_place, context)
+        self._place = SharedField(place, sets("place"), context)
 
     def show(self, waypoint: Waypoint | None, *, is_alone: bool) -> None:
         """Show a waypoint, or all fields grey; only an arm that moves alone may pass."""
