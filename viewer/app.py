@@ -130,7 +130,6 @@ class Preview(ServedPage):
             title=source.title,
             stops=(self.stop, *(rig.gripper.stop for rig in rigs.values()), self._end_following),
             plan=self._plan,
-            atlas=source.atlas,
         )
         self.windows.leave_open_as_stop(move.stop_button)
         self.say = move.model.report
