@@ -49,7 +49,8 @@ class History(Generic[T]):
         self._values = [value]  # one more than there are changes
         self._numbers: list[int] = []
         self._done = 0  # how many of them are not undone
-        self._changed, self._kind = -inf, None
+        self._changed = -inf
+        self._kind: Hashable = None
 
     @property
     def value(self) -> T:
