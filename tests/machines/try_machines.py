@@ -418,6 +418,8 @@ def main() -> int:
     given = parser.parse_args()
     if os.geteuid() != 0 or not shutil.which("mmdebstrap"):
         sys.exit("this needs root and mmdebstrap (apt-get install mmdebstrap)")
+    # A shell that starts this in the background has it ignore Ctrl-C, and what it starts as well.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     parts = {"readme": try_readme, "stumble": try_stumbling}
     rows: list[Row] = []
     given.work.mkdir(parents=True, exist_ok=True)
