@@ -108,6 +108,17 @@ def test_the_reference_lists_and_describes_every_public_name(monkeypatch):
     ]
 
 
+def test_the_functions_of_a_move_are_in_the_files_that_the_architecture_names():
+    _, _, page = (ROOT / "docs" / "architecture.md").read_text().partition("## One move")
+    walks = re.findall(r"^\|[^|]*\| `(\S+\.py)` \| ([^:|]*)", page, flags=re.MULTILINE)
+    assert len(walks) > 30
+    for file, functions in walks:
+        code = (ROOT / "so101_motion" / file).read_text()
+        for name in re.findall(r"`([\w.]+)`", functions):
+            for part in name.split("."):
+                assert re.search(rf"(class|def) {part}\b", code), (file, name)
+
+
 def test_what_can_be_typed_into_the_emulator_is_understood():
     page = (ROOT / "docs" / "first-hour.md").read_text()
     table = page[page.index("| type | to |") :]
