@@ -64,7 +64,7 @@ class IdentifyOperation(LocalOperation):
     def view(self) -> View:
         outline, report, doing = self._outline, self.report, self._doing
         mode = self._rig.arm.state.mode
-        busy = doing or (None if mode is Mode.HOLDING else f"the arm is {mode.value}")
+        busy = doing or (None if mode is Mode.HOLDING else f"the arm is {mode.words}")
         no_file = _NO_FILE if self._rig.settings.file is None else None
         moves: tuple[Offer, ...] = ()
         text, note = _OFF if report is None or report.file is None else _KEPT, ""

@@ -71,7 +71,8 @@ class ProgramPart(Part):
     def _build(self, gui: viser.GuiApi) -> None:
         model, button = self.model, self._context.button
         self._sentence = gui.add_html("")
-        button(f"Record {model.texts.step}", model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
+        record = f"Record {model.texts.step}"
+        self._record = button(record, model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
         self._undo = UndoButtons(self._context, model.history, model.saved_files)
         self._form = gui.add_folder(None)
         with self._form:
@@ -171,7 +172,7 @@ class ProgramPart(Part):
         self._form.visible = bool(program.steps)
         self._speed.show(model.run_speed)
         near = {} if timeline is None else timeline.nearest
-        self._sentence.content = markup.sentence(model.sentence)
+        self._sentence.content = self._context.sentence(model.sentence)
         index = None if run is not None else model.chosen
         rows = [
             (words.title(program, k), words.line(program, k, near.get(k)), len(around(k)))
@@ -186,6 +187,7 @@ class ProgramPart(Part):
         for group in self._chosen:
             grey(group, index is None)
         self._undo.show(can=run is None, needed=bool(program.steps))
+        self._record.disabled = self._context.bar.lost is not None
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
         grey(self._plan_part, not model.can_plan or model.chosen is None)
