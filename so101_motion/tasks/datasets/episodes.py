@@ -11,6 +11,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -259,7 +260,11 @@ class _Writer:
         )
         self._hearing = threading.Thread(target=self._hear, name="so101-episode-writer")
         self._hearing.start()
-        self._wait(OPENED_WITHIN)
+        try:
+            self._wait(OPENED_WITHIN)
+        except BaseException:
+            self.close()
+            raise
 
     def tell(self, told: Mapping[str, Any]) -> None:
         """Send it a line; one that has ended says so by ``problem``."""
@@ -279,7 +284,8 @@ class _Writer:
 
     def close(self) -> None:
         """End it; an episode that was not kept is discarded."""
-        cast("IO[bytes]", self._child.stdin).close()
+        with suppress(OSError):  # it has ended already
+            cast("IO[bytes]", self._child.stdin).close()
         try:
             self._child.wait(SAVED_WITHIN)
         finally:
