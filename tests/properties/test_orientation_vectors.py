@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from so101_motion.common.geometry import SE3, rot_x, rot_y, rot_z, rotation_angle
@@ -70,6 +70,7 @@ def test_known_vectors_are_read_as_viam_server_does():
 @pytest.mark.parametrize(
     "o", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.01, 0, -0.9), (0.6, -0.48, 0.64)]
 )
+@settings(max_examples=30)
 @given(theta=angles)
 def test_theta_turns_about_the_vector_like_a_right_handed_screw(o, theta):
     unturned = to_rotation(OrientationVector(o=o, theta=0.0))

@@ -179,6 +179,7 @@ def test_every_point_is_near_what_is_left_of_its_path_in_order(path, tolerance):
             assert np.abs(point - x[begin] - reached * way).max() <= tolerance + 1e-9
 
 
+@settings(max_examples=40)
 @given(paths(), st.integers(0, 2**32 - 1))
 def test_points_that_go_along_a_polyline_are_found_on_it_in_order(path, seed):
     if len(path) < 2:

@@ -175,7 +175,7 @@ def test_point_to_point_keeps_every_limit_and_to_the_line(moving: Moving, data) 
         assert np.all(np.diff(done) >= -1e-9)
 
 
-@settings(max_examples=16)
+@settings(max_examples=10)
 @given(states(), st.data())
 def test_a_new_goal_is_reached_from_any_state_within_every_limit(moving: Moving, data) -> None:
     goal = data.draw(vectors(len(moving.q), -1.0, 1.0))

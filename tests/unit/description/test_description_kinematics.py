@@ -285,7 +285,7 @@ def test_unknown_parts_and_other_files_are_refused_and_arrays_cannot_be_written(
         description.load_visual("jaw")[0].mesh.vertices[0] = 0.0
 
 
-@pytest.mark.parametrize("part", ["upper_arm", "axes"])  # all of them take half a minute
+@pytest.mark.parametrize("part", ["axes", pytest.param("upper_arm", marks=pytest.mark.long)])
 def test_making_a_part_again_gives_the_committed_bytes(part, tmp_path):
     make(part, tmp_path)
     again = (tmp_path / f"{part}.glb").read_bytes()

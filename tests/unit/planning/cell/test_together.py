@@ -296,7 +296,7 @@ def clearance(left, right, held_left, held_right):
 def test_a_stick_in_a_random_pose_is_passed_on_without_contact(planner, seed):
     random, model = np.random.default_rng(seed), Facing(0).model
     jaw = JawGeometry(model)
-    for _ in range(3):
+    for _ in range(2):
         thing = stick_in_hand(random, jaw)
         plan = plan_handover(planner, request_for(thing))
         left, right = plan.approach["left"], plan.approach["right"]
@@ -478,7 +478,7 @@ def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_neare
 
 def test_a_look_without_a_proof_finds_the_same_near_bodies_also_after_contact():
     facing, rooms, parted = Facing(14), [], 0
-    for _ in range(6):
+    for _ in range(4):
         looking, proving = Beside(), Beside()
         looking.gained = 0.009
         q, qd = [facing.near(), facing.near()], facing.random.uniform(-1.0, 1.0, (2, 5))
