@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion import __version__
-from so101_motion.cli.options import JSON, YES, argument, flag, option, verb
+from so101_motion.cli.options import JSON, YES, argument, flag, verb
 from so101_motion.cli.param_types import OutFile
 from so101_motion.cli.shared import (
     CHECK_FAILED,
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 def move_test(
     source: Source = SOURCE,
     yes: bool = YES,
-    report: Path | None = option("Write the result to this JSON file.", OutFile()),
     as_json: bool = JSON,
 ) -> None:
     """Move every joint a little and check that it follows commands. The arm MOVES.
@@ -46,7 +45,7 @@ def move_test(
     the arm. Exit code 6 if a joint does not follow.
 
     \b
-    so101 move-test --port /dev/ttyACM0 --report test.json
+    so101 move-test --port /dev/ttyACM0 --json > test.json
     so101 move-test --sim --yes
     """  # noqa: D301
     from so101_motion.cli.operation_terminal import printed
@@ -72,8 +71,6 @@ def move_test(
         found = run_beside(partial(test.move_and_measure, outline, show), stop)
         text = printed(test.view, f"{found.sentence}.", f"{found.arm}, {found.seconds:.0f} s")
     answer(as_json, "move-test", found.to_json(), text)
-    if report is not None:
-        write_report(report, found.file({"version": __version__}))
     if stopped.is_set():
         raise SystemExit(INTERRUPTED)
     if not found.passed:

@@ -323,18 +323,10 @@ def _placed_at(pose: SE3) -> dict[str, object]:
 def _form(shape: Shape) -> dict[str, object]:
     if isinstance(shape, Box):
         return {"box_mm": [_rounded(x) for x in to_mm(shape.size)]}
-    if isinstance(shape, Sphere):
-        return {"sphere_radius_mm": _rounded(to_mm(shape.radius))}
-    if isinstance(shape, Capsule):
-        return {
-            "capsule_radius_mm": _rounded(to_mm(shape.radius)),
-            "capsule_length_mm": _rounded(to_mm(shape.length)),
-        }
-    if isinstance(shape, Cylinder):
-        return {
-            "cylinder_radius_mm": _rounded(to_mm(shape.radius)),
-            "cylinder_length_mm": _rounded(to_mm(shape.length)),
-        }
+    if isinstance(shape, (Sphere, Capsule, Cylinder)):
+        kind = type(shape).__name__.lower()
+        names = ("radius",) if isinstance(shape, Sphere) else ("radius", "length")
+        return {f"{kind}_{name}_mm": _rounded(to_mm(getattr(shape, name))) for name in names}
     if isinstance(shape, PointCloud):
         return {
             "points_mm": to_mm(shape.points).tolist(),

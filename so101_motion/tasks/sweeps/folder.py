@@ -12,7 +12,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -41,17 +41,14 @@ class SweepFolder:
     @contextmanager
     def opened_for(self, sweep: Sweep) -> Iterator[None]:
         """Claim the folder for this sweep and lock it; ``ConfigError`` if it cannot be used."""
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            lock = atomic.locked(self.path)
-            lock.__enter__()
-        except OSError as error:  # TimeoutError too
-            raise self._refused(f"cannot be used: {error.strerror or error}") from error
-        try:
+        with ExitStack() as lock:
+            try:
+                self.path.mkdir(parents=True, exist_ok=True)
+                lock.enter_context(atomic.locked(self.path))
+            except OSError as error:  # TimeoutError too
+                raise self._refused(f"cannot be used: {error.strerror or error}") from error
             self._claim(sweep)
             yield
-        finally:
-            lock.__exit__(None, None, None)
 
     def _claim(self, sweep: Sweep) -> None:
         if not (self.path / MANIFEST).exists():

@@ -44,7 +44,6 @@ def no_arm(monkeypatch):
         ("plan --sim --pose ready --scene there.json --speed 181", "3 to 180"),
         ("move --sim --pose ready --acceleration nan", "not a usable number"),
         ("doctor --sim --report none/x.md", "no folder 'none'"),
-        ("move-test --sim --yes --report none/x.json", "no folder 'none'"),
         ("guide record --sim --yes none/x.json", "no folder 'none'"),
         ("guide record --sim --yes there.json", "is there already"),
         ("guide record --sim --yes x.csv", "must end with .json"),
