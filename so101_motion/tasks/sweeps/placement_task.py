@@ -99,13 +99,11 @@ class PlacementTask:
 
 def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:
     """Read a task, or a program as a task with this tolerance [rad]; raises ``ConfigError``."""
-    try:
-        written = json.loads(path.read_bytes()).get("schema")
-    except (OSError, ValueError, AttributeError, RecursionError):
-        written = None  # the reader below says what is wrong
-    if written in (PROGRAM_SCHEMA, *OLDER):
+    largest, programs = user_storage.LARGEST_OF_ALL, (PROGRAM_SCHEMA, *OLDER)
+    content = user_storage.read(path, schema=SCHEMA, also=programs, largest=largest)
+    if content["schema"] in programs:
         return task_of(read_program(path), approach_tolerance=approach_tolerance)
-    return task_from(user_storage.read(path, schema=SCHEMA))
+    return task_from(content)
 
 
 def task_of(program: Program, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:
