@@ -161,7 +161,7 @@ def import_(
     from so101_motion.calib.record import store
     from so101_motion.calib.record.zero import by_convention
     from so101_motion.common.state import GRIPPER_JOINT
-    from so101_motion.setup.port_selection import own_folder
+    from so101_motion.files import user_storage
 
     read = store.read(store.resolve(source))
     if joint_zero is not None:
@@ -171,7 +171,7 @@ def import_(
             if joint != GRIPPER_JOINT
         }
         read = replace(read, zeros={**chosen, **read.zeros}, zero_note="")
-    path = own_folder() / read.path.name if file is None else store.resolve(file)
+    path = user_storage.folder() / read.path.name if file is None else store.resolve(file)
     if dry_run:
         _print_dry_run(replace(read, path=path), as_json)
         return

@@ -84,8 +84,8 @@ def setup(
         raise click.UsageError("the motors of a machine are set up in the browser: add --web")
     from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SetupProgress
     from so101_motion.cli.terminal import Quit, Terminal
+    from so101_motion.files import user_storage
     from so101_motion.setup.calibrator import Calibrator
-    from so101_motion.setup.port_selection import own_folder
 
     report = port_choice.find_adapter(port)
     name = report.port.name
@@ -93,7 +93,7 @@ def setup(
         raise click.UsageError("--repair goes with --port, --yes and --json only")
     if repair and not yes:
         have_agreed("The joints go limp, and settings are stored in them. Are you holding the arm?")
-    progress = SetupProgress(own_folder() / PROGRESS_FILE, name)
+    progress = SetupProgress(user_storage.folder() / PROGRESS_FILE, name)
     if start_over:
         progress.clear()
     opened = Calibrator.open(name, port_choice.calibration_file(None, report))

@@ -7,8 +7,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from so101_motion.calib.record import versions
-from so101_motion.common.errors import CalibrationError, ConfigError
+from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT as REPLY_TIMEOUT
 from so101_motion.drivers.port import port_list
 from so101_motion.files import user_storage
@@ -82,21 +81,12 @@ def calibration_file(report: PortReport, name: str = "") -> Path:
     user's data directory, named after the adapter.
     """
     if not name.strip():
-        return report.calibration or own_folder() / file_name(report.port)
+        return report.calibration or user_storage.folder() / file_name(report.port)
     name = user_storage.checked_name(name, what="arm")
     if not _ARM_NAME.fullmatch(name):
         raise ConfigError("arm name", name, "must be letters, digits, spaces and _ -")
     user_storage.refuse_reserved(name, what="arm name")
-    file = own_folder() / f"{name}_calibration.json"
+    file = user_storage.folder() / f"{name}_calibration.json"
     if file.exists() and file != report.calibration:
         raise ConfigError("arm name", name, "is another arm's already; choose another name")
     return file
-
-
-def own_folder() -> Path:
-    try:
-        return versions.root().parent
-    except OSError as error:
-        raise CalibrationError(
-            None, f"there is no home directory: {error}", "name a file"
-        ) from error
