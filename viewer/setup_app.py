@@ -13,10 +13,10 @@ from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SetupProgress
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.modes import Mode
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
 from so101_motion.files import user_storage
 from so101_motion.rig.protocols import RigLike
 from so101_motion.setup.calibrator import StepResult
-from so101_motion.setup.port_selection import REPLY_TIMEOUT
 from so101_motion.viam.client import Machine
 
 from .app import serve
