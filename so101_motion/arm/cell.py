@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from so101_motion.arm.motion_handle import Motion
     from so101_motion.arm.planning_worker import PlanningWorker
     from so101_motion.common.clock import Clock
-    from so101_motion.planning.cell.grasps import Grasp
     from so101_motion.planning.collision.scene import Obstacle, Scene
     from so101_motion.planning.request import Plan
     from so101_motion.planning.timing.limits import MotionLimits
@@ -179,7 +178,6 @@ class Cell:
         taker: str,
         thing: str,
         *,
-        grasps: Iterable[Grasp] = (),
         scenes: Mapping[str, Scene] | None = None,
     ) -> Handover:
         """Plan to pass a thing from one hand to another; moves nothing.
@@ -188,7 +186,6 @@ class Cell:
             giver: The arm that holds it.
             taker: The arm that takes it.
             thing: Its name among what is attached in the giver's scene.
-            grasps: How it may be taken; found by the box around it if not given.
             scenes: What is around arms.
 
         Raises:
@@ -202,7 +199,6 @@ class Cell:
                 giver=giver,
                 taker=taker,
                 thing=thing,
-                grasps=tuple(grasps),
             )
         ).result()
 

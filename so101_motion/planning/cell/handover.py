@@ -4,7 +4,7 @@ Three motions, all of them planned and proven before anything moves. *Approach*:
 together, the giver to where the object can be taken, the taker to a place before it. *Take*: the
 taker goes straight to the object with its jaw open. It closes, the giver opens, and *leave*: the
 giver goes straight back. ``meetings.py`` finds where the arms meet, and ``grasps.py`` how the
-object is taken, if the request does not say it.
+object is taken.
 
 The taker's gripper and jaw may touch the object from the straight line to it on, the giver's until
 it has left. There is no other exception: the arms themselves always keep apart, and the object
@@ -113,7 +113,7 @@ class _Planning:
 
     def _free_grasps(self) -> list[Grasp]:
         """The grasps that keep off the gripper that holds the object; refused if there are none."""
-        grasps = self._request.grasps or tuple(grasps_of(self._thing.shape))
+        grasps = tuple(grasps_of(self._thing.shape))
         free, best = [], -np.inf
         giver = Hand(self._of_giver, self._q_jaw_free)
         hand = cache(lambda q_jaw: Hand(self._of_taker, q_jaw))

@@ -8,16 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import Attached, as_seen_by
 from so101_motion.planning.request import Plan, PlanRequest
-
-if TYPE_CHECKING:
-    from so101_motion.planning.cell.grasps import Grasp
 
 T = TypeVar("T")
 
@@ -107,4 +104,3 @@ class HandoverRequest(TeamTask[Handover]):
     giver: str  # the name of the arm that holds the object
     taker: str  # the name of the arm that shall take it
     thing: str  # the object's name among those the giver holds
-    grasps: tuple[Grasp, ...] = ()  # how it may be taken; empty to use the box around it

@@ -456,15 +456,12 @@ class Scene:
         """What the gripper may take."""
         return tuple(each for each in self.obstacles if each.mass is not None)
 
-    def taking(
-        self, name: str, T_base_tool: SE3, *, may_touch: frozenset[str] = frozenset()
-    ) -> Scene:
+    def taking(self, name: str, T_base_tool: SE3) -> Scene:
         """A copy in which the gripper holds an obstacle, which stays where it is.
 
         Args:
             name: The obstacle's name; ``ConfigError`` if there is none.
             T_base_tool: Where the tool is when it takes it.
-            may_touch: As for ``Attached``.
         """
         item = one_named(name, self.obstacles)
         held = Attached(
@@ -472,7 +469,6 @@ class Scene:
             shape=item.shape,
             T_tool_object=T_base_tool.inverse @ item.T_base_obstacle,
             mass=item.mass or 0.0,
-            may_touch=may_touch,
         )
         others = tuple(each for each in self.obstacles if each is not item)
         return replace(self, obstacles=others, attached=(*self.attached, held))

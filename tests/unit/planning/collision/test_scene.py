@@ -674,10 +674,10 @@ def test_an_item_is_an_obstacle_until_it_is_held_and_where_it_is_put_afterwards(
     scene = Scene(obstacles=(cube, mug))
     assert scene.items == (cube,)
     tool = SE3.from_rpy((3.0, 0.1, 0.0), (0.2, 0.1, 0.02))
-    taken = scene.taking("cube", tool, may_touch=frozenset(["mug"]))
+    taken = scene.taking("cube", tool)
     assert taken.obstacles == (mug,)
     (held,) = taken.attached
-    assert (held.mass, held.may_touch) == (0.03, {"mug"})
+    assert held.mass == 0.03
     put = taken.putting("cube", tool @ held.T_tool_object)
     np.testing.assert_allclose(
         put.items[0].T_base_obstacle.matrix, cube.T_base_obstacle.matrix, atol=1e-12
