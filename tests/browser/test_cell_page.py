@@ -180,7 +180,6 @@ def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_th
     np.testing.assert_allclose(in_cell[0], in_cell[1], atol=1e-9)
     guest.until(lambda: guest.button("delete").filter(visible=True).is_enabled())
     assert guest.button("for Viam").filter(visible=True).count() == 0
-    guest.comes_to([], guest.barriers)
     stood = [rig.arm.state.q for rig in rigs.values()]
     second = list(rigs)[1]
 

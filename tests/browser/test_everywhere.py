@@ -85,10 +85,14 @@ def crawl(guest, rig):
     return begin
 
 
-def test_nothing_covers_stop_and_a_click_on_it_stops_whatever_is_open(guest, rig, crawl):
+def test_at_any_size_nothing_covers_stop_targets_fit_a_finger_and_letters_keep_clear_of_numbers(
+    guest, rig, crawl
+):
     page = guest.page
-    for size in ((1440, 900), (1024, 700), PHONE):
-        page.set_viewport_size({"width": size[0], "height": size[1]})
+    guest.type_target(-234.5, -160.5, 126.5)
+    for size in (PHONE, (820, 1180), (1024, 700), LAPTOP):
+        guest.resize(size)
+        targets_are_large_enough(guest, TABS if size != LAPTOP else ())
         crawl()
         page.keyboard.press("Control+k")  # where viser has a list of commands
         guest.fields("Target for").first.click()
@@ -104,23 +108,19 @@ def test_nothing_covers_stop_and_a_click_on_it_stops_whatever_is_open(guest, rig
         assert page.locator(ICONS_FOR_DEVELOPERS).filter(visible=True).count() == 0
 
 
-def test_targets_are_large_enough_for_a_finger_and_letters_keep_clear_of_numbers(guest):
+def targets_are_large_enough(guest, tabs):
+    """Look at these tabs, and at the letters beside the numbers of the Move tab."""
     page = guest.page
-    guest.type_target(-234.5, -160.5, 126.5)
-    for width, height in (PHONE, (820, 1180), (1024, 700), LAPTOP):
-        page.set_viewport_size({"width": width, "height": height})
-        docked = int((width, height) == LAPTOP)
-        guest.until(lambda n=docked: min(page.locator("[data-dock-tab]").count(), 1) == n)
-        for name in () if docked else TABS:
-            tab = page.get_by_role("tab", name=name, exact=True)
-            tab.click()
-            guest.comes_to("true", lambda tab=tab: tab.get_attribute("aria-selected"))
-            page.wait_for_timeout(150)
-            guest.comes_to([], lambda: page.evaluate(SMALL_TARGETS))
-        page.get_by_role("tab", name="Move", exact=True).click()
-        guest.until(lambda: page.locator('input[aria-label="Target (mm) Z"]').count() == 1)
-        page.wait_for_timeout(300)
-        guest.comes_to([True] * 3, lambda: [room >= 2.0 for room in page.evaluate(ROOM_BETWEEN)])
+    for name in tabs:
+        tab = page.get_by_role("tab", name=name, exact=True)
+        tab.click()
+        guest.comes_to("true", lambda tab=tab: tab.get_attribute("aria-selected"))
+        page.wait_for_timeout(150)
+        guest.comes_to([], lambda: page.evaluate(SMALL_TARGETS))
+    page.get_by_role("tab", name="Move", exact=True).click()
+    guest.until(lambda: page.locator('input[aria-label="Target (mm) Z"]').count() == 1)
+    page.wait_for_timeout(300)
+    guest.comes_to([True] * 3, lambda: [room >= 2.0 for room in page.evaluate(ROOM_BETWEEN)])
 
 
 def test_the_tab_key_reaches_every_control(guest):

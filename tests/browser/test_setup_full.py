@@ -304,7 +304,6 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_is_ready_to_use(person, ki
     person.presses("Skip the test")
     person.sees("devrel:so101:arm")
     person.guest.until(lambda: person.guest.barriers() == [])
-    person.reloads("devrel:so101:arm")
     snippet = person.guest.page.locator("textarea").first.input_value()
     components = json.loads(snippet)["components"]
     assert components[0]["attributes"]["port"] == kit.port

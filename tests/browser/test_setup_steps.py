@@ -49,7 +49,7 @@ def id_of(kit, joint):
 
 
 def hand_on(app):
-    return Hand(app.page_context().server)
+    return Hand(app)
 
 
 def set_up(hand, kit, joint):
@@ -99,7 +99,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path):
         open_hardware(settings, reply_timeout=PATIENCE) as rig,
         serve_preview(rig, port=0) as preview,
     ):
-        hand = Hand(preview.page_context().server)
+        hand = Hand(preview)
         hand.press("Calibration Only")
         hand.expect("Step 1 of 7")
         hand.expect("Torque not known: no arm yet")

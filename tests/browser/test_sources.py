@@ -1,4 +1,7 @@
-"""How the page connects to its arm, and what it shows when the arm is not there or not well."""
+"""How the page connects to its arm, and what it shows when the arm is not there or not well.
+
+Page, threads, bus and module are real, but there is no browser.
+"""
 
 import re
 from dataclasses import replace
@@ -8,6 +11,7 @@ import numpy as np
 import pytest
 from harness.browser_user import Servos
 from harness.fake_parent import ARM, SIMULATED
+from harness.page_client import Hand
 from harness.viam_machine import running_machine  # it lives with the tests of the machine
 from so101_viewer import Source, serve_source
 
@@ -18,8 +22,10 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 
-SMALL = (1120, 700)
+pytestmark = pytest.mark.emulator_only
+
 BASE = "/live/base_link/"
+KEEPS_LOOKING = "This page keeps looking for the arm"
 OUTSIDE = 100  # [tick] that the wrist's roll is outside its range when the arm is found
 
 
@@ -66,50 +72,38 @@ def cable(tmp_path_factory, paced):
     cable.close()
 
 
-@pytest.fixture(scope="module")
-def in_background(visit, cable):
-    """A window on the arm of the cable."""
-    guest = visit(SMALL)
-    guest.page.goto(cable.preview.url)
-    return guest
-
-
-def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(in_background, cable):
-    guest = in_background
-    guest.until(lambda: guest.says("Still looking"))
-    keeps_looking = "This page keeps looking for the arm"
-    guest.until(lambda: guest.says(keeps_looking))
-    guest.until(lambda: guest.says(f"Arm on {cable.port}"))
-    assert guest.button("Plan").count() == 0
+def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(cable):
+    hand = Hand(cable.preview)
+    hand.expect("Still looking")
+    hand.expect(KEEPS_LOOKING)
+    hand.expect(f"Arm on {cable.port}")
+    assert not hand.has("Plan")
 
     cable.type("end unplug")
-    guest.see_the_arm()
-    guest.until(lambda: guest.says("12.0"))  # volts
-    guest.until(lambda: not guest.says("Still looking"))
-    guest.until(lambda: not guest.says(keeps_looking))
-    in_color = guest.color_of(BASE)
-    guest.until(lambda: guest.says("Outside its range: wrist_roll by"))
-    guest.until(lambda: guest.color_of("/live/gripper_link/") != in_color)
+    hand.until(lambda: hand.has("Plan"))
+    hand.expect("12.0")  # volts
+    hand.until(lambda: not hand.says("Still looking") and not hand.says(KEEPS_LOOKING))
+    in_color = hand.color_of(BASE)
+    hand.expect("Outside its range: wrist_roll by")
+    hand.until(lambda: hand.color_of("/live/gripper_link/") != in_color)
     cable.type("end pose")
     before = cable.q
 
     cable.type("unplug")
-    guest.until(lambda: guest.says("Lost the arm on"))
-    guest.until(lambda: guest.color_of(BASE) != in_color)
-    guest.until(lambda: guest.button("Plan").is_disabled())
+    hand.until(lambda: hand.warns("Lost the arm on"))
+    hand.until(lambda: hand.color_of(BASE) != in_color)
+    hand.until(lambda: not hand.can("Plan"))
 
     cable.type("end unplug")
-    guest.until(lambda: guest.says("Connected again. Nothing moves. Press Hold to go on."))
-    assert "no such port" not in guest.page.locator("#so101-alerts").inner_text()
-    guest.until(lambda: guest.color_of(BASE) == in_color)
-    guest.until(lambda: guest.button("Plan").is_disabled())
-    guest.press("Hold")
-    guest.until(lambda: guest.says("Idle, holding"))
-    guest.until(lambda: not guest.says("press Hold"))
+    hand.until(lambda: hand.warns("Connected again. Nothing moves. Press Hold to go on."))
+    assert not hand.warns("no such port")
+    hand.until(lambda: hand.color_of(BASE) == in_color)
+    hand.until(lambda: not hand.can("Plan"))
+    hand.press("Hold")
+    hand.expect("Idle, holding")
+    hand.until(lambda: not hand.says("press Hold"))
     np.testing.assert_allclose(cable.q, before, atol=0.06)  # an arm held anew sags a little
-    guest.page.get_by_role("tab", name="Events").click()
-    guest.until(lambda: guest.says("is back; nothing moves until you ask"))
-    assert guest.problems == []
+    hand.expect("is back; nothing moves until you ask")
 
 
 FAST = {"speed_degs_per_sec": 90.0, "acceleration_degs_per_sec_per_sec": 400.0}
@@ -125,13 +119,8 @@ BEGIN = np.radians([-30.0, -20.0, 20.0, 10.0, 0.0])
 """Where the machine's arm is taught: not home, where an arm that ignores the path may end, too."""
 
 
-def hand(guest):
-    """Where the browser draws the arm's hand [m]."""
-    return np.array(guest.pose_of("/live/gripper_link")["position"])
-
-
 def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
-    visit, tmp_path, monkeypatch
+    tmp_path, monkeypatch
 ):
     from so101_motion.viam.client import MachineRig
 
@@ -144,55 +133,51 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             title=f"Arm of machine {machine.address}",
             open=lambda: MachineRig.connect(machine.address, arm="arm"),
         )
-        with serve_source(source, port=0) as preview:
-            guest = visit(SMALL)
-            guest.open(preview.url)
-            guest.until(lambda: guest.says("does not report the health of its servos"))
-            in_color = guest.color_of(BASE)
-            guest.page.get_by_role("tab", name="Jog").click()
-            guest.until(lambda: guest.says("The arm of a machine cannot be jogged"))
-            assert not guest.button("Start jogging").is_enabled()
-            guest.page.get_by_role("tab", name="Teach").click()
-            guest.until(lambda: guest.says("Keep a hand on the leader"))
-            taught = model.frame(BEGIN, "gripper_link").p
-            guest.until(lambda: np.allclose(hand(guest), taught, atol=1e-3))
-            guest.until(lambda: guest.button("Record a path").is_enabled())
-            guest.press("Record a path")
-            recording = guest.page.get_by_text(re.compile(r'Recording "path", [1-9]'))
-            guest.until(lambda: recording.count() == 1)  # a press at once would be a double click
-            guest.until(lambda: guest.says("Guided by hand"))
-            guest.press("End the recording")
-            guest.until(lambda: guest.says('"path" is saved: '))
-            assert (tmp_path / "paths" / "path.json").exists()
-            guest.until(lambda: guest.says("Idle, holding"))
+        with serve_source(source, port=0) as page:
+            hand = Hand(page)
 
-            guest.press("Follow the leader")
-            guest.until(lambda: guest.says("Following the leader."))
-            before = hand(guest)
+            def is_at(p, atol=0.005):
+                """Whether the page shows the arm's hand there."""
+                return np.allclose(hand.place_of("/live/gripper_link"), p, atol=atol)
+
+            hand.expect("does not report the health of its servos")
+            in_color = hand.color_of(BASE)
+            hand.expect("The arm of a machine cannot be jogged")
+            assert not hand.can("Start jogging")
+            hand.expect("Keep a hand on the leader")
+            taught = model.frame(BEGIN, "gripper_link").p
+            hand.until(lambda: is_at(taught, atol=1e-3))
+            hand.press("Record a path")
+            hand.until(lambda: re.search(r'Recording "path", [1-9]', hand.words()))
+            hand.expect("Guided by hand")
+            hand.press("End the recording")
+            hand.expect('"path" is saved: ')
+            assert (tmp_path / "paths" / "path.json").exists()
+            hand.expect("Idle, holding")
+
+            hand.press("Follow the leader")
+            hand.expect("Following the leader.")
             with MachineRig.connect(machine.address, arm="leader") as leader:
                 goal = JointGoal(q=np.radians([20.0, -10.0, 5.0, 5.0, 0.0]))
                 leader.arm.move(goal, wait=False).result(60.0)
                 p_leader = model.frame(leader.arm.state.q, "gripper_link").p
-            guest.until(lambda: np.allclose(hand(guest), p_leader, atol=0.005))
-            assert not np.allclose(before, p_leader, atol=0.02)
-            guest.press("STOP")
-            guest.until(lambda: guest.button("Follow the leader").count() == 1)
-            guest.until(lambda: guest.says("Idle, holding"))
+            hand.until(lambda: is_at(p_leader))
+            assert not np.allclose(taught, p_leader, atol=0.02)
+            hand.press("STOP")
+            hand.until(lambda: hand.has("Follow the leader"))
+            hand.expect("Idle, holding")
 
-            before = hand(guest)
-            guest.until(lambda: guest.button("Plan replay").is_enabled())
-            guest.press("Plan replay")
-            guest.until(lambda: guest.says("s to its start, then 0.0 s along it"))
-            np.testing.assert_allclose(hand(guest), before, atol=1e-3)  # nothing moves yet
-            assert guest.sees("/teach/path")
-            guest.press_next("Replay")
-            guest.until(lambda: guest.says("Done."))
-            guest.until(lambda: np.allclose(hand(guest), taught, atol=0.005))
+            before = np.array(hand.place_of("/live/gripper_link"))
+            hand.press("Plan replay")
+            hand.expect("s to its start, then 0.0 s along it")
+            assert is_at(before, atol=1e-3)  # nothing moves yet
+            hand.press("Replay")
+            hand.expect("Done.")
+            hand.until(lambda: is_at(taught))
             machine.cut()
-            guest.until(lambda: guest.says("Lost the machine"))
-            guest.until(lambda: guest.color_of(BASE) != in_color)
+            hand.until(lambda: hand.warns("Lost the machine"))
+            hand.until(lambda: hand.color_of(BASE) != in_color)
             machine.mend()
-            guest.until(lambda: not guest.says("Lost the machine"))
-            guest.until(lambda: guest.says("Idle, holding"))
-            guest.until(lambda: guest.color_of(BASE) == in_color)
-            guest.leave()
+            hand.until(lambda: not hand.warns("Lost the machine"))
+            hand.expect("Idle, holding")
+            hand.until(lambda: hand.color_of(BASE) == in_color)

@@ -40,3 +40,6 @@ class Silent:
 
     def near(self, *_):
         return None
+
+    def lacks_more(self, *_):
+        return None

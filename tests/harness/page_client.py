@@ -8,24 +8,30 @@ import contextlib
 import html
 import re
 import time
+from types import SimpleNamespace
 
 import pytest
 import viser
 
 
 class Hand:
-    """Presses the buttons of a page and reads its texts."""
+    """Presses the buttons of a page and of its bar, and reads its texts."""
 
-    def __init__(self, server):
-        self._gui = server.gui
+    def __init__(self, page):
+        self._gui, self._scene, self._bar = page.gui, page._server.viser.scene, page.bar
 
     def words(self):
-        """What the page says, without its buttons."""
+        """What the page and its bar say, without the page's buttons."""
         told = (handle.content for handle in self._seen() if hasattr(handle, "content"))
-        return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", text)) for text in told)
+        texts = (html.unescape(re.sub(r"<[^>]+>", " ", text)) for text in told)
+        return " ".join((self._bar.text(), *texts))
 
     def says(self, words):
         return words in re.sub(r"\s+", " ", self.words())
+
+    def warns(self, words):
+        """Whether the bar says so now."""
+        return words in self._bar.text()
 
     def has(self, label):
         return any(True for _ in self._buttons(label))
@@ -34,17 +40,29 @@ class Hand:
         return any(not button.disabled for button in self._buttons(label))
 
     def press(self, label):
-        """Press a button as soon as it is enabled."""
+        """Press a button as soon as it is enabled; one of the bar is not asked again."""
         self.until(lambda: self.can(label), f"pressing {label!r}")
-        button = next(self._buttons(label))
-        for callback in button._impl.update_cb:
-            with contextlib.suppress(StopIteration):  # it ends at once: it only posts a command
-                callback(None).send(None)
+        _call(next(self._buttons(label)), None)
+
+    def enter(self, label, value):
+        """Give a slider or field a value, as a person does."""
+        (field,) = (each for each in self._seen() if getattr(each, "label", "") == label)
+        field._impl.value = value
+        _call(field, SimpleNamespace(client_id=1, target=field))
+
+    def color_of(self, part):
+        """The colour of the part of the scene whose name begins so."""
+        nodes = dict(self._scene._handle_from_node_name)
+        return tuple(next(node for name, node in nodes.items() if name.startswith(part)).color)
+
+    def place_of(self, node):
+        """Where a node of the scene is in its parent, shape (3,), [m]."""
+        return self._scene._handle_from_node_name[node].position
 
     def expect(self, words):
         self.until(lambda: self.says(words), f"reading {words!r}")
 
-    def until(self, condition, what, *, seconds=60.0):
+    def until(self, condition, what="going on", *, seconds=60.0):
         ends = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > ends:
@@ -58,6 +76,11 @@ class Hand:
             time.sleep(0.05)
 
     def _buttons(self, label):
+        if label == "STOP" and self._bar.stop is not None:
+            yield self._bar.stop
+        for each in self._bar.buttons:
+            if each.label == label:
+                yield SimpleNamespace(_impl=each.button._impl, disabled=each.why_not is not None)
         for handle in self._seen():
             if isinstance(handle, viser.GuiButtonHandle) and handle.label == label:
                 yield handle
@@ -78,6 +101,15 @@ class Hand:
             uuid = getattr(inside, "parent_container_id", None)
             handle = self._gui._container_handle_from_uuid.get(uuid)
         return True
+
+
+def _call(widget, event):
+    """Have the page note an event; a handler that only posts a command ends at once."""
+    for callback in widget._impl.update_cb:
+        posting = callback(event)
+        if posting is not None:
+            with contextlib.suppress(StopIteration):
+                posting.send(None)
 
 
 def _children(container):
