@@ -35,6 +35,7 @@ def options(options):
 def bench(models, tmp_path, monkeypatch):
     """A new kit without weight, with nothing but a sensor on it."""
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     models.world.gravity = no_gravity
     return models
 
@@ -60,13 +61,17 @@ def offsets(bench):
     return {s.joint.name: reg.decode_offset(s.memory.raw(reg.OFFSET)) for s in bench.world.servos}
 
 
+def driven(bench):
+    return [servo.memory.raw(reg.TORQUE_ENABLE) == 1 for servo in bench.world.servos]
+
+
 async def test_every_command_of_the_workflow_answers_as_published(bench, tmp_path):
     put(bench.world, 0.4)
     port = str(bench.port)
     config = config_of(SENSOR, CALIBRATION, {"port": port}, "calibration")
     assert So101Calibration.validate_config(config)[0] == []
     attributes = {"baudrate": 1000000, "timeout": "5s", "calibration_file": "my_awesome_arm.json"}
-    sensor = bench.new_sensor(**attributes)
+    sensor = bench.new(So101Calibration, "calibration", port=port, **attributes)
     file = tmp_path / "my_awesome_arm.json"
 
     async def check(state):
@@ -99,7 +104,7 @@ async def test_every_command_of_the_workflow_answers_as_published(bench, tmp_pat
     answer = await do(sensor, "start")
     assert answer.keys() == {"success", "state", "message"}
     assert (answer["success"], answer["state"]) == (True, "started")
-    assert not any(bench.driven)
+    assert not any(driven(bench))
     put(bench.world, 0.5)
     await check("started")
 
@@ -135,7 +140,7 @@ async def test_every_command_of_the_workflow_answers_as_published(bench, tmp_pat
     assert (answer["state"], answer["joints_calibrated"]) == ("idle", 6)
     assert answer["calibration_file"] == str(file)
     assert answer["torque_enabled"] is True
-    assert all(bench.driven)
+    assert all(driven(bench))
     await check("idle")
 
     entries = json.loads(file.read_text())
@@ -169,7 +174,7 @@ def connect_only(bench, *joints):
 async def test_every_command_of_the_motor_setup_answers_as_published(bench):
     connect_only(bench, "gripper")
     await bench.pass_time(1.0)
-    sensor = bench.new_sensor()
+    sensor = bench.new(So101Calibration, "calibration", port=str(bench.port))
     gripper = {"motor_name": "gripper"}
     found = await do(sensor, "motor_setup_discover", **gripper)
     assert found.keys() >= {

@@ -66,7 +66,8 @@ class Arm:
 
 
 @pytest.fixture
-def arm(tmp_path):
+def arm(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     arm = Arm(tmp_path)
     yield arm
     arm.close()

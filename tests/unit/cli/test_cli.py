@@ -125,12 +125,6 @@ def test_obstacles_of_a_scene_are_avoided_or_named(so101, tmp_path):
     assert "mug" in refused(so101("plan --sim --xyz 250,120,150 --scene", scene), 5)
 
 
-def test_a_move_is_planned_told_and_run(so101):
-    result = so101("move --sim --joints 5,0,0,0,0 --speed 90 --yes")
-    assert result.exit_code == 0, result.output
-    assert "arrived" in result.output
-
-
 def test_the_jaw_opens_and_tells_what_it_holds(told):
     assert told("gripper open --sim --yes")["jaw_percent"] == 100
     assert told("gripper grab --sim --yes")["holds"] is False
@@ -176,7 +170,7 @@ def test_ctrl_c_stops_the_arm_and_what_was_measured_is_reported():
     process.send_signal(signal.SIGINT)
     told, said = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert told.startswith("The test was not finished: ")
+    assert "not tested" in told
     assert said == "ended by Ctrl-C; the simulated arm holds\n"
 
 

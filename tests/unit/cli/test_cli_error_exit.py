@@ -56,11 +56,6 @@ def test_with_json_a_program_gets_one_object_and_a_person_the_sentence(
         assert content[part] in result.stderr or error == ""
 
 
-def test_without_json_stdout_stays_empty(so101):
-    result = so101("plan --port /dev/no-such-port --pose ready")
-    assert (result.exit_code, result.stdout) == (3, "")
-
-
 def test_a_refusal_to_agree_is_reported_as_json_too(so101):
     result = so101("move --sim --joints 5,0,0,0,0 --json", input="n\n")
     assert reported(result)["kind"] == "stopped"

@@ -91,15 +91,6 @@ def test_two_files_are_compared(run, file, tmp_path):
     assert "elbow_flex: missing" in result.stdout
 
 
-def test_lerobot_gets_a_file_where_it_looks(run, file):
-    result = run("export arm.json --lerobot me")
-    assert result.exit_code == 0, result.output
-    content = json.loads(lerobot.path_for("me").read_text())
-    assert set(content["elbow_flex"]) == set(lerobot.FIELDS)
-    leader = run("export arm.json --lerobot me --kind so_leader")
-    assert "teleoperators/so_leader/me.json" in leader.stdout
-
-
 def test_the_same_on_stdout_or_in_a_file(run, file, tmp_path):
     told = run("export arm.json").stdout
     assert json.loads(told)["gripper"]["id"] == 6
@@ -156,4 +147,7 @@ def test_what_would_be_saved_is_shown_and_nothing_is_written(run, file, tmp_path
     assert "there is no usable file yet" in result.stderr
     result = run("import arm.json --file arm.json --dry-run")
     assert "the file is the same now" in result.stderr
+    result = run("export arm.json --lerobot me --dry-run")
+    assert "would be written" in result.stderr
+    assert json.loads(result.stdout)["gripper"]["id"] == 6
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before

@@ -47,11 +47,6 @@ def test_loops_are_reported_before_anything_moves_and_run(so101, told):
     assert [line.strip() for line in lines[2:4]] == shown
 
 
-def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint(so101):
-    save(Waypoint(name="aside", q=A), Waypoint(name="low", q=np.radians([0, 80, 20, 0, 0])))
-    assert "waypoint 2 (low)" in refused(so101("run nod --sim --yes"), 5)
-
-
 def test_a_program_keeps_off_the_obstacles_of_a_scene(so101, tmp_path):
     save(Waypoint(name="aside", q=A))
     box = {"name": "box", "box_mm": [100, 100, 100], "position_mm": [390, 20, 230]}

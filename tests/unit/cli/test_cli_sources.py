@@ -6,7 +6,7 @@ from click.testing import CliRunner
 from harness.command_line import refused
 
 from so101_motion.cli.options import verb
-from so101_motion.cli.sources import ANY_SOURCE, MachineSource, Source, with_caps
+from so101_motion.cli.sources import ANY_SOURCE, Source
 from so101_motion.cli.verbs import main
 from so101_motion.cli.view import _opener
 from so101_motion.common import errors
@@ -66,12 +66,6 @@ def test_an_arm_on_the_page_is_left_as_asked(planning_process):
     opened = _opener(Source(port=None, at_end="home"), None)()
     assert opened.at_end == "home"
     opened.close()
-
-
-def test_caps_are_the_same_for_every_source():
-    for source in (Source(port=None), MachineSource(address="m")):
-        assert with_caps(source, 90.0, None).speed == pytest.approx(1.5707963)
-        assert with_caps(source, None, None).speed is None
 
 
 def test_every_verb_has_its_place_in_the_help_and_help_of_its_own(so101):

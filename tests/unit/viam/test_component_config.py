@@ -22,20 +22,6 @@ from so101_motion.viam.models.configured import without_ignored
 PORT = {"port": "/dev/ttyACM0"}
 
 
-def test_a_port_is_all_an_arm_needs():
-    arm = HardwareArmConfig.from_attributes(PORT)
-
-    assert arm.connection.port == "/dev/ttyACM0"
-    assert arm.connection.baudrate == 1_000_000
-    assert arm.connection.calibration_file is None
-    assert arm.servo_ids == (1, 2, 3, 4, 5)
-    assert arm.speed == pytest.approx(to_rad(50.0))
-    assert arm.acceleration == pytest.approx(to_rad(100.0))
-    assert arm.motion is None
-    given = {**PORT, "control_rate_hz": 200}
-    assert HardwareArmConfig.from_attributes(given).connection.rate == 200.0
-
-
 def test_all_that_later_versions_know_is_taken():
     arm = HardwareArmConfig.from_attributes(
         {

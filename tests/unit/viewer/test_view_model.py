@@ -293,15 +293,6 @@ def test_a_motion_that_is_planned_again_shows_its_newest_plan(page, arm):
     assert page.sentence.text.startswith("Arrived, 0.0 mm off")
 
 
-def test_an_arm_at_rest_gives_nothing_new_to_show(page, arm):
-    assert not page.refresh()
-    arm.be(np.full(5, to_rad(0.001)))
-    assert not page.refresh()
-    arm.be(np.full(5, to_rad(0.1)))
-    assert page.refresh()
-    assert not page.refresh()
-
-
 def test_one_joint_turns_the_ghost_and_leaves_the_others(page):
     page.set_target_joints(np.full(5, 0.1))
     page.set_target_joint(3, 0.5)

@@ -89,6 +89,17 @@ def test_a_turn_about_the_approach_axis_leaves_the_tool_where_it_is() -> None:
     assert rotation_angle(now.R @ start.R.T) == pytest.approx(0.5, abs=0.06)
 
 
+def test_a_pose_is_reached_without_overshoot_and_held() -> None:
+    goal = tool(READY + np.array([0.3, 0.2, -0.2, 0.1, -0.4]))
+    moving = servo()
+    steps = run(moving, goal, 150)
+    off = [np.linalg.norm(tool(step.q).p - goal.p) for step in steps]
+    assert off[-1] < 1e-6
+    assert rotation_angle(tool(moving.q).R @ goal.R.T) < 1e-5
+    assert np.diff(off).max() < 1e-4
+    assert not moving.qd.any()
+
+
 def test_a_point_is_reached_whatever_the_orientation() -> None:
     goal = tool(READY).p + np.array([-0.05, 0.1, -0.03])
     moving = servo()

@@ -2,7 +2,6 @@ import json
 
 import numpy as np
 import pytest
-from harness.command_line import refused
 from harness.lerobot_data import late, swing, write_data_set
 
 
@@ -37,10 +36,6 @@ def test_what_is_wrong_is_listed_for_people_and_programs_and_is_an_exit_code(che
     assert content["counts"]["jump"] == 1
     assert content["moments"][0]["what"] == "shoulder_pan"
     assert content["differences"]["lag_s"] == 0.1
-
-
-def test_a_data_set_that_cannot_be_read_is_a_sentence_and_an_exit_code(check, tmp_path):
-    assert "meta/info.json" in refused(check(tmp_path))
 
 
 @pytest.mark.parametrize(

@@ -73,13 +73,6 @@ def test_ctrl_c_loses_nothing(tmp_path):
     assert len(files.read(file)) >= 1
 
 
-@pytest.mark.parametrize(
-    ("option", "says"), [("--tolerance 90", "tolerance_deg"), ("--speed 900", "180")]
-)
-def test_invalid_input_is_refused_with_a_sentence(run, file, option, says):
-    assert says in refused(run(f"replay --sim --yes {option}", file))
-
-
 def test_a_folder_without_paths_says_so(run, tmp_path):
     result = run("list", tmp_path)
     assert result.exit_code == 0

@@ -50,18 +50,6 @@ def test_an_arm_without_a_jaw_has_no_apertures(tmp_path):
     assert files.read(file).aperture is None
 
 
-def test_a_path_that_is_there_is_not_lost_by_accident(tmp_path):
-    file = tmp_path / "wave.json"
-    files.write(WAVE, file)
-    with pytest.raises(ConfigError, match="is there already"):
-        files.write(WAVE.taken(slice(0, 1)), file)
-    files.write(WAVE.taken(slice(0, 1)), file, replace=True)
-    assert len(files.read(file)) == 1
-    files.set_aside(file)
-    with pytest.raises(ConfigError, match="no such path"):
-        files.set_aside(file)
-
-
 def test_nobody_else_s_file_is_removed(tmp_path):
     (tmp_path / "arm.json").write_text("{}")
     with pytest.raises(ConfigError, match="is not a guided path file"):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from so101_motion.common.errors import (
-    ConfigError,
     FollowingError,
     InCollision,
     Interrupted,
@@ -243,9 +242,3 @@ def test_a_hand_that_pushed_against_a_stop_is_understood_and_another_arm_s_path_
     assert np.degrees(replay.plans[-1].q_goal[4]) == pytest.approx(lower[4], abs=0.01)
     with pytest.raises(OutsideLimits, match="wrist_roll is at"):
         plan_replay(guest.rig.arm, path_through(HERE, [0, -40, 40, 20, lower[4] - 10.0]))
-
-
-@pytest.mark.parametrize("tolerance_deg", [0.1, 40.0])
-def test_an_invalid_tolerance_is_refused(guest, tolerance_deg):
-    with pytest.raises(ConfigError, match="tolerance_deg"):
-        plan_replay(guest.rig.arm, path_through(HERE, HERE), tolerance=np.radians(tolerance_deg))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from harness.facing_arms import Facing, FacingArms
 
-from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
+from so101_motion.common.errors import ConfigError, InCollision
 from so101_motion.tasks.program import Program, Waypoint, Where, rehearse, start_program
 from so101_motion.tasks.program.rehearsal import PASSING
 
@@ -71,25 +71,6 @@ def test_a_step_in_which_the_arms_would_meet_is_refused_before_anything_moves(be
         rehearse(bench.cell, Program(steps=steps))
     with pytest.raises(ConfigError, match="left, right"):
         rehearse(bench.cell, Program(steps=({"middle": at(A)},)))
-
-
-def test_a_stop_of_one_arm_ends_the_program_for_all(bench):
-    run = bench.start(Program(steps=({"left": at(A), "right": at(B)},), rounds=None))
-    bench.run(run, until=lambda: bench.arms["right"].is_moving)
-    bench.arms["left"].start_stop()
-    bench.run(run)
-    with pytest.raises(Interrupted, match="stop"):
-        run.future.result()
-    assert not any(arm.is_moving for arm in bench.arms.values())
-
-
-def test_an_arm_that_was_moved_meanwhile_ends_the_program_and_is_named(bench):
-    rehearsal = rehearse(bench.cell, Program(steps=({"left": at(A)},)))
-    bench.run(bench.start(Program(steps=({"right": at(A)},))))
-    run = start_program(bench.cell, rehearsal)
-    bench.run(run)
-    with pytest.raises(MotionError, match=r"step 1 \(left to there\): right has been moved"):
-        run.future.result()
 
 
 def test_an_arm_that_moves_alone_passes_waypoints_while_the_others_stand_still(bench):

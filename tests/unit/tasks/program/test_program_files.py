@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 import pytest
 
@@ -69,13 +67,6 @@ def test_the_longest_program_of_four_arms_is_the_same_after_writing_and_reading(
 def test_a_name_that_leads_elsewhere_is_no_program(name):
     with pytest.raises(ConfigError, match="program name"):
         files.file_of(name)
-
-
-def test_a_file_without_a_word_about_passing_stops_at_every_waypoint(tmp_path):
-    file = tmp_path / "old.json"
-    old = {"schema": "so101/program/1", "waypoints": [{"name": "a", "q_deg": [0] * 5}] * 2}
-    file.write_text(json.dumps(old))
-    assert [files.read(file).stops_at(index) for index in (0, 1)] == [True, True]
 
 
 def test_steps_of_several_arms_are_the_same_after_writing_and_reading(tmp_path):

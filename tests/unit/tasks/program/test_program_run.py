@@ -126,13 +126,6 @@ def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig, clock):
     assert made.duration == pytest.approx(first.duration + second.duration + 2.0)
 
 
-def test_a_waypoint_that_cannot_be_reached_is_named_before_anything_moves(rig):
-    made = program(at(A), at(INTO_THE_TABLE, "low"))
-    with pytest.raises(InCollision, match=r"^waypoint 2 \(low\): "):
-        rehearse(Solo.of(rig), made)
-    np.testing.assert_array_equal(rig.arm.state.q, np.zeros(5))
-
-
 def test_each_leg_is_planned_with_the_jaw_as_the_waypoint_before_leaves_it(rig):
     rehearse(Solo.of(rig), program(at(A, aperture=1.0), at(B)))
     request, _ = rig.arm.newest

@@ -70,12 +70,6 @@ def test_what_comes_on_top_of_a_pause_is_trouble():
     assert (gate.phase, gate.reason) == (Phase.WAITING, "it was suddenly elsewhere")
 
 
-def test_the_gap_is_that_of_the_joint_furthest_off():
-    gate = gate_in(Phase.APPROACHING)
-    gate.lets_go(FAR)
-    assert gate.gap == ("elbow_flex", pytest.approx(3.0 * GATE))
-
-
 @pytest.mark.parametrize(("off", "goes_on"), [(FAR, False), (NEAR, True)])
 def test_a_follower_held_back_far_from_the_leader_comes_slowly(off, goes_on):
     gate = gate_in(Phase.MIRRORING)

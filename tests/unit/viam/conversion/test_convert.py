@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from google.protobuf.struct_pb2 import Struct
 from grpclib import Status
-from viam.proto.common import Pose
 from viam.proto.common import PoseCloud as ViamCloud
 from viam.proto.component.arm import MoveOptions
 
 from so101_motion.common.errors import ConfigError, Interrupted, So101Error
-from so101_motion.common.geometry import SE3, rot_z
+from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import MARGIN, Scene
 from so101_motion.planning.goals import GoalMetric, PoseGoal
 from so101_motion.planning.timing.limits import MotionLimits
@@ -24,28 +23,6 @@ from so101_motion.viam.conversion.planner_options import (
 )
 
 BASE = MotionLimits.uniform(velocity=math.radians(90), acceleration=math.radians(100), jerk=20.0)
-
-
-def test_a_pose_is_millimetres_and_degrees_outside():
-    pose = convert.to_pose(SE3(rot_z(math.radians(30)), np.array([0.1, -0.2, 0.3])))
-
-    assert (pose.x, pose.y, pose.z) == pytest.approx((100.0, -200.0, 300.0))
-    assert (pose.o_x, pose.o_y, pose.o_z) == pytest.approx((0.0, 0.0, 1.0))
-    assert pose.theta == pytest.approx(30.0)
-
-
-@pytest.mark.parametrize("key", ["x", "y", "z", "o_x", "o_y", "o_z", "theta"])
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_pose_with_a_number_that_is_none_is_refused_by_its_name(key, value):
-    with pytest.raises(ConfigError, match=f"pose.{key}"):
-        convert.from_pose(Pose(**{"o_z": 1.0, key: value}))
-
-
-def test_joint_values_are_degrees_outside():
-    q = convert.from_joint_values([0.0, 90.0, -90.0, 45.0, 180.0])
-
-    assert q == pytest.approx([0.0, math.pi / 2, -math.pi / 2, math.pi / 4, math.pi])
-    assert list(convert.to_joint_positions(q).values) == pytest.approx([0, 90, -90, 45, 180])
 
 
 @pytest.mark.parametrize(

@@ -120,12 +120,6 @@ def test_an_invalid_shape_is_refused_by_its_label(geometry, says):
         from_geometry(geometry)
 
 
-async def test_obstacles_stand_where_their_frame_is(machine):
-    scene = await scene_with(Scene(), obstacles("world", CUBE), Frames("arm", TOOL))
-    assert [o.name for o in scene.obstacles] == ["cube"]
-    np.testing.assert_allclose(scene.obstacles[0].T_base_obstacle.p, (0, 0, -0.1), atol=1e-12)
-
-
 async def test_things_without_a_label_or_with_one_that_is_taken_get_names_of_their_own(machine):
     plain, base = (Geometry(sphere=Sphere(radius_mm=10), label=label) for label in ("", "base"))
     world = obstacles("world", CUBE, CUBE, plain, plain, base)

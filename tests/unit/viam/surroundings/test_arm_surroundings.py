@@ -17,9 +17,7 @@ from so101_motion.common.errors import Interrupted, SurroundingsUnknown
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Obstacle, Scene, Sphere
 from so101_motion.viam.surroundings import guarded_scene
-from so101_motion.viam.surroundings.camera_view import CameraView
 from so101_motion.viam.surroundings.guarded_scene import KNOWN_FOR, RENEWED, GuardedScene
-from so101_motion.viam.surroundings.store_watch import StoreWatch
 from so101_motion.viam.surroundings.surroundings import Surroundings
 
 LOGGER = logging.getLogger("test")
@@ -62,14 +60,6 @@ async def test_what_a_source_of_two_reports_is_in_a_plan_once():
     assert len((await surroundings.around(Scene(), (same, other))).obstacles) == 2
 
 
-def test_a_source_is_known_by_what_it_reads():
-    assert StoreWatch("seen", None, LOGGER).origin == StoreWatch("seen", None, LOGGER).origin
-    top = CameraView("top", None)
-    assert top.origin == CameraView("top", None).origin
-    assert top.origin != CameraView("top", None, "finder").origin
-    assert top.origin != StoreWatch("top", None, LOGGER).origin
-
-
 async def test_for_a_guard_what_a_store_has_counts_and_what_a_camera_sees_does_not():
     sources = [Source("store"), Source("camera", is_steady=False)]
     surroundings = Surroundings(Machine(), sources, LOGGER)
@@ -100,11 +90,6 @@ async def planning():
         )
 
     return SimpleNamespace(machine=machine, source=source, begun=planner.begun, start=start)
-
-
-async def test_the_first_plan_is_begun_when_the_surroundings_are_known(planning):
-    answer = await planning.start()
-    assert planning.begun == [(planning.source.ball(OWN), answer)]
 
 
 async def test_the_next_is_begun_at_once_and_is_used_if_nothing_has_changed(planning):

@@ -170,13 +170,6 @@ async def test_a_camera_that_does_not_see_is_no_reason_to_take_the_space_for_emp
         await CameraView("camera", None).added_to(Scene(), await bench.reader().read())
 
 
-async def test_a_table_without_things_on_it_is_no_obstacle():
-    table = picture({}, [], count=20_000)
-    bench = Bench(FakeCamera("camera", lambda: seen_by(bench, table)))
-    async with bench.watching() as scene:
-        assert (await scene()).obstacles == ()
-
-
 async def test_objects_of_a_vision_service_are_boxes_and_the_arm_is_none_of_them(sight):
     bench = Bench(FakeCamera("camera", lambda: sight))
     T_camera_base = bench.T_base_camera.inverse
@@ -310,20 +303,6 @@ async def test_what_the_stream_never_tells_is_found_also_while_other_things_chan
         store.things[b"crate"] = seen_thing("crate", x=550.0)
         del store.things[b"mug"]
         await until(lambda: found_beside_the_moving_ball({"crate": 0.45}))
-
-
-async def test_many_changes_that_do_not_say_all_are_read_once_a_thing():
-    store = FakeStore(*(seen_thing(f"cup {i}") for i in range(5)))
-    async with watched(store) as scene:
-        await scene()
-        store.say("added", Transform())  # the message that viam-server drops
-        await scene()
-        asked = store.asked
-        for _ in range(100):
-            for uuid in store.things:
-                store.say("updated", Transform(uuid=uuid))
-        await scene()
-    assert store.asked - asked < 100
 
 
 async def test_a_thing_that_goes_while_it_is_read_is_no_trouble(caplog):

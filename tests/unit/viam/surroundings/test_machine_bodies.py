@@ -334,20 +334,6 @@ async def test_names_that_the_arm_has_itself_are_told_apart(around):
     assert scene.obstacles == ()
 
 
-async def test_components_are_asked_while_the_frame_system_is_and_what_has_moved_is_seen(around):
-    lamp = Thing("lamp", [a_box(10, 10, 10)])
-    machine = FakeMachine(ARM, hanging("lamp"), things=[lamp])
-    bodies = around(machine)
-    await bodies.read()
-    machine.silent, lamp.geometries = True, [a_box(10, 10, 10, x=50.0)]
-    reading = asyncio.ensure_future(bodies.read())
-    await until(lambda: lamp.asked == 2)
-    assert not reading.done()
-    machine.answer.set()
-    [body] = (await reading).bodies
-    np.testing.assert_allclose(body.T.p, (-0.05, 0.0, 0.0), atol=1e-9)
-
-
 async def test_what_was_asked_of_components_of_an_old_configuration_does_not_count(around):
     lamp, crate = Thing("lamp", [a_box(10, 10, 10)]), Thing("crate")
     machine = FakeMachine(ARM, hanging("lamp"), things=[lamp, crate])

@@ -72,20 +72,6 @@ def test_what_another_program_has_written_since_is_left_alone(files, tmp_path):
     assert not files.can_undo
 
 
-def test_files_of_other_programs_are_seen_a_second_later_and_the_folder_is_read_no_oftener(
-    files, tmp_path
-):
-    files.look_again(10.0)
-    (tmp_path / "theirs.txt").write_text("made elsewhere")
-    files.look_again(10.9)
-    assert files.names == ()
-    files.look_again(11.0)
-    assert files.names == ("theirs.txt",)
-    (tmp_path / "theirs.txt").unlink()
-    files.look_again(12.0)
-    assert files.names == ()
-
-
 class FakePage:
     """Has an arm and a target, and remembers what it was told."""
 

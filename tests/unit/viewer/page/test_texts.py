@@ -2,12 +2,13 @@ import json
 from types import SimpleNamespace
 
 import pytest
-from so101_viewer.page import markup, texts
+from so101_viewer.page import cards, markup, texts
 from so101_viewer.page.bar import Bar, BarButton
 from so101_viewer.page.screen_state import Sentence, Tone
 
 from so101_motion.common.errors import ConfigError, Interrupted
 from so101_motion.common.modes import Mode
+from so101_motion.common.operation import Row
 
 EVIL = '<img src=x onerror="move()">'
 
@@ -20,6 +21,9 @@ EVIL = '<img src=x onerror="move()">'
         markup.facts([(EVIL, EVIL)]),
         markup.to_copy(EVIL, EVIL),
         markup.gauge(EVIL, 1.0, 0.0, 2.0, unit=EVIL),
+        cards.rows((EVIL,), (Row(label=EVIL, cells=(EVIL,), text=EVIL, tone="warm", mark=EVIL),)),
+        cards.instruction(EVIL, EVIL),
+        cards.failed(EVIL),
     ],
 )
 def test_text_from_outside_never_becomes_markup(html):
@@ -44,13 +48,6 @@ def test_no_line_ends_within_an_option_that_is_to_be_typed():
     said = markup.warning("sudo usermod -aG video, log in")
     assert "sudo usermod <span>-aG</span> video" in said
     assert "<b>" not in markup.warning("<b> -<b>")
-
-
-def test_a_sentence_looks_as_its_tone_and_is_not_cut_in_a_narrow_panel():
-    said = [markup.sentence(Sentence(text="Hm.", tone=tone)) for tone in Tone]
-    assert len(set(said)) == len(Tone)
-    long = Sentence(text="elbow_flex was held up. " * 9)
-    assert long.text in markup.sentence(long)
 
 
 def test_every_mode_has_words():

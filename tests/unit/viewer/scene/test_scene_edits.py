@@ -188,9 +188,3 @@ def test_a_click_meets_the_side_of_a_box_a_mesh_and_a_cloud_that_is_towards_it()
     met = hit(scene(cloud), np.array([1.0, 0.01, 0.11]), level)
     np.testing.assert_allclose(met, [0.26, 0.01, 0.11], atol=1e-9)
     assert hit(scene(cloud, floor_z=None), np.array([1.0, 0.03, 0.11]), level) is None
-
-
-def test_a_click_into_the_air_meets_nothing():
-    around = scene(Sphere(radius=0.03), floor_z=None)
-    assert hit(around, np.array([0.4, 0.1, 1.0]), DOWN) is None
-    assert hit(scene(Sphere(radius=0.03)), np.array([0.0, 0.0, 0.5]), -DOWN) is None

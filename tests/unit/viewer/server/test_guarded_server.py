@@ -110,19 +110,6 @@ def test_a_busy_port_is_an_error_at_once_that_names_it(server):
         start_guarded(port=port)
 
 
-def test_where_no_port_was_asked_for_the_next_free_one_is_taken(server):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(guarded_server, "DEFAULT_PORT", port_of(server))
-        second = start_guarded(label="test")
-        try:
-            assert port_of(server) < port_of(second) < port_of(server) + guarded_server.PORTS_TRIED
-        finally:
-            second.close()
-        patch.setattr(guarded_server, "PORTS_TRIED", 1)
-        with pytest.raises(ConfigError, match="choose another port"):
-            start_guarded()
-
-
 def test_when_other_machines_are_allowed_the_key_is_still_demanded():
     server = start_guarded("0.0.0.0", 0, allow_remote=True)
     try:

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 from typing import cast
 
 import pytest
-from so101_viewer.page import cards
 from so101_viewer.setup.part import StepWizard
 from so101_viewer.setup.setup_context import SETTLED, SetupTarget, TorqueWatch, torque
 from so101_viewer.setup_app import reasons
@@ -16,7 +15,6 @@ from so101_viewer.setup_app import reasons
 from so101_motion.calib.motors.setup_view import SetupProgress
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.modes import Mode
-from so101_motion.common.operation import Row
 from so101_motion.setup.checkup import Check, Verdict
 from so101_motion.setup.setup_steps import CALIBRATION_ONLY, FULL, MOTORS_ONLY, TEST, SetupState
 
@@ -85,13 +83,6 @@ def test_without_an_arm_nothing_can_be_pressed_and_letting_go_waits_for_nothing(
     assert reasons(None, "") == ("No arm is connected yet.",) * 3
     wait = "Wait for the end of this: planning the test."
     assert reasons(Arm().target(), "planning the test") == (wait, wait, None)
-
-
-def test_markup_escapes_what_comes_from_outside() -> None:
-    evil = "<script>alert(1)</script>"
-    row = Row(label=evil, cells=(evil,), text=evil, tone="warm", mark=evil, bar=(0.2, 0.4), at=0.3)
-    pieces = (cards.rows((evil,), (row,)), cards.instruction(evil, evil), cards.failed(evil))
-    assert all("<script>" not in piece for piece in pieces)
 
 
 def bench(*, connected: bool = True, holds: bool | None = False) -> SetupTarget:
