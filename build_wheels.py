@@ -52,6 +52,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         python = str(folder / "bin" / "python")
+        # First, because without them minutes of compiling would be lost.
+        headers = {tag: headers_of(kind[0], folder / tag) for tag, kind in KINDS.items()}
         for cache in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"):
             os.environ.setdefault(cache, f"{name}/zig")
         run(sys.executable, "-m", "venv", name)
@@ -68,9 +70,8 @@ def main() -> None:
         compiled = partial(objects, (python, "-m", "ziglang", "c++", *FLAGS, *include), folder)
         common = compiled("", sorted(ruckig.glob("src/ruckig/*.cpp")))
         binding = [ruckig / "src/wrapper/python.cpp", nanobind / "src/nb_combined.cpp"]
-        for tag, (versions, flags, library) in KINDS.items():
-            headers = headers_of(versions, folder / tag)
-            inside = (nanobind / "include", nanobind / "ext/robin_map/include", headers)
+        for tag, (_, flags, library) in KINDS.items():
+            inside = (nanobind / "include", nanobind / "ext/robin_map/include", headers[tag])
             own = compiled(tag, binding, *flags, *(f"-I{path}" for path in inside))
             made = folder / library
             linked = ("-target", TARGET, "-O3", "-shared", "-s", "-o", str(made), *common, *own)

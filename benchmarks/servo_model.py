@@ -16,6 +16,7 @@ Stribeck part): it grows with what the gears carry, from either side.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -24,9 +25,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from so101_motion.drivers.emulator.joint_figures import MAX_DUTY, TICKS_PER_RAD
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.drivers.emulator.joint_figures import MAX_DUTY, SO101, TICKS_PER_RAD
 from so101_motion.drivers.emulator.motion import SLOWEST
+from so101_motion.drivers.feetech.lag_compensation import braking
 from so101_motion.drivers.servo_types import START_DUTY, STS3215_12V
+from so101_motion.planning.kinematics.model import RobotModel
 
 Array = NDArray[np.float64]
 
@@ -141,13 +145,12 @@ class Recordings:
 
 
 def load(path: Path) -> Recordings:
-    """Recordings from an ``.npz`` file, or from all such files in a folder.
+    """Recordings from an ``.npz`` file, or all in a folder; or from a file of ``so101 report-arm``.
 
-    A file has the arrays ``t_s``, ``goal_rad``, ``position_tick`` (4096 a turn), ``torque_enable``
-    and ``volts``, each of shape (n, k), and ``kp``, ``mass_kg``, ``length_m`` and ``trajectory``,
-    each of shape (n,). Those of ``so101 identify --record`` have ``load_nm``, shape (n, k), and
-    ``inertia_kgm2``, shape (n,), which stand for the pendulum's weight and inertia, and
-    ``acceleration_radps2``, shape (n,), which limits the servo's set-point.
+    An ``.npz`` has the arrays ``t_s``, ``goal_rad``, ``position_tick`` (4096 a turn), ``volts`` and
+    ``torque_enable``, each of shape (n, k), and ``kp``, ``mass_kg``, ``length_m`` and
+    ``trajectory``, each of shape (n,). A report has one recording a joint; the weight is the robot
+    model's.
 
     Raises:
         FileNotFoundError: There is no such file, or no ``.npz`` file in the folder.
@@ -156,7 +159,7 @@ def load(path: Path) -> Recordings:
     files = sorted(path.glob("*.npz")) if path.is_dir() else [path]
     if not files:
         raise FileNotFoundError(f"no .npz file in {path}")
-    parts = [_read(file) for file in files]
+    parts = _of_report(path) if path.suffix == ".json" else [_read(file) for file in files]
     longest = max(part.t.shape[1] for part in parts)
     parts = [_padded(part, longest - part.t.shape[1]) for part in parts]
     return Recordings(
@@ -199,10 +202,36 @@ def _read(file: Path) -> Recordings:
             length=data["length_m"].astype(float),
             volts=data["volts"].astype(float).mean(axis=1),
             kind=data["trajectory"].astype(str),
-            load=data["load_nm"] if "load_nm" in data else np.full(position.shape, np.nan),
-            inertia=data["inertia_kgm2"] if "inertia_kgm2" in data else np.full(n, np.nan),
-            acceleration=data.get("acceleration_radps2", np.full(n, np.inf)),
+            load=np.full(position.shape, np.nan),
+            inertia=np.full(n, np.nan),
+            acceleration=np.full(n, np.inf),
         )
+
+
+def _of_report(file: Path) -> list[Recordings]:
+    report, model, parts = json.loads(file.read_text()), RobotModel.load(), []
+    for joint, motion in report["motions"].items():
+        i, registers = ARM_JOINTS.index(joint), report["servos"][joint]
+        t, q, command = (np.array(motion[key]) for key in ("t_s", "position", "command"))
+        newest = np.searchsorted(motion["t_cmd_s"], t, side="right") - 1
+        parts.append(
+            Recordings(
+                t=(t - t[0])[None],
+                goal=command[np.maximum(newest, 0), i][None],
+                torque_on=np.ones((1, len(t)), dtype=bool),
+                position=q[:, i][None],
+                valid=np.ones((1, len(t)), dtype=bool),
+                kp=np.array([float(registers["p_gain"])]),
+                mass=np.zeros(1),
+                length=np.zeros(1),
+                volts=np.array([np.mean(motion["volts"])]),
+                kind=np.array([f"sweep of {joint}"]),
+                load=model.holding_torques(q[:, :5])[:, i][None],
+                inertia=np.array([SO101[i].inertia]),
+                acceleration=np.array([braking(i, registers["max_acceleration"])]),
+            )
+        )
+    return parts
 
 
 def simulate(recordings: Recordings, parameters: Parameters, *, dt: float = 1e-3) -> Array:

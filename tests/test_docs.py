@@ -5,18 +5,16 @@ import importlib
 import json
 import re
 import shlex
-import threading
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import click
 import pytest
 from google.protobuf.struct_pb2 import Struct
+from harness.clocks import hurry_simulated_arms
 from viam.proto.app.robot import ComponentConfig
 
 import so101_motion as so101
 from so101_motion.cli.verbs import main
-from so101_motion.common.clock import ManualClock
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.viam.conversion.convert import to_result
 from so101_motion.viam.models.registered import MODELS
@@ -53,33 +51,24 @@ def shown_commands():
     return sorted({match[1] for match in shown if match}.union(*named))
 
 
-def test_every_how_do_i_runs(capsys, monkeypatch, tmp_path):
-    """Each snippet, whatever its port, on a simulated arm whose time passes by itself."""
-    monkeypatch.chdir(tmp_path)
-    clock, over = ManualClock(), threading.Event()
-    monkeypatch.setattr(so101, "open", lambda *_: so101.open_simulated(clock=clock), raising=False)
-
-    def pass_time():
-        while not over.wait(1e-4):
-            clock.advance(0.02)
-
-    with so101.open_simulated(clock=clock), ThreadPoolExecutor(1) as beside:  # keeps its planner
-        beside.submit(pass_time)
-        try:
-            for snippet in blocks(HOW_DO_I, "python"):
-                exec(compile(snippet.replace("10_000", "20"), called(HOW_DO_I), "exec"), {})
-                assert capsys.readouterr().out, snippet
-        finally:
-            over.set()
+@pytest.fixture
+def hurried_arms(monkeypatch):
+    over = hurry_simulated_arms(monkeypatch.setattr)
+    yield
+    over.set()
 
 
-@pytest.mark.parametrize("page", [p for p in having("python") if p != HOW_DO_I], ids=called)
-def test_the_python_examples_run(page, capsys, monkeypatch):
-    monkeypatch.chdir(ROOT)
+@pytest.mark.usefixtures("planning_process", "hurried_arms")
+@pytest.mark.parametrize("page", having("python"), ids=called)
+def test_the_python_examples_run(page, capsys, monkeypatch, tmp_path):
+    """Those of "How do I", whatever their port, on a simulated arm, and each shows something."""
+    monkeypatch.chdir(tmp_path if page == HOW_DO_I else ROOT)
+    if page == HOW_DO_I:
+        monkeypatch.setattr(so101, "open", lambda *_: so101.open_simulated(), raising=False)
     for block in blocks(page, "python"):
-        code = compile(block, called(page), "exec")
-        exec(code, {})
-    assert capsys.readouterr().out
+        exec(compile(block.replace("10_000", "20"), called(page), "exec"), {})
+        assert page != HOW_DO_I or capsys.readouterr().out, block
+    assert page == HOW_DO_I or capsys.readouterr().out
 
 
 def resources(content):
@@ -117,6 +106,17 @@ def test_the_reference_lists_and_describes_every_public_name(monkeypatch):
         "ArcTo is not listed",
         "PlanRequest.seed_of has no docstring",
     ]
+
+
+def test_the_functions_of_a_move_are_in_the_files_that_the_architecture_names():
+    _, _, page = (ROOT / "docs" / "architecture.md").read_text().partition("## One move")
+    walks = re.findall(r"^\|[^|]*\| `(\S+\.py)` \| ([^:|]*)", page, flags=re.MULTILINE)
+    assert len(walks) > 30
+    for file, functions in walks:
+        code = (ROOT / "so101_motion" / file).read_text()
+        for name in re.findall(r"`([\w.]+)`", functions):
+            for part in name.split("."):
+                assert re.search(rf"(class|def) {part}\b", code), (file, name)
 
 
 def test_what_can_be_typed_into_the_emulator_is_understood():

@@ -8,16 +8,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import viser
 
 from so101_motion.common.geometry import SE3
+from so101_motion.common.operation import Operation
 from so101_motion.files import user_storage
 from so101_motion.planning.request import Plan
 from so101_motion.rig.cell_rigs import CellRigs
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
+from so101_motion.rig.rig import Rig
 from so101_motion.setup.identify_operation import IdentifyOperation
+from so101_motion.tasks.datasets.episodes import EpisodeOperation
 from so101_motion.tasks.picking import PickOperation
 from so101_motion.tasks.program import ARM, Solo
 from so101_motion.viam.client import MachineRig
@@ -130,7 +134,6 @@ class Preview(ServedPage):
             title=source.title,
             stops=(self.stop, *(rig.gripper.stop for rig in rigs.values()), self._end_following),
             plan=self._plan,
-            atlas=source.atlas,
         )
         self.windows.leave_open_as_stop(move.stop_button)
         self.say = move.model.report
@@ -142,7 +145,11 @@ class Preview(ServedPage):
         about.append(EventsPart(context, panel))
         panel.dock_below(move.panel)
         if isinstance(opened, HardwareRig):
-            about.append(_servos(context, opened, panel))
+            servos = IdentifyOperation(opened)
+            about.append(_tab(context, panel, "Servos", viser.Icon.RULER_MEASURE, servos))
+        if isinstance(opened, Rig):
+            episodes = EpisodeOperation(opened, source.camera or "")
+            about.append(_tab(context, panel, "Record", viser.Icon.MOVIE, episodes))
         jogs = [
             JogPart(each, rigs[name], move.pages[name], title=name or "Jog")
             for name, each in self._tab_for_each("Jog", rigs)
@@ -247,12 +254,13 @@ def serve_source(
         raise
 
 
-def _servos(context: PageContext, rig: HardwareRig, panel: viser.PanelHandle) -> OperationPanel:
-    operation = IdentifyOperation(rig)
-    servos = OperationPanel(context, lambda: operation)
-    with panel.add_tab("Servos", viser.Icon.RULER_MEASURE):
-        servos.build(context.gui)
-    return servos
+def _tab(
+    context: PageContext, panel: viser.PanelHandle, title: str, icon: Any, operation: Operation
+) -> OperationPanel:
+    shown = OperationPanel(context, lambda: operation)
+    with panel.add_tab(title, icon):
+        shown.build(context.gui)
+    return shown
 
 
 def _picks(context: PageContext, rig: RigLike, place: str, *, title: str, node: str) -> Part:

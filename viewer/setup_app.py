@@ -13,9 +13,10 @@ from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SetupProgress
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.modes import Mode
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
+from so101_motion.files import user_storage
 from so101_motion.rig.protocols import RigLike
 from so101_motion.setup.calibrator import StepResult
-from so101_motion.setup.port_selection import REPLY_TIMEOUT, own_folder
 from so101_motion.viam.client import Machine
 
 from .app import serve
@@ -85,7 +86,7 @@ def serve_setup(
     """
     known = None if machine is None else known_arm(machine)
     source = known or ports_of(tuple(ports), reply_timeout)
-    kept = SetupProgress(progress_file or own_folder() / PROGRESS_FILE, source.where)
+    kept = SetupProgress(progress_file or user_storage.folder() / PROGRESS_FILE, source.where)
     server = start_guarded(
         host, port, allow_remote=allow_remote, label="SO-101 setup", key_of=key_of
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import closing
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import click
@@ -12,20 +11,18 @@ import click
 from so101_motion.cli import port_choice
 from so101_motion.cli.calibration import facts
 from so101_motion.cli.completion import completed_files
-from so101_motion.cli.options import DRY_RUN, EVENTS, JSON, flag, option, verb
+from so101_motion.cli.options import EVENTS, JSON, flag, option, verb
 from so101_motion.cli.param_types import port_option
 from so101_motion.cli.shared import INTERRUPTED, STOPPED, aside, print_json, quietly
 from so101_motion.cli.sources import MACHINE, MachineSource, chosen_among
-from so101_motion.common.errors import CalibrationError, So101Error
+from so101_motion.common.errors import So101Error
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
-    from so101_motion.calib.record.record import Calibration
     from so101_motion.calib.record.store import Stored
     from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.terminal import Terminal
     from so101_motion.setup.calibrator import StepResult
-    from so101_motion.setup.discovery import PortReport
 
 _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
 
@@ -46,7 +43,6 @@ def calibrate(
         metavar="JOINT",
     ),
     yes: bool = flag("Ask no questions; for scripts."),
-    dry_run: bool = DRY_RUN,
     events: TextIO | None = EVENTS,
     machine: MachineSource | None = MACHINE,
     as_json: bool = JSON,
@@ -64,7 +60,7 @@ def calibrate(
     so101 calibrate --machine kit.local:8080   through a machine's calibration sensor
     """  # noqa: D301
     if machine is not None and chosen_among({"--port": port, "--machine": machine}) != "--port":
-        if file or joints or accept or dry_run or yes or as_json:
+        if file or joints or accept or yes or as_json:
             raise click.UsageError("--machine goes with --events only; its sensor has the file")
         _on_machine(machine, events)
         return
@@ -77,10 +73,6 @@ def calibrate(
 
     report = port_choice.find_arm(port)
     path = port_choice.calibration_file(file, report)
-    before = _before(path)
-    if dry_run:
-        _print_dry_run(report, path, joints, before, as_json)
-        return
     opened = Calibrator.open(report.port.name, path, joints or JOINTS, baudrate=report.baudrate)
     with quietly(), closing(opened) as calibrator:
         with Terminal(ask=not yes, events=events) as terminal:
@@ -98,37 +90,6 @@ def calibrate(
             print_json("calibrate", {"port": report.port.name, **facts(ended.stored), **held})
         else:
             _print_result(ended, ended.stored, sentences)
-
-
-def _print_dry_run(
-    report: PortReport, path: Path, joints: tuple[str, ...], before: Calibration, as_json: bool
-) -> None:
-    from so101_motion.calib.record.record import JOINTS
-
-    wanted = joints or JOINTS
-    silent = [joint for joint in wanted if joint not in report.joints]
-    if as_json:
-        sentences = {"port": report.port.name, "file": str(path), "joints": list(wanted)}
-        kept = sorted(set(before) - set(wanted))
-        print_json("calibrate", {**sentences, "dry_run": True, "silent": silent, "kept": kept})
-        return
-    click.echo(f"on {report.port.name}, would release: {', '.join(wanted)}")
-    click.echo("and write into the servo of each: homing_offset, min_position, max_position")
-    kept_too = "; its present content would be kept as a version" if before else ""
-    click.echo(f"and save to {path}{kept_too}")
-    if silent:
-        aside(f"error: no answer from: {', '.join(silent)}")
-    aside("nothing was written")
-
-
-def _before(path: Path) -> Calibration:
-    """Read the file; one that cannot be used counts as empty, and is kept when it is replaced."""
-    from so101_motion.calib.record import store
-
-    try:
-        return store.read(path).calibration
-    except CalibrationError:
-        return {}
 
 
 def _on_machine(source: MachineSource, events: TextIO | None) -> None:

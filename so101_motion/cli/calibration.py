@@ -113,7 +113,6 @@ def export(
         "With --lerobot: its kind of arm, such as so_leader.", default="", show_default=False
     ),
     out: Path | None = option("Write to this file.", click.Path(path_type=Path)),
-    dry_run: bool = DRY_RUN,
 ) -> None:
     """Print FILE in LeRobot's format, or save it with --lerobot or --out.
 
@@ -129,9 +128,7 @@ def export(
     calibration = stored.calibration
     _notes(stored)
     path = out if lerobot is None else format_of_lerobot.path_for(lerobot, kind=kind)
-    if path is None or dry_run:
-        if path is not None:
-            aside(f"would be written to {path}:")
+    if path is None:
         click.echo(format_of_lerobot.text(calibration).decode(), nl=False)
         return
     format_of_lerobot.export(calibration, path)
@@ -164,7 +161,7 @@ def import_(
     from so101_motion.calib.record import store
     from so101_motion.calib.record.zero import by_convention
     from so101_motion.common.state import GRIPPER_JOINT
-    from so101_motion.setup.port_selection import own_folder
+    from so101_motion.files import user_storage
 
     read = store.read(store.resolve(source))
     if joint_zero is not None:
@@ -174,7 +171,7 @@ def import_(
             if joint != GRIPPER_JOINT
         }
         read = replace(read, zeros={**chosen, **read.zeros}, zero_note="")
-    path = own_folder() / read.path.name if file is None else store.resolve(file)
+    path = user_storage.folder() / read.path.name if file is None else store.resolve(file)
     if dry_run:
         _print_dry_run(replace(read, path=path), as_json)
         return

@@ -157,7 +157,7 @@ def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Fi
 
 def examined_arm(report: PortReport, file: Path | None = None) -> Findings:
     """Check one arm against ``file``, by default the calibration that agrees with its servos."""
-    from so101_motion.setup.port_selection import about
+    from so101_motion.setup.connect import about
 
     return _with_arm(_with_file(about(report), file or report.calibration), report)
 

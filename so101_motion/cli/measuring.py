@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion import __version__
-from so101_motion.cli.options import JSON, YES, argument, flag, option, verb
+from so101_motion.cli.options import JSON, YES, argument, flag, verb
 from so101_motion.cli.param_types import OutFile
 from so101_motion.cli.shared import (
     CHECK_FAILED,
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 def move_test(
     source: Source = SOURCE,
     yes: bool = YES,
-    report: Path | None = option("Write the result to this JSON file.", OutFile()),
     as_json: bool = JSON,
 ) -> None:
     """Move every joint a little and check that it follows commands. The arm MOVES.
@@ -46,9 +45,10 @@ def move_test(
     the arm. Exit code 6 if a joint does not follow.
 
     \b
-    so101 move-test --port /dev/ttyACM0 --report test.json
+    so101 move-test --port /dev/ttyACM0 --json > test.json
     so101 move-test --sim --yes
     """  # noqa: D301
+    from so101_motion.cli.operation_terminal import printed
     from so101_motion.setup.move_test import MoveTest
 
     stopped = threading.Event()
@@ -69,9 +69,8 @@ def move_test(
             aside(f"{100.0 * share:3.0f} %  {joint}")
 
         found = run_beside(partial(test.move_and_measure, outline, show), stop)
-    answer(as_json, "move-test", found.to_json(), found.text())
-    if report is not None:
-        write_report(report, found.file({"version": __version__}))
+        text = printed(test.view, f"{found.sentence}.", f"{found.arm}, {found.seconds:.0f} s")
+    answer(as_json, "move-test", found.to_json(), text)
     if stopped.is_set():
         raise SystemExit(INTERRUPTED)
     if not found.passed:
@@ -83,11 +82,6 @@ def identify(
     source: Source = SOURCE,
     carrying: bool = flag("The hand holds something: measure its weight as well."),
     check: bool = flag("Save nothing; only tell how well the figures predict."),
-    record: Path | None = option(
-        "Write goals, positions and voltages of each joint there; no serial number.",
-        click.Path(path_type=Path, file_okay=False),
-        metavar="FOLDER",
-    ),
     undo: bool = flag("Move nothing: restore the previous figures."),
     yes: bool = YES,
     as_json: bool = JSON,
@@ -105,6 +99,7 @@ def identify(
     so101 identify --port /dev/ttyACM0 --check
     so101 identify --port /dev/ttyACM0 --undo
     """  # noqa: D301
+    from so101_motion.cli.operation_terminal import printed
     from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.setup.identify_operation import IdentifyOperation
 
@@ -122,13 +117,10 @@ def identify(
         have_agreed(f"Is everything out of the way? Move the {source.what}?", yes)
         move = partial(operation.ask, "move", carrying=carrying, check=check)
         run_beside(move, operation.close)
-        report, identification = operation.report, operation.identification
+        report = operation.report
         assert report is not None
-        assert identification is not None
-        if record is not None:
-            files = identification.write_recordings(record, hand_is_empty=not carrying)
-            aside(f"{len(files)} recordings in {record}; they stay on this computer")
-    answer(as_json, "identify", report.to_json(), report.text())
+        text = printed(operation.view, *report.remarks(), operation.view.text)
+    answer(as_json, "identify", report.to_json(), text)
 
 
 def _restore_figures(source: Source, as_json: bool) -> None:

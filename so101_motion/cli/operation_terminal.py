@@ -6,11 +6,12 @@ Commands that are due are given by themselves; without a person those are all th
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Mapping
 from functools import partial
 
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -19,6 +20,7 @@ from so101_motion.common.errors import So101Error
 from so101_motion.common.operation import Offer, Operation, Row, View
 
 WIDTH = 32
+PRINTED = 100  # columns of a printed table; chosen
 
 _STYLES = {"dim": "dim", "busy": "cyan", "warm": "yellow", "good": "green", "bad": "red"}
 
@@ -167,6 +169,14 @@ def drawn(view: View) -> Table:
         text = [Text(row.text, style=style)] if row.text else []
         table.add_row(Text(row.mark, style=style), Text(row.label), *bar, *cells, *text)
     return table
+
+
+def printed(view: View, *lines: str) -> str:
+    """Lines, and then the table of a view, as plain text."""
+    console = Console(file=io.StringIO(), width=PRINTED)
+    with console.capture() as table:
+        console.print(drawn(view))
+    return "\n".join((*lines, table.get()))
 
 
 def bar_of(row: Row, style: str = "") -> Text:

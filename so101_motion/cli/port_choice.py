@@ -60,9 +60,9 @@ def find_adapter(port: str | None) -> PortReport:
 
 def calibration_file(given: str | None, report: PortReport) -> Path:
     from so101_motion.calib.record import store
-    from so101_motion.setup import port_selection
+    from so101_motion.setup import connect
 
-    return store.resolve(given) if given is not None else port_selection.calibration_file(report)
+    return store.resolve(given) if given is not None else connect.calibration_file(report)
 
 
 def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) -> PortReport:

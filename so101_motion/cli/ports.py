@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from so101_motion.cli.options import DRY_RUN, JSON, flag, option, verb
+from so101_motion.cli.options import JSON, flag, option, verb
 from so101_motion.cli.param_types import PORT
 from so101_motion.cli.shared import NO_DEVICE, aside, busy_message, print_json, quietly
 from so101_motion.common.errors import PortUnavailable
@@ -75,7 +75,6 @@ before its version 6.5 they then have no port at all. Unless you use a Braille d
 @verb()
 def install_udev(
     install: bool = flag("Write the rule; needs root."),
-    dry_run: bool = DRY_RUN,
 ) -> None:
     """Give users of this Linux computer access to servo adapters, without root.
 
@@ -86,11 +85,9 @@ def install_udev(
 
     if sys.platform != "linux":
         raise click.UsageError("udev is only on Linux; no rule is needed on this computer")
-    if install and not dry_run:
+    if install:
         write_rule(port_list.RULES)
         return
-    if install:
-        aside(f"would be written to {port_list.RULES} and activated:")
     click.echo(port_list.udev_rules(), nl=False)
     aside(f"\n{_EXPLANATION}\n{_BRLTTY}")
     if port_list.is_rule_installed():

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, TextIO
 
 import click
 
 from so101_motion.cli import port_choice
-from so101_motion.cli.options import DRY_RUN, EVENTS, JSON, flag, option, verb
+from so101_motion.cli.options import EVENTS, JSON, flag, option, verb
 from so101_motion.cli.param_types import Finite, port_option
 from so101_motion.cli.shared import (
     CHECK_FAILED,
@@ -30,7 +29,6 @@ from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 if TYPE_CHECKING:
     from so101_motion.calib.motors.setup_view import SetupProgress, SetupView, Verification
     from so101_motion.cli.terminal import Terminal
-    from so101_motion.setup.discovery import PortReport
     from so101_motion.setup.motor_operation import MotorOperation
 
 
@@ -52,7 +50,6 @@ def setup(
         "Give up a step after this many seconds.", Finite(min=0.0), metavar="S"
     ),
     events: TextIO | None = EVENTS,
-    dry_run: bool = DRY_RUN,
     web: bool = flag("In the browser: motors, calibration and final test."),
     page: Page = PAGE,
     machine: MachineSource | None = MACHINE,
@@ -77,7 +74,7 @@ def setup(
     if chosen_among({"--port": port, "--machine": machine}) == "--port":
         machine = None
     if web:
-        if joints or start_over or repair or yes or within or events or dry_run or as_json:
+        if joints or start_over or repair or yes or within or events or as_json:
             raise click.UsageError(
                 "--web works only with --port or --machine, and the options of the page"
             )
@@ -87,19 +84,16 @@ def setup(
         raise click.UsageError("the motors of a machine are set up in the browser: add --web")
     from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SetupProgress
     from so101_motion.cli.terminal import Quit, Terminal
+    from so101_motion.files import user_storage
     from so101_motion.setup.calibrator import Calibrator
-    from so101_motion.setup.port_selection import own_folder
 
     report = port_choice.find_adapter(port)
     name = report.port.name
-    if repair and (joints or start_over or dry_run):
+    if repair and (joints or start_over):
         raise click.UsageError("--repair goes with --port, --yes and --json only")
     if repair and not yes:
         have_agreed("The joints go limp, and settings are stored in them. Are you holding the arm?")
-    progress = SetupProgress(own_folder() / PROGRESS_FILE, name)
-    if dry_run:
-        _print_dry_run(report, () if start_over else progress.done, joints, as_json)
-        return
+    progress = SetupProgress(user_storage.folder() / PROGRESS_FILE, name)
     if start_over:
         progress.clear()
     opened = Calibrator.open(name, port_choice.calibration_file(None, report))
@@ -124,26 +118,6 @@ def setup(
                 terminal.say("stopped; the next so101 setup continues here", style="yellow")
                 raise SystemExit(STOPPED) from None
         _conclude(name, motors.state, checked, as_json)
-
-
-def _print_dry_run(
-    report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_json: bool
-) -> None:
-    from so101_motion.calib.motors.setup_view import SETUP_ORDER
-
-    left = [joint for joint in SETUP_ORDER if joint not in done]
-    wanted = joints or (() if len(report.joints) == 6 else left)
-    ids = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT), start=1)}
-    plan = [{"joint": joint, "servo_id": ids[joint]} for joint in wanted]
-    if as_json:
-        heard = {"port": report.port.name, "answering": list(report.servo_ids)}
-        print_json("setup", {**heard, "dry_run": True, "would_set_up": plan})
-        return
-    click.echo(f"on {report.port.name}: {report.sentence}")
-    click.echo("would write, one after the other:" if plan else "would only verify the motors")
-    for step in plan:
-        click.echo(f"  alone on the cable, the motor of {step['joint']}: id {step['servo_id']}")
-    aside("nothing was written")
 
 
 def _walk(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,6 @@ from so101_motion.cli.sources import AT_END, Source, end_as_asked
 from so101_motion.common import interrupts
 from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
     from so101_motion.common.clock import Clock
@@ -77,6 +77,7 @@ def teleop(
     from so101_motion.files.trajectory_export import mcap_writer
     from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
     from so101_motion.tasks.teleop.config import read_how
+    from so101_motion.tasks.teleop.leading import view_of
 
     how = {
         "scale": scale,
@@ -113,7 +114,7 @@ def teleop(
             )
         )
         session.start(_recorder(record, fps, following))
-        _watch(session, seconds)
+        _watch(session, seconds, lambda: view_of(session.status.to_json()).text)
         last = session.status
         session.stop()
         if as_json:
@@ -139,13 +140,13 @@ def _recorder(record: Path | None, fps: float, rig: Rig) -> Recorder | None:
     return Recorder(record, epoch=time.time() - clock.now(), middles=middles_of(rig), fps=fps)
 
 
-def _watch(session: Any, seconds: float | None) -> None:
+def _watch(session: Any, seconds: float | None, text: Callable[[], str]) -> None:
     """Show the state until Ctrl-C, a stop of the follower, or the time limit."""
     end = None if seconds is None else time.monotonic() + seconds
     shown = ""
     try:
         while session.status.is_running and (end is None or time.monotonic() < end):
-            words = _in_words(session.status)
+            words = text()
             if words != shown:
                 aside(words)
                 shown = words
@@ -166,23 +167,6 @@ def print_end(last: Status, leader: Mode, follower: Mode) -> None:
         elif mode not in HELD:
             told.append(f"the {side} is not held")
     aside(f"ended: {'; '.join(told) or 'both arms hold'}")
-
-
-def _in_words(status: Status) -> str:
-    joint, gap = status.gap
-    if status.phase.value == "approaching":
-        return f"approaching: {joint} is {to_deg(gap):.0f} deg away"
-    if status.phase.value == "waiting":
-        where = f"; {joint} is {to_deg(gap):.0f} deg from the follower's" if joint else ""
-        return f"holding: {status.reason}{where}"
-    words = ["mirroring"]
-    if status.held_by:
-        words.append(f"in the way: {', '.join(status.held_by)}")
-    if status.beyond:
-        words.append(f"{', '.join(status.beyond)} beyond the follower's range")
-    if status.is_gripping:
-        words.append("gripping")
-    return "; ".join(words)
 
 
 def _facts(status: Status, record: Path | None) -> dict[str, object]:

@@ -34,8 +34,8 @@ def import_(file: BinaryIO = argument(click.File("rb")), as_json: bool = JSON) -
 
     FILE is the machine's JSON (Configure, then JSON, in Viam's app; or /etc/viam.json), or - to
     read it from stdin. It is never changed, and keys in it are not printed. The components and
-    services to paste are printed on stdout; notes, and how to go back, on stderr. Exit code 6 if a
-    part of it cannot be used.
+    services to paste are printed on stdout; notes on stderr. Exit code 6 if a part of it cannot be
+    used.
 
     \b
     so101 viam import machine.json
@@ -56,7 +56,6 @@ def import_(file: BinaryIO = argument(click.File("rb")), as_json: bool = JSON) -
         facts = {
             "parts": [{key: getattr(part, key) for key in told} for part in migration.parts],
             "notes": migration.notes,
-            "steps_back": migration.steps_back(),
             "configuration": migration.configuration(),
         }
         print_json("viam-import", facts)
@@ -109,7 +108,5 @@ def _tell(migration: Migration) -> None:
                 echo(f"{word}: {part.name or part.model}: {line}", err=True)
     for note in migration.notes:
         echo(f"note: {note}", err=True)
-    aside("what behaves differently here: docs/migrating.md; to go back:")
-    for line in migration.steps_back():
-        echo(f"- {line}", indent="  ", err=True)
+    aside("what behaves differently here, and how to go back: docs/migrating.md")
     aside("replace the entries of these names with the following; leave the rest:")

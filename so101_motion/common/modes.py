@@ -35,6 +35,16 @@ class Mode(Enum):
     CALIBRATING = "calibrating"
     FAULT = "fault"
 
+    @property
+    def words(self) -> str:
+        """What an arm in this mode is, to be put behind "the arm is"."""
+        special = {
+            Mode.GUIDING: "guided by hand",
+            Mode.CALIBRATING: "being calibrated",
+            Mode.FAULT: "in a fault",
+        }
+        return special.get(self, self.value)
+
 
 LONGEST_GUIDING = 86400.0  # longest time manual mode can be limited to [s]; chosen, a day
 
@@ -109,7 +119,7 @@ _REFUSALS = {
 
 def refusal(mode: Mode, event: Event) -> str:
     first = "leave manual mode first" if mode is Mode.GUIDING else "stop it or wait until it rests"
-    return f"{_REFUSALS[event]} while the arm is {mode.value}; {first}"
+    return f"{_REFUSALS[event]} while the arm is {mode.words}; {first}"
 
 
 def after(mode: Mode, event: Event) -> Mode:

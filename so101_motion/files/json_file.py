@@ -74,14 +74,22 @@ def read_setting(what: str, path: Path, largest: int) -> object:
             the message calls it ``what``.
     """
     try:
-        size = path.stat().st_size
-        if size > largest:
-            raise ValueError(f"has {size} bytes, more than the {largest} that are read")
-        return content(path.read_bytes())
-    except OSError as error:
-        raise ConfigError(what, str(path), f"cannot be read: {error.strerror}") from error
+        return content(setting_bytes(what, path, largest))
     except ValueError as error:
         raise ConfigError(what, str(path), str(error)) from error
+
+
+def setting_bytes(what: str, path: Path, largest: int) -> bytes:
+    """The bytes of a file; ``ConfigError`` if it cannot be read, or has more than ``largest``."""
+    try:
+        size = path.stat().st_size
+        data = path.read_bytes() if size <= largest else b""
+    except OSError as error:
+        raise ConfigError(what, str(path), f"cannot be read: {error.strerror}") from error
+    if size > largest:
+        reason = f"has {size} bytes, more than the {largest} that are read"
+        raise ConfigError(what, str(path), reason)
+    return data
 
 
 def content(data: bytes) -> object:

@@ -1,26 +1,7 @@
 """Read and write scenes as JSON: in a file, or in the ``obstacles`` attribute of a component.
 
-Millimetres and degrees, with the unit in every name, in the arm's base frame::
-
-    {
-      "floor_z_mm": -2.4,
-      "obstacles": [
-        {"name": "mug", "box_mm": [80, 80, 95], "position_mm": [250, 60, 45]},
-        {"name": "ball", "sphere_radius_mm": 30, "position_mm": [180, -90, 30]},
-        {"name": "post", "capsule_radius_mm": 10, "capsule_length_mm": 200,
-         "position_mm": [0, 200, 100], "rpy_deg": [0, 90, 0]},
-        {"name": "part", "mesh_file": "part.stl", "position_mm": [200, 0, 0]},
-        {"name": "seen", "points_mm": [[310, 20, 5]], "resolution_mm": 10},
-        {"name": "lamp zone", "box_mm": [300, 300, 200], "position_mm": [0, 0, 500],
-         "keep_out": true},
-        {"name": "can", "cylinder_radius_mm": 15, "cylinder_length_mm": 40,
-         "position_mm": [220, 0, 17.6], "mass_kg": 0.03}
-      ],
-      "attached": [
-        {"name": "cube", "box_mm": [20, 20, 20], "position_mm": [0, 0, 100], "mass_kg": 0.02,
-         "may_touch": ["floor"]}
-      ]
-    }
+Millimetres and degrees, with the unit in every name, in the arm's base frame; ``docs/planning.md``
+has an example.
 
 A mesh file is in millimetres unless its format declares a unit (GLB: metres, y up; 3MF); the
 optional ``"scale"`` of an entry multiplies the lengths of its shape. An obstacle with
@@ -342,18 +323,10 @@ def _placed_at(pose: SE3) -> dict[str, object]:
 def _form(shape: Shape) -> dict[str, object]:
     if isinstance(shape, Box):
         return {"box_mm": [_rounded(x) for x in to_mm(shape.size)]}
-    if isinstance(shape, Sphere):
-        return {"sphere_radius_mm": _rounded(to_mm(shape.radius))}
-    if isinstance(shape, Capsule):
-        return {
-            "capsule_radius_mm": _rounded(to_mm(shape.radius)),
-            "capsule_length_mm": _rounded(to_mm(shape.length)),
-        }
-    if isinstance(shape, Cylinder):
-        return {
-            "cylinder_radius_mm": _rounded(to_mm(shape.radius)),
-            "cylinder_length_mm": _rounded(to_mm(shape.length)),
-        }
+    if isinstance(shape, (Sphere, Capsule, Cylinder)):
+        kind = type(shape).__name__.lower()
+        names = ("radius",) if isinstance(shape, Sphere) else ("radius", "length")
+        return {f"{kind}_{name}_mm": _rounded(to_mm(getattr(shape, name))) for name in names}
     if isinstance(shape, PointCloud):
         return {
             "points_mm": to_mm(shape.points).tolist(),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 
 from so101_motion.common.clock import Clock
@@ -24,9 +23,9 @@ from so101_motion.drivers.feetech.health import (
     HealthReadings,
     JointHealth,
 )
+from so101_motion.drivers.feetech.presence import Presence
 from so101_motion.drivers.port.serial_port import PortOpener
 
-_SILENT = 0.5  # how long without an answer until a servo is silent [s]; chosen: ten looks
 _PERIOD = 0.05  # [s] between two looks; fresh enough for a picture, near no load on the wire
 
 _START = reg.TORQUE_ENABLE.address
@@ -49,6 +48,7 @@ class BusMonitor:
         self._joints = {servo_id: joint for joint, servo_id in ids.items()}
         self._due = clock.now()
         self._readings = HealthReadings(clock.now())
+        self._presence = Presence(tuple(self._joints))
         self._baud = opener.baud
         self._connection = self._connect()
 
@@ -59,9 +59,8 @@ class BusMonitor:
     @property
     def health(self) -> tuple[JointHealth, ...]:
         """The health of each servo that has answered, base to jaw."""
-        now, counters = self._clock.now(), self._connection.counters
-        found = self._readings.health(self._joints, counters, ())
-        return tuple(replace(each, is_silent=now - each.t > _SILENT) for each in found)
+        counters = self._connection.counters
+        return self._readings.health(self._joints, counters, self._presence.silent)
 
     @contextmanager
     def bus(self) -> Iterator[Bus]:
@@ -113,7 +112,9 @@ class BusMonitor:
         found = bus.sync_read(tuple(self._joints), _START, _END - _START, given_up=silent)
         at = VITALS_START - _START
         vitals = {i: Answer(each.data[at:], each.faults) for i, each in found.items()}
-        self._readings.take(self._clock.now(), vitals)
+        now = self._clock.now()
+        self._readings.take(now, vitals)
+        self._presence.judge(found, now)
         blocks = {self._joints[i]: answer.data for i, answer in found.items()}
         self.driven = frozenset(
             joint for joint, data in blocks.items() if reg.TORQUE_ENABLE.cut(data, _START)

@@ -21,11 +21,11 @@ import numpy as np
 
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.motors import chain_check
-from so101_motion.calib.motors.arm_identification import ServoFacts
+from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus
 from so101_motion.calib.motors.setup_view import Verification
 from so101_motion.calib.motors.single_servo import Tuner
 from so101_motion.calib.record import compare
-from so101_motion.calib.record.record import NEW_IDS, SERVO_IDS
+from so101_motion.calib.record.record import LARGEST_OFFSET, NEW_IDS, SERVO_IDS
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero_report import ZeroReport
 from so101_motion.common.attributes import SPEED_RANGE_DEG
@@ -34,8 +34,9 @@ from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.defaults import BAUDRATE
+from so101_motion.drivers.bus.reply_counters import ReplyCounter
 from so101_motion.drivers.feetech.health import VITALS_COUNT, VITALS_START
-from so101_motion.drivers.feetech.servo_judgement import BROKEN, LOSSY, sag
+from so101_motion.drivers.feetech.servo_judgement import BROKEN, LOSSY, lossy_share, sag
 from so101_motion.drivers.feetech.servo_settings import REPAIR
 from so101_motion.planning.native.library import native
 
@@ -198,7 +199,7 @@ def check_up(seen: Findings) -> tuple[Check, ...]:
     return tuple(_joined(check for checks in _CHECKS for check in checks(seen)))
 
 
-_OF_A_SERVO = re.compile(r"servo (\d+) \(\w+\): (.*)", re.DOTALL)
+_OF_A_SERVO = re.compile(r"servo (\d+) \(\w+\)(: .*| does not answer.*)", re.DOTALL)
 
 
 def _joined(checks: Iterable[Check]) -> Iterator[Check]:
@@ -214,9 +215,59 @@ def _joined(checks: Iterable[Check]) -> Iterator[Check]:
             others = [each[1] for each in more]
             who = "all servos" if len(more) == 5 else "servos "
             who += "" if len(more) == 5 else f"{', '.join([servo, *others[:-1]])} and {others[-1]}"
-            sentence = f"{who}: {re.sub('^it ', 'each ', text)}"
-            check = replace(check, name="servos", sentence=sentence)
+            text = re.sub("^: it ", ": each ", re.sub("^ does ", " do ", text))
+            check = replace(check, name="servos", sentence=f"{who}{text}")
         yield check
+
+
+def explain(
+    seen: ServosOnBus, ids: Mapping[str, int], counters: Mapping[int, ReplyCounter]
+) -> tuple[str, ...]:
+    """What is wrong with the servos of an arm in use, whose ``ids`` are by joint."""
+    # Beside a whole arm other servos are wheels, a head or another arm's.
+    servos = replace(chain_check.judged(seen, ids), unexpected_ids=())
+    about = Findings(servos=servos)
+    checks = _joined(check for judge in _OF_SERVOS for check in judge(about))
+    wrong = [f"{each.sentence}; {each.fix}" for each in checks if each.verdict != "ok"]
+    names = {i: joint for joint, i in ids.items()}
+    answering = {i: each for i, each in counters.items() if i in names and i in seen.servos}
+    return (*wrong, *_losses(answering, names))
+
+
+def label(servo_id: int, names: Mapping[int, str]) -> str:
+    """The name of a servo in a message; ``names`` has the joint of each, by id."""
+    name = names.get(servo_id)
+    return f"servo {servo_id}" + (f" ({name})" if name else "")
+
+
+def _losses(counters: Mapping[int, ReplyCounter], names: Mapping[int, str]) -> Iterator[str]:
+    """What is wrong with the answers since the port was opened."""
+    lost = {
+        i: share for i, each in counters.items() if (share := lossy_share(each.lost, each.asked))
+    }
+    is_everyone = len(counters) > 1 and lost.keys() == counters.keys()
+    for servo_id, counter in counters.items():
+        if garbled := lossy_share(counter.corrupt, counter.asked):
+            yield (
+                f"{label(servo_id, names)}: {100 * garbled:.1f} % of its answers are garbled: a"
+                " loose cable, a brown-out, or another servo with the same id"
+            )
+        if servo_id in lost and not is_everyone:
+            yield (
+                f"{label(servo_id, names)}: {100 * lost[servo_id]:.1f} % of the questions to it got"
+                " no answer: a loose cable"
+            )
+    asked = sum(counter.asked for counter in counters.values())
+    if late := lossy_share(sum(counter.late for counter in counters.values()), asked):
+        yield (
+            f"{100 * late:.1f} % of the answers came late, none of them is lost: set the adapter's"
+            " latency timer to 1 ms, and use neither a hub nor a virtual machine"
+        )
+    if is_everyone:
+        yield (
+            f"{100 * min(lost.values()):.1f} % of the questions got no answer, with every servo:"
+            " this computer is too busy, or the first cable is loose"
+        )
 
 
 def is_healthy(checks: Iterable[Check]) -> bool:
@@ -310,12 +361,21 @@ def _settings(joint: str, facts: ServoFacts, stored: Stored | None) -> Iterator[
     """Check the settings of a servo, which may turn the other way if its calibration says so."""
     name, who = f"servo {facts.servo_id}", f"servo {facts.servo_id} ({joint})"
     filed = stored.calibration.get(joint) if stored is not None else None
-    counts_down = filed is not None and filed.drive_mode != 0
+    counts_down = facts.counts_down or (filed is not None and filed.drive_mode != 0)
     for odd in replace(facts, counts_down=counts_down).odd_settings:
         verdict: Verdict = "fail" if odd.forbids else "warn"
         yield Check(name=name, verdict=verdict, sentence=f"{who}: {odd.sentence}", fix=odd.fix)
     if facts.model_note:
         yield warn(name, f"{who} {facts.model_note}", "nothing needs to be done")
+    if facts.holds(reg.TORQUE_ENABLE) == 1 and facts.holds(reg.TORQUE_LIMIT) == 0:
+        text = f"{who}: is driven but its torque limit is 0, so it ignores its goal"
+        yield fail(name, text, "reinitialize it")
+    if abs(offset := facts.holds(reg.HOMING_OFFSET)) > LARGEST_OFFSET:
+        text = f"{who}: its homing offset {offset} is beyond {LARGEST_OFFSET}"
+        yield fail(name, text, "calibrate again")
+    if not 0 <= (position := facts.holds(reg.PRESENT_POSITION)) < reg.TICKS_PER_TURN:
+        text = f"{who}: reports position {position}, outside 0 to {reg.TICKS_PER_TURN - 1}"
+        yield fail(name, text, "calibrate again")
 
 
 def _has_no_jaw(seen: Findings) -> bool:
@@ -531,15 +591,19 @@ def _free_speed(facts: ServoFacts) -> float:
     return _FREE_SPEED[facts.nominal_volts] * facts.volts / facts.nominal_volts
 
 
-_CHECKS: tuple[Callable[[Findings], Iterator[Check]], ...] = (
-    _software,
-    _planner,
-    _port,
+_OF_SERVOS: tuple[Callable[[Findings], Iterator[Check]], ...] = (
     _servos,
     _firmware,
     _supply,
     _temperature,
     _faults,
+)
+
+_CHECKS = (
+    _software,
+    _planner,
+    _port,
+    *_OF_SERVOS,
     _bus_quality,
     _calibration,
     _zeros,

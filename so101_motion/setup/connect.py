@@ -1,14 +1,20 @@
-"""The choice of the port as an operation; all ports are looked at again and again."""
+"""The choice of the port as an operation that looks again and again; the arm's calibration file."""
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.operation import LocalOperation, Offer, Row, View
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
+from so101_motion.drivers.port import port_list
+from so101_motion.files import user_storage
 from so101_motion.setup.checkup import Check, Findings, fail
-from so101_motion.setup.port_selection import Candidate, PortsSeen
+from so101_motion.setup.discovery import PortReport, discover, file_name
 from so101_motion.setup.setup_steps import CONNECT, SetupState
 
 PERIOD = 1.0
@@ -19,6 +25,82 @@ _BARE = (
     "With a new kit this is fine: its motors are connected later, one at a time. With an assembled"
     " arm, first do what is said above."
 )
+_ARM_NAME = re.compile(r"\w[\w -]*")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """A port that servos may be connected to."""
+
+    report: PortReport
+    findings: Findings
+
+    @property
+    def name(self) -> str:
+        return self.report.port.name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PortsSeen:
+    """The ports that are plugged in now."""
+
+    # the ports with servo adapters and those that were named, the likeliest first
+    candidates: tuple[Candidate, ...] = ()
+    nothing: Findings = field(default_factory=Findings)  # findings to show if there is no candidate
+
+
+def look(named: Collection[str] = (), *, reply_timeout: float = REPLY_TIMEOUT) -> PortsSeen:
+    """Look at the named ports, or at all adapters; takes as long as ``discover``."""
+    found = discover(named, reply_timeout=reply_timeout)
+    lost = port_list.adapters_without_port()
+    candidates = tuple(
+        Candidate(report=report, findings=about(report))
+        for report in found.reports
+        if report.port.name in named or (not named and report.port.is_servo_adapter)
+    )
+    others = [f"{report.port.name}: {report.sentence}" for report in found.reports]
+    return PortsSeen(
+        candidates=candidates,
+        nothing=Findings(
+            port_trouble=". ".join((*others, *(note for note in found.notes if note not in lost))),
+            lost_adapters=lost,
+        ),
+    )
+
+
+def about(report: PortReport) -> Findings:
+    name = report.port.name
+    return Findings(
+        port=name,
+        baudrate=report.baudrate,
+        agreeing_file=report.agreeing,
+        adapter=report.port.description,
+        port_trouble="" if report.in_use else port_list.port_problem(name) or "",
+        supply_trouble=report.supply_trouble,
+        interfering_programs={}
+        if port_list.is_rule_installed()
+        else port_list.interfering_programs(),
+        lost_adapters=port_list.adapters_without_port(),
+        latency_timer=port_list.latency_timer(name),
+    )
+
+
+def calibration_file(report: PortReport, name: str = "") -> Path:
+    """The path of the calibration of the arm on a port.
+
+    That is the arm's present file, if one agrees with its servos or has its name; else one in the
+    user's data directory, named after the adapter.
+    """
+    if not name.strip():
+        return report.calibration or user_storage.folder() / file_name(report.port)
+    name = user_storage.checked_name(name, what="arm")
+    if not _ARM_NAME.fullmatch(name):
+        raise ConfigError("arm name", name, "must be letters, digits, spaces and _ -")
+    user_storage.refuse_reserved(name, what="arm name")
+    file = user_storage.folder() / f"{name}_calibration.json"
+    if file.exists() and file != report.calibration:
+        raise ConfigError("arm name", name, "is another arm's already; choose another name")
+    return file
 
 
 class ConnectOperation(LocalOperation):

@@ -28,8 +28,6 @@ from so101_motion.calib.procedure.servo_fit import (
     Load,
     Prediction,
     figures,
-    gravity_of,
-    weights_of,
 )
 from so101_motion.calib.record import servo_file
 from so101_motion.calib.record.servo_file import HandLoad, ServoRecord
@@ -39,9 +37,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.control.request_queue import running_future
-from so101_motion.drivers.bus.ticks import RAD_PER_TICK, Ticks
+from so101_motion.drivers.bus.ticks import Ticks
 from so101_motion.drivers.command_record import SentCommand
-from so101_motion.drivers.emulator.joint_figures import SO101
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.request import Search
 from so101_motion.planning.timing.limits import MotionLimits
@@ -74,24 +71,6 @@ class IdentifyReport:
             else {"mass_g": round(1e3 * load.mass, 1), "com_mm": [to_mm(x) for x in load.com]},
             "changes": list(changes(self.before, self.found)),
         }
-
-    def text(self) -> str:
-        lines = [
-            f"{'joint':<15}{'torque':>8}{'friction':>10}{'dead time':>11}{'play':>8}"
-            f"{'off, as sold':>14}{'as known':>10}"
-        ]
-        for joint, each in self.found.servos.items():
-            play = "–" if each.play is None else f"{to_deg(each.play):.2f}°"
-            told = self.predictions.get(joint)
-            off = ("–", "–") if told is None else (_deg(told.as_sold), _deg(told.as_known))
-            lines.append(
-                f"{joint:<15}{each.torque:>8.0%}{each.friction:>10.0%}{each.dead_time:>11.0%}"
-                f"{play:>8}{off[0]:>14}{off[1]:>10}"
-            )
-        lines += self.remarks()
-        if self.file is not None:
-            lines.append(f"saved in {self.file}; used from the next start")
-        return "\n".join(lines) + "\n"
 
     def remarks(self) -> list[str]:
         said = [f"supply {self.found.volts:.1f} V; shares are of the servo type's figures"]
@@ -151,42 +130,6 @@ def record_of(found: Identified) -> ServoRecord:
     )
 
 
-def write_recordings(
-    folder: Path, records: Mapping[str, JointRecord], weights: Mapping[str, Any]
-) -> tuple[Path, ...]:
-    """Write recordings in the form that ``benchmarks/fit_servo.py`` reads, one file a joint.
-
-    They hold goals, positions, supply and weight, and neither a serial number nor a date.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    files = []
-    for joint, record in records.items():
-        newest = np.searchsorted(record.t_goals, record.t, side="right") - 1
-        goals = record.goals[np.maximum(newest, 0)] - record.zero_ticks
-        ticks = record.ticks - record.zero_ticks
-        files.append(folder / f"{joint}.npz")
-        np.savez_compressed(
-            files[-1],
-            t_s=(record.t - record.t[0])[None],
-            goal_rad=record.direction * goals[None] * RAD_PER_TICK,
-            position_tick=record.direction * ticks[None],
-            torque_enable=np.ones((1, len(ticks)), dtype=np.bool_),
-            volts=record.volts[None],
-            load_nm=weights[joint][None],
-            kp=np.array([record.p_gain]),
-            mass_kg=np.zeros(1),
-            length_m=np.zeros(1),
-            inertia_kgm2=np.array([SO101[record.index].inertia]),
-            acceleration_radps2=np.array([record.acceleration]),
-            trajectory=np.array([f"sweep of {joint}"]),
-        )
-    return tuple(files)
-
-
-def _deg(angle: float) -> str:
-    return f"{to_deg(angle):.2f}°"
-
-
 BASE = to_rad(np.array([0.0, 0.0, -45.0, 0.0, 0.0]))
 """The pose from which each joint is moved [rad]; chosen: hand up and forward, 0.4 m over the table,
 and each joint that bears weight passes from nearly none of it to much."""
@@ -238,7 +181,7 @@ REPORT_REST = 2.0
 _POSITIONS = 2  # every second period is reported: 50 positions a second
 
 Recorded = dict[str, list[float] | list[list[float]]]
-"""Times [s] and angles of all joints [rad], the jaw's aperture last, as sent and as answered."""
+"""Times [s], supply of its servo [V] and angles of all joints [rad], the jaw's aperture last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -316,7 +259,6 @@ class Identification:
         self._computing = OwnProcess()
         self._tape = _Tape(rig)
         self._records: dict[str, JointRecord] = {}
-        self._load: Load | None = None
 
     def outline(self, search: Search | None = None) -> IdentificationOutline:
         """Plan the motions from where the arm stands now; moves nothing."""
@@ -393,16 +335,11 @@ class Identification:
         found, told = self._computing.call(
             figures, self._records, hand_is_empty=hand_is_empty, known=known, judges_found=keeps
         )
-        now, self._load = record_of(found), found.load
+        now = record_of(found)
         kept = servo_file.save(file, now) if keeps and file is not None else None
         if keeps and found.load is not None:
             count_with(self._rig.arm, found.load)
         return IdentifyReport(found=now, before=before, predictions=told, file=kept)
-
-    def write_recordings(self, folder: Path, *, hand_is_empty: bool) -> tuple[Path, ...]:
-        load = None if hand_is_empty else self._load
-        weights = weights_of(self._records, gravity_of, load)
-        return write_recordings(folder, self._records, weights)
 
     def _sweep(self, joint: str) -> Sweep:
         i = ARM_JOINTS.index(joint)
@@ -544,12 +481,13 @@ class _Tape:
                     at[i] = joint_map.to_rad(Ticks(each.goals[joint_map.servo_id]))
             command.append([*(round(x, 4) for x in at), round(jaw, 3)])
             when.append(round(each.t - begin, 4))
-        shown = [state for state, _ in states[::_POSITIONS]]
+        shown = states[::_POSITIONS]
         return {
             "t_cmd_s": when,
             "command": command,
-            "t_s": [round(state.t - begin, 4) for state in shown],
-            "position": [[*(round(float(x), 4) for x in s.q), round(jaw, 3)] for s in shown],
+            "t_s": [round(state.t - begin, 4) for state, _ in shown],
+            "position": [[*(round(float(x), 4) for x in s.q), round(jaw, 3)] for s, _ in shown],
+            "volts": [round(volts, 1) for _, volts in shown],
         }
 
 

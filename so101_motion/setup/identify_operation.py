@@ -64,7 +64,7 @@ class IdentifyOperation(LocalOperation):
     def view(self) -> View:
         outline, report, doing = self._outline, self.report, self._doing
         mode = self._rig.arm.state.mode
-        busy = doing or (None if mode is Mode.HOLDING else f"the arm is {mode.value}")
+        busy = doing or (None if mode is Mode.HOLDING else f"the arm is {mode.words}")
         no_file = _NO_FILE if self._rig.settings.file is None else None
         moves: tuple[Offer, ...] = ()
         text, note = _OFF if report is None or report.file is None else _KEPT, ""
@@ -85,7 +85,7 @@ class IdentifyOperation(LocalOperation):
         return View(
             state="planned" if moves else "idle",
             text=text,
-            columns=() if report is None else ("torque", "friction", "dead time", "play"),
+            columns=() if report is None else _COLUMNS,
             rows=() if report is None else tuple(_rows(report)),
             note=note,
             doing=doing,
@@ -193,14 +193,16 @@ class IdentifyOperation(LocalOperation):
         self._on_progress(doing)
 
 
+_COLUMNS = ("torque", "friction", "dead time", "play", "off, as sold", "as known")
+
+
 def _rows(report: IdentifyReport) -> list[Row]:
-    return [
-        Row(
-            label=joint,
-            cells=(
-                *(f"{share:.0%}" for share in (each.torque, each.friction, each.dead_time)),
-                "–" if each.play is None else f"{to_deg(each.play):.2f}°",
-            ),
-        )
-        for joint, each in report.found.servos.items()
-    ]
+    rows = []
+    for joint, each in report.found.servos.items():
+        told = report.predictions.get(joint)
+        shares = (each.torque, each.friction, each.dead_time)
+        angles = (each.play, *((told.as_sold, told.as_known) if told else (None, None)))
+        cells = [f"{share:.0%}" for share in shares]
+        cells += ["–" if angle is None else f"{to_deg(angle):.2f}°" for angle in angles]
+        rows.append(Row(label=joint, cells=tuple(cells)))
+    return rows

@@ -209,22 +209,6 @@ class MoveReport:
         content = {"schema": SCHEMA, **(versions or {}), **self.to_json()}
         return json.dumps(content, indent=2).encode() + b"\n"
 
-    def text(self) -> str:
-        lines = [
-            f"{self.sentence}.",
-            f"{self.arm}, {self.began_at}, {self.seconds:.0f} s",
-            "",
-            f"{'':12}{'joint':<15}{'off':>8}{'sides':>8}{'behind':>9}{'settles':>9}{'tool':>9}",
-        ]
-        lines += [
-            f"{joint.verdict:<12}{joint.joint:<15}{degrees(joint.error):>8}"
-            f"{degrees(joint.hysteresis):>8}{milliseconds(joint.lag):>9}"
-            f"{milliseconds(joint.settle):>9}{millimetres(joint.tool):>9}"
-            for joint in self.joints
-        ]
-        wrong = [f"{', '.join(same)}: {why}." for why, same in reasons(self.joints).items()]
-        return "\n".join([*lines, *([""] if wrong else []), *wrong]) + "\n"
-
 
 class Measurements:
     """The measurements of one joint so far."""
@@ -413,7 +397,7 @@ class MoveTest(LocalOperation):
         self._outline: Outline | None = None
         self._q_planned: Array | None = None  # where the arm stood then, its jaw last [rad]
         self._run: _Run | None = None
-        self._running: Future[None] | None = None
+        self._running: Future[MoveReport] | None = None
         self.commands = {
             "hold": self._hold_joints,
             "plan": self._plan,
@@ -540,11 +524,7 @@ class MoveTest(LocalOperation):
         self._outline, self._run = None, None
         self._cancelled.clear()
         begun = partial(copy_context().run, self.move_and_measure, outline)  # a stop ends it
-
-        def carry_out() -> None:
-            self.report = begun()
-
-        self._running = own_thread(carry_out)
+        self._running = own_thread(begun)
 
     def _answer(self, as_shown: bool) -> None:
         if self.report is not None:
@@ -598,13 +578,14 @@ class MoveTest(LocalOperation):
                 self._clock.wait(self._clock.now() + _LOOK, threading.Event())
                 run.look(self._arm.state)
         ended_by = run.end(motion.future.exception())
-        return MoveReport(
+        self.report = MoveReport(
             arm=self._name,
             joints=run.results(),
             began_at=began_at.isoformat(timespec="seconds"),
             seconds=self._clock.now() - t_begin,
             ended_by=ended_by,
         )
+        return self.report
 
     def _swing(self, i: int, q: Array) -> Swing:
         lower, upper = self._arm.range

@@ -128,7 +128,7 @@ class PickOperation(LocalOperation):
         if moving:
             return (Offer(command="stop", title="Stop", key="s"),)
         mode = self._picker.arm.state.mode
-        busy = None if mode is Mode.HOLDING else f"the arm is {mode.value}"
+        busy = None if mode is Mode.HOLDING else f"the arm is {mode.words}"
         names = tuple(self._held or self._items)
         nothing = None if names else "there is no item"
         chosen = self._item if self._item in names else (*names, "")[0]

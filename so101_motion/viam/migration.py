@@ -7,7 +7,6 @@ generations of the gripper, with a port of its own or with the name of its arm, 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -41,10 +40,10 @@ class MigratedResource:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Migration:
-    """The result of migrating a configuration; ``old_modules`` is what is needed to go back."""
+    """The result of migrating a configuration."""
 
     parts: tuple[MigratedResource, ...]
-    old_modules: tuple[Mapping[str, Any], ...]
+    module: str  # the published module's name in it; empty without one
     notes: tuple[str, ...]
 
     def configuration(self) -> dict[str, list[object]]:
@@ -53,41 +52,30 @@ class Migration:
             found = [dict(part.config) for part in self.parts if part.kind == kind]
             if found:
                 whole[kind] = list(found)
-        name = next((str(module["name"]) for module in self.old_modules if "name" in module), None)
+        name = self.module
         whole["modules"] = [{**entry, "name": name or entry["name"]} for entry in own_module()]
         return whole
-
-    def steps_back(self) -> tuple[str, ...]:
-        added = sorted({key for part in self.parts for key in part.config["attributes"]} & OURS)
-        back = ["use the published module again: names, models and attributes are the same"]
-        if self.old_modules:
-            back = [
-                f'put its entry under "modules" back: {json.dumps(module)}'
-                for module in self.old_modules
-            ]
-        if added:
-            back.append(f"take out the attributes that only this module knows: {', '.join(added)}")
-        back.append("keep the calibration files: both modules read them")
-        return tuple(back)
 
 
 def migrate(content: object) -> Migration:
     """Migrate a whole configuration, or a component or a list of components out of one."""
     whole = _whole(content)
     listed = whole.get("modules")
-    old_modules = tuple(
-        {key: entry[key] for key in ("type", "name", "module_id", "version") if key in entry}
-        for entry in (listed if isinstance(listed, list) else ())
-        if isinstance(entry, Mapping) and entry.get("module_id") == PUBLISHED
-    )
-    zero = next(map(_zero_of, old_modules), None)  # None if it is not in use
+    entries = filter(_is_published, listed if isinstance(listed, list) else ())
+    old = next(entries, None)
+    zero = None if old is None else _zero_of(old)
     parts = tuple(_part(kind, entry, zero) for kind, entry in _entries(whole))
     if not parts:
         hint = ", so there is nothing to migrate"
         if whole.get("fragments"):
             hint = "; its fragments may have some: take the configuration with fragments resolved"
         raise ConfigError("configuration", None, f"it has no model of {FAMILY}*{hint}")
-    return Migration(parts=parts, old_modules=old_modules, notes=_notes(whole, parts))
+    name = "" if old is None else str(old.get("name", ""))
+    return Migration(parts=parts, module=name, notes=_notes(whole, parts))
+
+
+def _is_published(module: object) -> bool:
+    return isinstance(module, Mapping) and module.get("module_id") == PUBLISHED
 
 
 def _whole(content: object) -> Mapping[str, Any]:
@@ -142,6 +130,8 @@ def _notes(whole: Mapping[str, Any], parts: tuple[MigratedResource, ...]) -> tup
             "keep the module's name: viam-server names the directory of the calibration files after"
             " it"
         )
+    if added := sorted({key for part in parts for key in part.config["attributes"]} & OURS):
+        notes.append(f"to go back, take out what only this module knows: {', '.join(added)}")
     return tuple(notes)
 
 

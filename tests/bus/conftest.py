@@ -9,6 +9,13 @@ import pytest
 from harness.emulated_rig import ModelBench, hardware_bench
 
 
+@pytest.fixture(autouse=True)
+def own_home(tmp_path, monkeypatch):
+    """What is saved goes to a folder of the test, and no port is taken unasked."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    monkeypatch.delenv("SO101_PORT", raising=False)
+
+
 @pytest.fixture
 def options(request):
     marks = [mark.kwargs for mark in request.node.iter_markers("emulated")]

@@ -21,10 +21,6 @@ def memory(bench, joint):
     return bench.world.servo(joint).memory
 
 
-def torque(bench):
-    return [memory(bench, place).raw(emu.TORQUE_ENABLE) for place in range(1, 7)]
-
-
 def let_go(bus):
     for servo_id in range(1, 7):
         bus.write(servo_id, reg.TORQUE_ENABLE, 0)
@@ -59,7 +55,7 @@ def test_lending_moves_nothing_and_other_requests_are_refused_with_the_reason(be
     assert rig.arm.state.mode is Mode.CALIBRATING
     assert rig.arm.state.lent_to == "calibration"
     assert bench.q_deg == pytest.approx(before, abs=0.5)
-    assert torque(bench) == [1] * 6
+    assert bench.driven == [True] * 6
 
 
 def goal_of(pan_deg):
@@ -196,14 +192,14 @@ def test_given_back_without_more_ado_the_arm_is_limp_and_can_be_held(bench):
         loan.call(let_go)
         bench.advance(0.1)
     assert rig.arm.state.mode is Mode.LIMP
-    assert torque(bench) == [0] * 6
+    assert bench.driven == [False] * 6
     assert rig.arm.state.lent_to is None
     with pytest.raises(MotionError, match="no longer in use for calibration"):
         loan.call(lambda bus: None)
     bench.finish(rig.executor.hold())
     bench.advance(1.0)
 
-    assert torque(bench) == [1] * 6
+    assert bench.driven == [True] * 6
 
 
 @pytest.mark.parametrize(("limp", "mode"), [((1, 2), Mode.HOLDING), (range(1, 7), Mode.LIMP)])
@@ -220,7 +216,7 @@ def test_a_borrower_that_fails_leaves_an_arm_that_does_not_fall(bench, limp, mod
         borrow()
 
     assert rig.arm.state.mode is mode
-    assert torque(bench) == [int(mode is Mode.HOLDING)] * 6
+    assert bench.driven == [mode is Mode.HOLDING] * 6
 
 
 def test_the_bus_goes_back_with_the_component_that_had_lent_it(bench):
@@ -239,7 +235,7 @@ def test_a_port_that_is_closed_meanwhile_leaves_the_servos_as_they_are(bench):
     loan.call(lambda bus: bus.write(1, reg.TORQUE_ENABLE, 0))
     rig.close()
 
-    assert torque(bench) == [0, 1, 1, 1, 1, 1]
+    assert bench.driven == [False, *[True] * 5]
     with pytest.raises(MotionError, match="was closed while it was in use for calibration"):
         loan.call(lambda bus: None)
     loan.give_back()
@@ -308,7 +304,7 @@ def test_an_arm_that_is_switched_on_later_is_seen_and_a_component_can_use_it(ben
         bench.world.connect(place)
     bench.advance(2.0)
     assert len(sensor.servos.setups) == 6
-    assert torque(bench) == [0] * 6
+    assert bench.driven == [False] * 6
     arm = bench.open()
     assert arm.arm.state.mode is Mode.HOLDING
-    assert torque(bench) == [1] * 6
+    assert bench.driven == [True] * 6

@@ -35,7 +35,6 @@ def options(options):
 def bench(models, tmp_path, monkeypatch):
     """A new kit without weight, with nothing but a sensor on it."""
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     models.world.gravity = no_gravity
     return models
 
@@ -61,17 +60,13 @@ def offsets(bench):
     return {s.joint.name: reg.decode_offset(s.memory.raw(reg.OFFSET)) for s in bench.world.servos}
 
 
-def driven(bench):
-    return [servo.memory.raw(reg.TORQUE_ENABLE) == 1 for servo in bench.world.servos]
-
-
 async def test_every_command_of_the_workflow_answers_as_published(bench, tmp_path):
     put(bench.world, 0.4)
     port = str(bench.port)
     config = config_of(SENSOR, CALIBRATION, {"port": port}, "calibration")
     assert So101Calibration.validate_config(config)[0] == []
     attributes = {"baudrate": 1000000, "timeout": "5s", "calibration_file": "my_awesome_arm.json"}
-    sensor = bench.new(So101Calibration, "calibration", port=port, **attributes)
+    sensor = bench.new_sensor(**attributes)
     file = tmp_path / "my_awesome_arm.json"
 
     async def check(state):
@@ -104,7 +99,7 @@ async def test_every_command_of_the_workflow_answers_as_published(bench, tmp_pat
     answer = await do(sensor, "start")
     assert answer.keys() == {"success", "state", "message"}
     assert (answer["success"], answer["state"]) == (True, "started")
-    assert not any(driven(bench))
+    assert not any(bench.driven)
     put(bench.world, 0.5)
     await check("started")
 
@@ -140,7 +135,7 @@ async def test_every_command_of_the_workflow_answers_as_published(bench, tmp_pat
     assert (answer["state"], answer["joints_calibrated"]) == ("idle", 6)
     assert answer["calibration_file"] == str(file)
     assert answer["torque_enabled"] is True
-    assert all(driven(bench))
+    assert all(bench.driven)
     await check("idle")
 
     entries = json.loads(file.read_text())
@@ -174,7 +169,7 @@ def connect_only(bench, *joints):
 async def test_every_command_of_the_motor_setup_answers_as_published(bench):
     connect_only(bench, "gripper")
     await bench.pass_time(1.0)
-    sensor = bench.new(So101Calibration, "calibration", port=str(bench.port))
+    sensor = bench.new_sensor()
     gripper = {"motor_name": "gripper"}
     found = await do(sensor, "motor_setup_discover", **gripper)
     assert found.keys() >= {

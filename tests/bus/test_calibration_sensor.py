@@ -12,7 +12,6 @@ from viam.components.arm import JointPositions
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.viam.models.calibration import So101Calibration
 
 HOME = (0.0, -0.8, 0.8, 1.0, 0.0, 0.3)
 
@@ -21,7 +20,6 @@ HOME = (0.0, -0.8, 0.8, 1.0, 0.0, 0.3)
 def data(tmp_path, monkeypatch):
     """The module's data directory."""
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     return tmp_path
 
 
@@ -30,10 +28,6 @@ async def bench(data, planning_process):
     bench = ModelBench(data, q_start=HOME)
     yield bench
     await bench.end()
-
-
-def new_sensor(bench, **attributes):
-    return bench.new(So101Calibration, "calibration", port=str(bench.port), **attributes)
 
 
 async def do(component, command, **arguments):
@@ -66,17 +60,13 @@ def held(bench):
     return [[servo.memory.raw(row) for row in rows] for servo in bench.world.servos]
 
 
-def driven(bench):
-    return [servo.memory.raw(emu.TORQUE_ENABLE) == 1 for servo in bench.world.servos]
-
-
 # Sharing the port
 
 
 @pytest.mark.parametrize("first", ["sensor", "arm", "gripper"])
 async def test_it_shares_the_port_whoever_comes_first(bench, first):
     builders = {
-        "sensor": lambda: new_sensor(bench, timeout="5s"),
+        "sensor": lambda: bench.new_sensor(timeout="5s"),
         "arm": bench.new_arm,
         "gripper": bench.new_gripper,
     }
@@ -96,7 +86,7 @@ async def test_it_shares_the_port_whoever_comes_first(bench, first):
 
 
 async def test_nothing_is_let_go_of_while_the_arm_moves(bench):
-    arm, sensor = bench.new_arm(), new_sensor(bench)
+    arm, sensor = bench.new_arm(), bench.new_sensor()
     await bench.pass_time(1.0)
     goal = JointPositions(values=[30.0, *np.degrees(HOME[1:5])])
     move = await bench.start(arm.move_to_joint_positions(goal), lambda: arm.rig.arm.is_moving)
@@ -108,7 +98,7 @@ async def test_nothing_is_let_go_of_while_the_arm_moves(bench):
 
 
 async def test_a_running_arm_waits_and_then_has_the_new_calibration(bench):
-    arm, gripper, sensor = bench.new_arm(), bench.new_gripper(), new_sensor(bench)
+    arm, gripper, sensor = bench.new_arm(), bench.new_gripper(), bench.new_sensor()
     await bench.pass_time(1.0)
     before = (await do(arm, "get_calibration"))["calibration"]
     await record(bench, sensor)
@@ -122,7 +112,7 @@ async def test_a_running_arm_waits_and_then_has_the_new_calibration(bench):
 
     assert saved["torque_enabled"] is True
     assert "The joints are held" in saved["message"]
-    assert all(driven(bench))
+    assert all(bench.driven)
     after = await do(arm, "get_calibration")
     assert after["calibration"] != before
     assert after["calibration_file"] == saved["calibration_file"]
@@ -132,13 +122,13 @@ async def test_a_running_arm_waits_and_then_has_the_new_calibration(bench):
 
 
 async def test_a_calibration_that_is_aborted_leaves_no_trace(bench, data):
-    arm, sensor = bench.new_arm(), new_sensor(bench)
+    arm, sensor = bench.new_arm(), bench.new_sensor()
     await bench.pass_time(1.0)
     before = held(bench)
     await record(bench, sensor)
     assert held(bench) != before
     await do(sensor, "start")  # anew: what was held before the first is still known
-    assert not any(driven(bench))
+    assert not any(bench.driven)
     put(bench.world, 0.4)
     await do(sensor, "set_homing")
     answer = await do(sensor, "abort")
@@ -150,14 +140,14 @@ async def test_a_calibration_that_is_aborted_leaves_no_trace(bench, data):
 
 
 async def test_an_arm_that_was_limp_stays_limp_when_it_is_aborted(bench):
-    arm, sensor = bench.new_arm(), new_sensor(bench)
+    arm, sensor = bench.new_arm(), bench.new_sensor()
     await do(arm, "set_torque", enable=False)
     await do(sensor, "start")
     answer = await do(sensor, "abort")
 
     assert answer["torque_enabled"] is False
     assert "limp" in answer["message"]
-    assert not any(driven(bench))
+    assert not any(bench.driven)
 
 
 @pytest.mark.parametrize("with_arm", [True, False])
@@ -166,7 +156,7 @@ async def test_removing_the_sensor_half_way_puts_everything_back(bench, with_arm
         bench.new_arm()
         await bench.pass_time(0.5)
     before = held(bench)
-    sensor = new_sensor(bench)
+    sensor = bench.new_sensor()
     await record(bench, sensor)
     await sensor.close()
     await sensor.close()
@@ -188,7 +178,7 @@ async def test_requests_that_cannot_be_meant_are_refused_by_name(bench):
         ({"comand": "start"}, "known"),
         ({}, "known"),
     ]:
-        sensor = new_sensor(bench)
+        sensor = bench.new_sensor()
         with pytest.raises(GRPCError) as caught:
             await sensor.do_command(request_)
 
@@ -197,7 +187,7 @@ async def test_requests_that_cannot_be_meant_are_refused_by_name(bench):
 
 
 async def test_a_servo_that_is_missing_at_the_start_is_named_and_the_arm_stays_up(bench):
-    arm, sensor = bench.new_arm(), new_sensor(bench)
+    arm, sensor = bench.new_arm(), bench.new_sensor()
     await bench.pass_time(0.5)
     bench.world.disconnect("gripper")
     says = await refused(sensor, "start")
@@ -206,13 +196,13 @@ async def test_a_servo_that_is_missing_at_the_start_is_named_and_the_arm_stays_u
     assert "no reply from servo 6 (gripper)" in says
     assert (now["calibration_state"], now["error"]) == ("error", says)
     assert now["available_commands"] == ["reset", "start"]
-    assert driven(bench)[:5] == [True] * 5
+    assert bench.driven[:5] == [True] * 5
     assert arm.rig.arm.state.mode is Mode.HOLDING
     assert (await do(sensor, "reset"))["state"] == "idle"
 
 
 async def test_a_client_that_goes_away_leaves_no_half_step(bench):
-    sensor = new_sensor(bench)
+    sensor = bench.new_sensor()
     for command, state in (("start", "started"), ("set_homing", "homing_position")):
         step = asyncio.create_task(do(sensor, command))
         await asyncio.sleep(0)
@@ -228,7 +218,7 @@ async def test_a_client_that_goes_away_leaves_no_half_step(bench):
 
 
 async def test_the_steps_of_a_setup_are_reported_with_what_is_left_of_each(bench):
-    sensor = new_sensor(bench)
+    sensor = bench.new_sensor()
     await bench.pass_time(0.3)
     told = await do(sensor, "setup_steps", workflow="calibration")
     assert told["title"] == "Calibration Only"

@@ -66,8 +66,7 @@ class Arm:
 
 
 @pytest.fixture
-def arm(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+def arm(tmp_path):
     arm = Arm(tmp_path)
     yield arm
     arm.close()

@@ -118,8 +118,8 @@ def test_a_hand_is_held_back_before_it_leads_an_arm_into_another(arms, beside, c
     into, nearest = np.degrees(guided.world.q), np.inf
     into[0] = -28.0  # in contact
     guided.lead_to(into, 2.0)
-    for _ in range(300):
-        clock.advance(0.01)
+    for _ in range(150):
+        clock.advance(0.02)
         nearest = min(nearest, true_distance(guided, beside))
     assert np.degrees(guided.world.q[0]) < -10.0, "it was led"
     assert 0.0 < nearest < GUARDED
@@ -131,8 +131,7 @@ def test_an_arm_that_a_strong_hand_leads_into_another_says_what_it_touches(arms,
     guided.emulator.advance()
     script = parse_script("0.1 shoulder_pan start\n2.1 shoulder_pan -25\n")
     guided.world.hand = Hand(script, clock.now(), strength=8.0)
-    for _ in range(230):
-        clock.advance(0.01)
+    clock.advance(2.3)
     assert true_distance(guided, beside) < 0.0
     assert re.fullmatch("the .* close to beside's .*", guided.rig.arm.touching())
 
@@ -148,13 +147,14 @@ def test_an_arm_that_follows_targets_stays_off_one_that_a_hand_guides(arms, besi
         following.aim(away if k < 250 else reach)
         clock.advance(0.01)
         held.update(following.held_by)
-        nearest = min(nearest, true_distance(guided, beside))
+        if k % 3 == 0:
+            nearest = min(nearest, true_distance(guided, beside))
     assert any("guided's" in each for each in held)
     assert 0.8 * GUARDED < nearest < 2.0 * GUARDED
     there[0] = 60.0
     guided.lead_to(there, 2.0)
-    for _ in range(500):
-        clock.advance(0.01)
+    for _ in range(170):
+        clock.advance(0.03)
         assert true_distance(guided, beside) > 0.8 * GUARDED
     assert following.held_by == ()
     np.testing.assert_allclose(beside.arm.state.q_ref, reach, atol=1e-6)

@@ -21,12 +21,6 @@ from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 
 
-@pytest.fixture(autouse=True)
-def own_home(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
-    monkeypatch.delenv("SO101_PORT", raising=False)
-
-
 @pytest.fixture
 def make_kit(tmp_path):
     made = []

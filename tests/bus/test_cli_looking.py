@@ -20,10 +20,9 @@ from so101_motion.viam.component_config import HardwareArmConfig, HardwareGrippe
 
 
 @pytest.fixture(autouse=True)
-def own_home(tmp_path, monkeypatch):
+def own_folders(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home" / "data"))
-    for name in ("VIAM_MODULE_DATA", "VIAM_HOME", "SO101_PORT"):
+    for name in ("VIAM_MODULE_DATA", "VIAM_HOME"):
         monkeypatch.delenv(name, raising=False)
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
@@ -207,21 +206,6 @@ def test_a_file_is_compared_with_what_the_servos_hold(arm, file):
 
 
 # Looking at an arm, and at what would be done to it
-
-
-def test_what_a_calibration_and_a_setup_would_do_is_said_and_nothing_is_written(arm, tmp_path):
-    before = memories(arm)
-    result = run("calibrate", "--port", arm.port, "--dry-run", "--file", "new.json")
-    assert result.exit_code == 0, result.output
-    assert "would release" in result.stdout
-    plan = told("calibrate", "--port", arm.port, "--dry-run", "--joint", "gripper")
-    assert plan["joints"] == ["gripper"]
-    result = run("setup", "--port", arm.port, "--dry-run", "--joint", "wrist_flex")
-    assert result.exit_code == 0, result.output
-    assert "the motor of wrist_flex: id 4" in result.stdout
-    assert told("setup", "--port", arm.port, "--dry-run")["would_set_up"] == []
-    assert memories(arm) == before
-    assert not list((tmp_path / "work").iterdir())
 
 
 def test_what_was_identified_is_undone_without_a_motion(arm, file):

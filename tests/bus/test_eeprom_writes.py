@@ -71,9 +71,8 @@ REFUSED = 4
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def files(tmp_path):
     """What verbs need beside an arm: a program, a guided path and a data set."""
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     q = np.radians([[0, -45, 45, 60, 0], [0, -44, 45, 60, 0]])
     waypoints = tuple(Waypoint(name=name, q=each) for name, each in zip("ab", q, strict=True))
     program_files.write(Program.of_waypoints(waypoints), tmp_path / "program.json")
@@ -87,9 +86,6 @@ LOOKS = (
     ("doctor",),
     ("viam", "config"),
     ("plan", *GOAL),
-    ("calibrate", "--dry-run"),
-    ("setup", "--dry-run"),
-    ("setup", "--repair", "--dry-run"),
     ("calibration", "diff", "other.json"),
     ("identify", "--undo"),
 )

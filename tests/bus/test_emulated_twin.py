@@ -33,8 +33,7 @@ def short_of_goal(bus, servo_id):
     return goal - at
 
 
-def test_a_twin_has_the_supply_of_its_type_and_the_servos_of_the_file(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+def test_a_twin_has_the_supply_of_its_type_and_the_servos_of_the_file(tmp_path):
     stiff = {"wrist_roll": ServoFigures(torque=1.0, friction=3.0)}
     found = ServoRecord(at="2026-03-05", volts=7.4, servos=stiff)
     file = servo_file.save(tmp_path / "my_arm.json", found)

@@ -14,11 +14,6 @@ from so101_motion.files import failure_record
 JOINT = "shoulder_pan"
 
 
-@pytest.fixture(autouse=True)
-def own_home(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-
-
 def fail(bench, rig):
     """A joint that is held fast in the middle of a motion; what the motion ends with."""
     motion = bench.go(rig, 80, 0, 0, 0, 0)

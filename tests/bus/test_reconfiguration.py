@@ -12,7 +12,6 @@ from viam.components.arm import JointPositions
 from so101_motion.calib.record import record, store
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.viam.models.calibration import So101Calibration
 from so101_motion.viam.models.hardware_arm import HardwareArm
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
@@ -25,7 +24,6 @@ B = {"shoulder_pan": (900, 3000), "gripper": (1900, 3300)}
 def data(tmp_path, monkeypatch):
     """The module's data directory, with two calibrations."""
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     for name, ranges in (("a.json", A), ("b.json", B)):
         made = {
             joint: record.JointCalibration(
@@ -54,10 +52,6 @@ def new_gripper(bench, form):
     return bench.new_gripper()
 
 
-def new_sensor(bench, **attributes):
-    return bench.new(So101Calibration, "calibration", port=str(bench.port), **attributes)
-
-
 async def replaced(bench, component, build):
     """What ``build`` makes in the component's place, where nothing may move meanwhile."""
     await bench.pass_time(1.0)
@@ -66,13 +60,9 @@ async def replaced(bench, component, build):
     new = build()
     for _ in range(10):
         await bench.pass_time(0.1)
-        assert all(driven(bench))
+        assert all(bench.driven)
     assert bench.q_deg == pytest.approx(before, abs=0.5)
     return new
-
-
-def driven(bench):
-    return [servo.memory.raw(emu.TORQUE_ENABLE) == 1 for servo in bench.world.servos]
 
 
 async def calibration(arm):
@@ -167,13 +157,13 @@ async def test_a_gripper_that_names_its_arm_follows_its_baudrate(bench):
 
 
 async def test_a_sensor_comes_back_with_a_file(bench, data):
-    arm, sensor = bench.new_arm(), new_sensor(bench)
-    again = await replaced(bench, sensor, lambda: new_sensor(bench, calibration_file="b.json"))
+    arm, sensor = bench.new_arm(), bench.new_sensor()
+    again = await replaced(bench, sensor, lambda: bench.new_sensor(calibration_file="b.json"))
 
     assert (await again.get_status())["calibration_file"] == str(data / "b.json")
     assert (await calibration(arm))["calibration_file"] == str(data / "b.json")
     assert lowest(arm, "shoulder_pan") == 900
-    once_more = await replaced(bench, again, lambda: new_sensor(bench))
+    once_more = await replaced(bench, again, lambda: bench.new_sensor())
     assert (await once_more.get_status())["calibration_file"] == str(
         data / "so101_calibration.json"
     )
@@ -190,7 +180,7 @@ async def test_an_arm_that_was_limp_stays_limp(bench):
     await bench.pass_time(0.5)
 
     assert lowest(again, "shoulder_pan") == 900
-    assert not any(driven(bench))
+    assert not any(bench.driven)
 
 
 async def test_what_leaves_asks_for_nothing_any_more(bench):
@@ -258,26 +248,26 @@ async def test_an_arm_with_a_silent_servo_is_not_used_with_the_file_from_before(
 
 async def test_servos_that_nobody_asks_for_any_more_are_not_driven_when_they_answer(bench):
     bench.world.disconnect("wrist_roll")
-    sensor, arm = new_sensor(bench), bench.new_arm()
+    sensor, arm = bench.new_sensor(), bench.new_arm()
     await bench.pass_time(0.5)
     assert arm.rig.not_ready is not None
     await bench.in_time(arm.close())
     await bench.pass_time(1.5)
     bench.world.connect("wrist_roll")
     await bench.pass_time(2.5)
-    assert not any(driven(bench))
+    assert not any(bench.driven)
     assert len((await sensor.do_command({"command": "get_current_positions"}))["positions"]) == 6
     again = bench.new_arm()
     await bench.pass_time(1.0)
-    assert all(driven(bench))
+    assert all(bench.driven)
     assert again.rig.arm.state.mode is Mode.HOLDING
 
 
 async def test_an_arm_that_has_left_is_held_while_the_sensor_changes(bench):
-    arm, sensor = bench.new_arm(calibration_file="a.json"), new_sensor(bench)
+    arm, sensor = bench.new_arm(calibration_file="a.json"), bench.new_sensor()
     await bench.pass_time(0.5)
     await bench.in_time(arm.close())
-    await replaced(bench, sensor, lambda: new_sensor(bench, calibration_file="b.json"))
+    await replaced(bench, sensor, lambda: bench.new_sensor(calibration_file="b.json"))
     assert bench.base.arm.state.mode is Mode.HOLDING
     again = bench.new_arm()
     await bench.pass_time(0.5)
@@ -292,7 +282,7 @@ async def test_an_arm_that_has_left_is_held_while_the_sensor_changes(bench):
 async def test_the_arms_file_counts_and_the_log_names_both(bench, data, caplog, arm_first):
     builders = [
         lambda: bench.new_arm(calibration_file="a.json"),
-        lambda: new_sensor(bench, calibration_file="b.json"),
+        lambda: bench.new_sensor(calibration_file="b.json"),
     ]
     with caplog.at_level(logging.WARNING):
         one, two = (build() for build in (builders if arm_first else reversed(builders)))

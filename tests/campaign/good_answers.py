@@ -5,27 +5,20 @@ holds and held fast in mid-motion. The driver asks again for each answer that it
 which shows on the wire as a question to fewer than all six servos.
 """
 
-import math
 import random
 
 import numpy as np
 from harness.direct_port import DirectPort
 
-from campaign.torn_answers import DT, MAPS, POSITION, SYNC_READ
+from campaign.torn_answers import POSITION, SYNC_READ, Joints
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import So101Error
 from so101_motion.common.modes import Mode
-from so101_motion.control.joint_controller import JointController
-from so101_motion.control.joint_group import Channel, Tolerances
-from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.timing import online
-from so101_motion.planning.timing.limits import MotionLimits
 
 GUIDED = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 
@@ -53,58 +46,40 @@ class CountingPort(DirectPort):
         return super().passed(request, replies)
 
 
-class RoughHandling:
+class RoughHandling(Joints):
     """One arm for some seconds."""
 
     def __init__(self, seed, gravity):
-        self._rng, self._clock = random.Random(seed), ManualClock()
-        self.port = CountingPort(self._clock, gravity)
-        arm = FeetechArm(
-            lambda: self.port,
-            self._clock,
-            MAPS,
-            gravity=gravity,
-            speed=math.radians(220.0),
-            acceleration=math.radians(1000.0),
-            reply_timeout=0.0,
-        )
-        limits = MotionLimits.uniform(velocity=math.pi, acceleration=10.47, jerk=200.0)
-        self._control = JointController(
-            arm,
-            dt=DT,
-            stop_limits=limits,
-            tolerances=Tolerances(settle_position=0.006, settle_velocity=0.06),
-        )
-        self._control.start(0.0, holding=True)
-        self._k = 0
+        self._rng, clock = random.Random(seed), ManualClock()
+        super().__init__(CountingPort(clock, gravity), clock, gravity)
 
     def play(self):
         for act in self._rng.sample((self._fall, self._lead_limp, self._guide, self._blocked), 4):
             try:
                 act()
             except So101Error:
-                self._ticks(10)
+                self.ticks(10)
             self.port.world.hand = Hand()
             if self._control.mode is not Mode.HOLDING and not self._control.is_moving:
-                self._ticks(20)
+                self.ticks(20)
                 self._control.hold()
             while self._control.is_moving:
-                self._ticks(1)
+                self.ticks(1)
 
     def _fall(self):
         self._move(self._rng.choice(([0, -0.9, 0.9, 0, 0], [0, 0.8, -0.8, 0, 0])), 3.0)
         self._control.release()
-        self._ticks(100, self._rng.choice((0.01, 0.05)))
+        self.ticks(100, self._rng.choice((0.01, 0.05)))
 
     def _lead_limp(self):
         self._control.release()
         self._take_hold()
-        self._ticks(150)
+        self.ticks(150)
 
     def _guide(self):
         self._control.guide(Compliance())
         self._take_hold()
-        self._ticks(150)
+        self.ticks(150)
 
     def _blocked(self):
         joint = self._rng.choice(GUIDED)
@@ -125,20 +100,9 @@ class RoughHandling:
         self.port.world.hand = Hand(parse_script(script), self._clock.now())
 
     def _move(self, goal, velocity):
-        limits = MotionLimits.uniform(velocity=velocity, acceleration=8.7, jerk=87.0)
-        q = self._control.state.q_ref
-        trajectory = online.point_to_point(q, np.array(goal, dtype=float), limits, DT)
-        self._control.k = self._k
-        self._control.play(PlannedMotion(trajectory), Channel.ARM)
+        self.begin(np.array(goal, dtype=float), velocity=velocity, acceleration=8.7, jerk=87.0)
         while self._control.is_moving:
-            self._ticks(1)
-
-    def _ticks(self, n, dt=DT):
-        for _ in range(n):
-            self._clock.advance(dt)
-            self._k += 1
-            self._control.k = self._k
-            self._control.tick(self._clock.now(), 0)
+            self.ticks(1)
 
 
 def run(answers, seed=0):

@@ -1,4 +1,4 @@
-"""Every file we write: its writer killed at every step, on a full disk, in a read-only folder.
+"""Every file we write: its writer killed at every step, without room, in a read-only folder.
 
 Laws: a reader finds the old content or the new, nothing else; writing again works; a writer that
 fails raises an error of ours, and leaves everything as it was.
@@ -40,7 +40,6 @@ from so101_motion.tasks.guided import files as guided_files
 from so101_motion.tasks.program import files as program_files
 from so101_motion.tasks.program.program import Program, Waypoint
 
-DISK = 256 << 10  # [byte]
 PAGE = 4096
 
 
@@ -214,7 +213,7 @@ class Attack:
 
     def __init__(self, kind, folder, rng, broken):
         self.kind, self._folder, self._rng, self._broken = kind, folder, rng, broken
-        self._numbers, self.done, self.skipped = 0, Counter(), {}
+        self._numbers, self.done = 0, Counter()
         fresh = self._fresh()
         self.kind.write(fresh, 1)  # what is imported now is not imported by a dying process
         self.kind.read(fresh)
@@ -305,38 +304,6 @@ class Attack:
             self._object(f"{what}: then {type(error).__name__}: {error}")
         shutil.rmtree(folder)
 
-    def full_disk(self, free):
-        """On a disk of its own with ``free`` bytes left."""
-        folder = self._folder / "disk"
-        folder.mkdir(exist_ok=True)
-        said = self._child(lambda: self._on_small_disk(folder, free))
-        if said is not None and said.startswith("skipped"):
-            self.skipped["full disk"] = said
-            return
-        self.done["full disk"] += 1
-        if said != "good":
-            self._object(f"on a disk with {free} bytes left: {said}")
-
-    def _on_small_disk(self, folder, free):
-        problem = dying.small_disk(folder, DISK)
-        if problem is not None:
-            return f"skipped: {problem}"
-        os.environ["VIAM_MODULE_DATA"] = str(folder)
-        os.environ["XDG_DATA_HOME"] = str(folder / "home")
-        self.kind.write(folder, 0)
-        filler, room = folder / "filler", os.statvfs(folder)
-        filler.write_bytes(bytes(max(room.f_bavail * room.f_bsize - free, 0)))
-        said = _outcome(self.kind, folder)
-        found = self.kind.read(folder)
-        if said not in ("ours", "written") or found not in ((0, 1) if said == "written" else (0,)):
-            return f"{said}, and then it held {found}"
-        left = [path.name for path in folder.rglob("*.tmp")]
-        if left:
-            return f"{left} stay behind"
-        filler.unlink()
-        self.kind.write(folder, 2)
-        return "good" if self.kind.read(folder) == 2 else "nothing can be written afterwards"
-
     def _child(self, act):
         """What ``act`` returned in a child of ours; None if that was killed."""
         read, write = os.pipe()
@@ -367,14 +334,12 @@ class Attack:
         for size in self._rng.sample(sizes, min(each, len(sizes))):
             self.kill_in_write(size)
             self.no_room(size)
-        for _ in range(max(1, each // 10)):
-            self.full_disk(self._rng.choice((0, PAGE, 2 * PAGE, 3 * PAGE)))
         self.read_only()
 
 
 def run(seed, each):
     """Attack the writers of all kinds of files."""
-    done, broken, skipped = Counter(), [], {}
+    done, broken = Counter(), []
     shm = Path("/dev/shm")
     base = Path(tempfile.mkdtemp(dir=shm if shm.is_dir() else None))
     base.chmod(0o755)
@@ -385,10 +350,9 @@ def run(seed, each):
             attack = Attack(kind, base / kind.name.replace(" ", "-"), rng, broken)
             attack.all(each)
             done += attack.done
-            skipped |= attack.skipped
     finally:
         shutil.rmtree(base, ignore_errors=True)
-    return {"done": dict(done), "skipped": skipped, "failures": broken}
+    return {"done": dict(done), "failures": broken}
 
 
 def _outcome(kind, folder):

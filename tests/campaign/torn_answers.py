@@ -112,37 +112,50 @@ def _sealed(packet):
     return packet + bytes((~sum(packet[2:]) & 0xFF,))
 
 
-class Episode:
-    """One arm for a few seconds, in one mode after the other."""
+class Joints:
+    """An arm on a port that waits for nobody: its driver and its control, cycle by cycle."""
 
-    def __init__(self, seed, share, counter, clock):
-        self._rng, self._tally, self._seed = random.Random(seed), counter, seed
-        self._clock = clock
-        self._port = TornPort(self._clock, self._rng, counter)
+    def __init__(self, port, clock, gravity):
+        self.port, self._clock, self._k = port, clock, 0
         self._arm = FeetechArm(
-            lambda: self._port,
-            self._clock,
-            MAPS,
-            gravity=lambda q: np.zeros(6),
-            speed=math.radians(220.0),
-            acceleration=math.radians(1000.0),
-            reply_timeout=0.0,
-        )
-        self._share, self._k = share, 0
-        self._believed, self._last = {}, None
-        self._path, self._cap = [], HARD_CAP
-        self._arm.on_command = self._judge_command
-        limits = MotionLimits.uniform(velocity=math.pi, acceleration=10.47, jerk=200.0)
+            lambda: port, clock, MAPS, gravity=gravity, speed=math.radians(220.0),
+            acceleration=math.radians(1000.0), reply_timeout=0.0,
+        )  # fmt: skip
         self._control = JointController(
             self._arm,
             dt=DT,
-            stop_limits=limits,
+            stop_limits=MotionLimits.uniform(velocity=math.pi, acceleration=10.47, jerk=200.0),
             tolerances=Tolerances(settle_position=0.006, settle_velocity=0.06),
         )
         self._control.start(0.0, holding=True)
 
+    def begin(self, goal, **limits):
+        """Begin a motion from where the joints are wanted to ``goal``, shape (5,) [rad]."""
+        limits = MotionLimits.uniform(**limits)
+        trajectory = online.point_to_point(self._control.state.q_ref, goal, limits, DT)
+        self._control.k = self._k
+        self._control.play(PlannedMotion(trajectory), Channel.ARM)
+
+    def ticks(self, n, dt=DT):
+        for _ in range(n):
+            self._clock.advance(dt)
+            self._k += 1
+            self._control.k = self._k
+            self._control.tick(self._clock.now(), 0)
+
+
+class Episode(Joints):
+    """One arm for a few seconds, in one mode after the other."""
+
+    def __init__(self, seed, share, counter, clock):
+        self._rng, self._tally, self._seed = random.Random(seed), counter, seed
+        super().__init__(TornPort(clock, self._rng, counter), clock, lambda q: np.zeros(6))
+        self._share = share
+        self._believed, self._last, self._path = {}, None, []
+        self._arm.on_command = self._judge_command
+
     def play(self):
-        self._port.share = self._share
+        self.port.share = self._share
         for _ in range(6):
             acts = [self._move, self._move, self._limp, self._guide]
             if self._share:  # a servo that restarts is not heard for a while
@@ -159,13 +172,8 @@ class Episode:
             self._control.hold()
         q = self._control.state.q_ref
         goal = q + np.radians([self._rng.uniform(-25.0, 25.0) for _ in range(5)])
-        limits = MotionLimits.uniform(
-            velocity=math.radians(CAP), acceleration=math.radians(200.0), jerk=40.0
-        )
-        goal = np.clip(goal, -1.5, 1.5)
-        trajectory = online.point_to_point(q, goal, limits, DT)
-        self._control.k = self._k
-        self._control.play(PlannedMotion(trajectory), Channel.ARM)
+        goal, cap = np.clip(goal, -1.5, 1.5), math.radians(CAP)
+        self.begin(goal, velocity=cap, acceleration=math.radians(200.0), jerk=40.0)
         self._ticks(self._rng.randrange(20, 120))
         if self._control.is_moving:
             waiting = Future()
@@ -185,7 +193,7 @@ class Episode:
         self._control.hold()
 
     def _restart(self):
-        self._port.world.reboot(self._rng.randrange(1, 7))
+        self.port.world.reboot(self._rng.randrange(1, 7))
         self._ticks(40, dt=0.05)
         self._control.hold()
 
@@ -199,12 +207,9 @@ class Episode:
 
     def _ticks(self, n, dt=DT):
         for _ in range(n):
-            self._clock.advance(dt)
-            self._k += 1
             self._tally.cycles += 1
             try:
-                self._control.k = self._k
-                self._control.tick(self._clock.now(), 0)
+                self.ticks(1, dt)
             except So101Error as error:
                 self._tally.faults[type(error).__name__] += 1
                 self._control.fail(error)
@@ -228,8 +233,8 @@ class Episode:
             self._believed[joint] = (q, t)
 
     def _judge_motion(self):
-        self._port.world.advance(self._clock.now())
-        self._path.append((self._clock.now(), np.degrees(self._port.world.q[:5])))
+        self.port.world.advance(self._clock.now())
+        self._path.append((self._clock.now(), np.degrees(self.port.world.q[:5])))
         (t0, q0), (t1, q1) = self._path[max(len(self._path) - 6, 0)], self._path[-1]
         if t1 - t0 >= 0.045:
             speed = np.max(np.abs(q1 - q0)) / (t1 - t0)
@@ -242,14 +247,14 @@ class Episode:
         if command.is_guided:
             self._last = None
         elif command.is_seed:
-            self._port.world.advance(self._clock.now())
-            off = np.max(np.abs(q - np.degrees(self._port.world.q[:5])))
+            self.port.world.advance(self._clock.now())
+            off = np.max(np.abs(q - np.degrees(self.port.world.q[:5])))
             if off > SEED:
                 self._break(f"a command began {off:.1f} deg from its joint")
         elif last is not None:
             steps, dt = np.abs(q - np.degrees(last.q_cmd)), command.t - last.t
-            self._port.world.advance(self._clock.now())
-            off = np.abs(q - np.degrees(self._port.world.q[:5]))
+            self.port.world.advance(self._clock.now())
+            off = np.abs(q - np.degrees(self.port.world.q[:5]))
             jumps = (steps > HARD_CAP * max(dt, DT) + 0.01) & (off > SEED)
             if not last.is_seed and jumps.any():
                 self._break(f"the command jumped by {np.max(steps):.1f} deg in {dt:.3f} s")

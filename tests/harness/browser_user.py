@@ -112,8 +112,8 @@ class Guest:
     def resize(self, size):
         """Give the window a size, and wait until the page has built its panels anew."""
         self.page.set_viewport_size({"width": size[0], "height": size[1]})
-        docked = 7 if size[0] >= 1100 else 0
-        self.until(lambda: min(self.page.locator("[data-dock-tab]").count(), 7) == docked)
+        docked = 8 if size[0] >= 1100 else 0
+        self.until(lambda: min(self.page.locator("[data-dock-tab]").count(), 8) == docked)
 
     def in_front(self, tab):
         self.page.get_by_role("tab", name=tab, exact=True).filter(visible=True).first.click()

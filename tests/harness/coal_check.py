@@ -40,6 +40,3 @@ class Silent:
 
     def near(self, *_):
         return None
-
-    def lacks_more(self, *_):
-        return None

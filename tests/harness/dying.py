@@ -1,11 +1,10 @@
-"""Kill a process that writes files at a chosen step, or fill its disk.
+"""Kill a process that writes files at a chosen step, or let none of its files grow.
 
 ``dies_at`` counts every step that the process takes in a folder (open, rename, remove, make, list,
 lock), and every ``fsync`` before and after it; ``dies_writing`` kills it in the middle of a write.
 Call them only in a forked child.
 """
 
-import ctypes
 import itertools
 import os
 import resource
@@ -16,7 +15,6 @@ STEPS = {
     "open", "os.rename", "os.remove", "os.mkdir", "os.listdir", "os.scandir", "fcntl.flock",
     "os.chmod", "os.link",
 }  # fmt: skip
-_NEW_USER, _NEW_MOUNTS = 0x10000000, 0x00020000
 
 
 def dies_at(step, folder):
@@ -52,26 +50,6 @@ def fails_writing(size):
     ``OSError``."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
-
-def small_disk(folder, size):
-    """Mount a disk of ``size`` bytes on ``folder``, for this process only; the reason if it
-    fails."""
-    libc, user = ctypes.CDLL(None, use_errno=True), (os.getuid(), os.getgid())
-    if libc.unshare(_NEW_USER | _NEW_MOUNTS) != 0:
-        return f"no namespace of its own: {os.strerror(ctypes.get_errno())}"
-    try:
-        with open("/proc/self/setgroups", "w") as file:
-            file.write("deny")
-        for name, mine in zip(("uid_map", "gid_map"), user, strict=True):
-            with open(f"/proc/self/{name}", "w") as file:
-                file.write(f"0 {mine} 1")
-    except OSError as error:
-        return f"no user of its own: {error.strerror}"
-    options = f"size={size}".encode()
-    if libc.mount(b"tmpfs", os.fsencode(folder), b"tmpfs", 0, options) != 0:
-        return f"no disk of its own: {os.strerror(ctypes.get_errno())}"
-    return None
 
 
 def without_rights():

@@ -25,6 +25,7 @@ from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.defaults import TIMEOUT
+from so101_motion.drivers.emulator import registers as emu
 from so101_motion.drivers.emulator.emulator import EmulatorOptions
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.planning.goals import JointGoal
@@ -32,6 +33,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.torque import Payload
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.viam.models.calibration import So101Calibration
 from so101_motion.viam.models.hardware_arm import HardwareArm
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
@@ -142,6 +144,11 @@ class HardwareBench(PortBench):
         """True angles of the six joints [deg]."""
         self.emulator.advance()
         return np.degrees(self.world.q)
+
+    @property
+    def driven(self):
+        """Which servos have torque."""
+        return [servo.memory.raw(emu.TORQUE_ENABLE) == 1 for servo in self.world.servos]
 
     def arm_deg(self, rig):
         """True angles of the arm joints as the rig counts them [deg]."""
@@ -287,6 +294,9 @@ class ModelBench(HardwareBench):
 
     def new_gripper(self, name="gripper", **attributes):
         return self.new(HardwareGripper, name, **{"port": str(self.port), **attributes})
+
+    def new_sensor(self, **attributes):
+        return self.new(So101Calibration, "calibration", port=str(self.port), **attributes)
 
     async def pass_time(self, seconds):
         await asyncio.to_thread(self.advance, seconds)

@@ -288,7 +288,7 @@ def try_demo(machine: Machine, line: str, folder: str) -> None:
         verdict = f"a link; the page comes ({size // 1000} kB)" if size > 100_000 else ""
         os.killpg(process.pid, signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(15.0)
+            process.wait(120.0)
         verdict = verdict if "ended by Ctrl-C" in log.read_text() else ""
     end(process)
     machine.note(line, verdict, last_words(log.read_text()), seconds)
@@ -418,6 +418,8 @@ def main() -> int:
     given = parser.parse_args()
     if os.geteuid() != 0 or not shutil.which("mmdebstrap"):
         sys.exit("this needs root and mmdebstrap (apt-get install mmdebstrap)")
+    # A shell that starts this in the background has it ignore Ctrl-C, and what it starts as well.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     parts = {"readme": try_readme, "stumble": try_stumbling}
     rows: list[Row] = []
     given.work.mkdir(parents=True, exist_ok=True)

@@ -15,6 +15,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from try_machines import megabytes
+
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = "demo --text"
 ARRIVED = "arrived at (250.0, 120.0, 150.0) mm"
@@ -69,6 +71,8 @@ def main():
         run(f"pip/bin/pip install --quiet {pins} '{wheel}[viewer]'", folder, **there)
         run(f"../pip/bin/so101 {DEMO}", empty, ARRIVED, **there)
         run(f"pip/bin/pip download --quiet {pins} '{wheel}[viewer]' --dest wheels", folder, **there)
+        for name in ("pip", "wheels"):
+            print(f"the folder {name} takes {megabytes(folder / name)} MB", flush=True)
 
         offline = "--no-index --find-links ../wheels"
         run(f"{sys.executable} -m venv offline", folder)

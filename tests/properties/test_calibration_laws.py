@@ -93,7 +93,7 @@ offsets = st.fixed_dictionaries({joint: st.integers(-2047, 2047) for joint in JO
 shares = st.fixed_dictionaries({joint: st.floats(0.0, 1.0) for joint in JOINTS})
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(mounted, offsets, shares)
 def test_every_joint_is_calibrated_wherever_its_seam_its_offset_and_its_pose_are(
     zeros, held_before, poses

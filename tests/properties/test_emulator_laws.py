@@ -65,6 +65,7 @@ def test_a_chunk_means_the_same_as_its_bytes_one_by_one(pieces):
     assert whole.state is single.state
 
 
+@settings(max_examples=40)
 @given(
     address=st.integers(0, reg.SIZE + 3),
     count=st.integers(0, reg.SIZE),

@@ -54,7 +54,7 @@ def assert_inside(q):
     assert np.all(q <= MODEL.upper)
 
 
-@settings(max_examples=120)
+@settings(max_examples=60)
 @given(q=inside, q_seed=anywhere, frame=frames, metric=metrics)
 @example(q=DOWN, q_seed=np.zeros(5), frame="jaw_tip", metric=GoalMetric.FULL_POSE)
 @example(q=DOWN, q_seed=np.zeros(5), frame="tool", metric=GoalMetric.POSITION_AND_APPROACH)
@@ -69,7 +69,7 @@ def test_ik_undoes_fk(q, q_seed, frame, metric):
     assert solution.error_angle == pytest.approx(turn, abs=1e-7)
 
 
-@settings(max_examples=120)
+@settings(max_examples=60)
 @given(p_base=points, rpy=rotations, q_seed=anywhere, frame=frames, metric=metrics)
 def test_whatever_is_asked_the_answer_is_inside_and_true(p_base, rpy, q_seed, frame, metric):
     goal = PoseGoal(T_base_tool=SE3.from_rpy(rpy, p_base), metric=metric, frame=frame)
@@ -83,7 +83,7 @@ def test_whatever_is_asked_the_answer_is_inside_and_true(p_base, rpy, q_seed, fr
     assert arrived != isinstance(found, Unreachable)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(q=anywhere, frame=st.sampled_from(["tool", "jaw_tip", "wrist_link", "upper_arm_link"]))
 def test_the_jacobian_is_the_derivative_of_the_pose(q, frame):
     J = MODEL.frame_jacobian(q, frame)

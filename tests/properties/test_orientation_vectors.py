@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from so101_motion.common.geometry import SE3, rot_x, rot_y, rot_z, rotation_angle
@@ -16,29 +16,23 @@ from so101_motion.viam.conversion.orientation import (
 
 angles = st.floats(-math.pi, math.pi)
 components = st.floats(-1.0, 1.0, allow_subnormal=False)
-poles = st.sampled_from([0.0, math.pi])
 cone = math.acos(1.0 - POLE)
 
 
-@given(angles, st.floats(cone * 1.001, math.pi - cone * 1.001), angles)
-def test_away_from_the_poles_a_rotation_survives_the_round_trip(longitude, latitude, turn):
+latitudes = st.one_of(
+    st.floats(0.0, math.pi), st.floats(0.0, cone), st.sampled_from([0.0, math.pi])
+)
+
+
+@given(angles, latitudes, angles)
+def test_a_rotation_survives_the_round_trip_but_for_the_direction_of_a_tilt_near_a_pole(
+    longitude, latitude, turn
+):
     R = rot_z(longitude) @ rot_y(latitude) @ rot_z(turn)
+    tilt = min(latitude, math.pi - latitude)
+    lost = 2.0 * tilt if tilt < 1.001 * cone else 0.0
 
-    assert rotation_angle(to_rotation(from_rotation(R)).T @ R) < 1e-7
-
-
-@given(poles, angles)
-def test_at_the_poles_a_rotation_survives_the_round_trip(latitude, turn):
-    R = rot_y(latitude) @ rot_z(turn)
-
-    assert rotation_angle(to_rotation(from_rotation(R)).T @ R) < 1e-7
-
-
-@given(poles, angles, st.floats(0.0, cone * 0.99), angles)
-def test_near_the_poles_at_most_the_direction_of_the_tilt_is_lost(latitude, longitude, tilt, turn):
-    R = rot_z(longitude) @ rot_y(latitude + tilt) @ rot_z(turn)
-
-    assert rotation_angle(to_rotation(from_rotation(R)).T @ R) <= 2.0 * tilt + 1e-7
+    assert rotation_angle(to_rotation(from_rotation(R)).T @ R) <= lost + 1e-7
 
 
 @given(components, components, components, angles)
@@ -76,6 +70,7 @@ def test_known_vectors_are_read_as_viam_server_does():
 @pytest.mark.parametrize(
     "o", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.01, 0, -0.9), (0.6, -0.48, 0.64)]
 )
+@settings(max_examples=30)
 @given(theta=angles)
 def test_theta_turns_about_the_vector_like_a_right_handed_screw(o, theta):
     unturned = to_rotation(OrientationVector(o=o, theta=0.0))

@@ -14,7 +14,7 @@ from harness.random_plans import (
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from so101_motion.common.errors import InCollision, Overloaded, PlanningError, Unreachable
+from so101_motion.common.errors import InCollision, Overloaded, Unreachable
 from so101_motion.common.geometry import SE3, rotation_angle
 from so101_motion.planning.cartesian.tool_path import path_through, straight_path
 from so101_motion.planning.goals import (
@@ -57,7 +57,7 @@ LAZY = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
 
 @given(seed=seeds, q_jaw=jaws, limits=motion_limits())
 @example(seed=7139, q_jaw=0.0, limits=LAZY)  # around something: the ends differed in a last bit
-@settings(max_examples=20)
+@settings(max_examples=12)
 def test_between_free_postures_there_is_a_verified_motion(seed, q_jaw, limits):
     rng = np.random.default_rng(seed)
     start, goal = free_configuration(rng, q_jaw), free_configuration(rng, q_jaw)
@@ -70,7 +70,7 @@ def test_between_free_postures_there_is_a_verified_motion(seed, q_jaw, limits):
 
 
 @given(seed=seeds, q_jaw=jaws, frame=st.sampled_from(["tool", "jaw_tip"]))
-@settings(max_examples=20)
+@settings(max_examples=12)
 def test_every_point_that_a_free_posture_reaches_is_reached(seed, q_jaw, frame):
     rng = np.random.default_rng(seed)
     start, there = free_configuration(rng, q_jaw), free_configuration(rng, q_jaw)
@@ -83,7 +83,7 @@ def test_every_point_that_a_free_posture_reaches_is_reached(seed, q_jaw, frame):
 
 
 @given(seed=seeds, count=st.integers(2, 6), tolerance=st.floats(0.0, 0.2))
-@settings(max_examples=12)
+@settings(max_examples=8)
 def test_waypoints_are_passed_as_near_as_asked_or_refused(seed, count, tolerance):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng, 0.0)
@@ -104,34 +104,10 @@ def test_waypoints_are_passed_as_near_as_asked_or_refused(seed, count, tolerance
         assert nearest <= tolerance + 0.04
 
 
-@given(seed=seeds, length=st.floats(0.005, 0.15))
-@example(seed=155735, length=0.03125)  # between two configurations the curve left a limit
-@example(seed=1157, length=0.1094290691661624)  # likewise
-@example(seed=7, length=0.0956388426576767)  # slowed down once, its jerk was still 1 % over
-@settings(max_examples=20)
-def test_a_line_is_followed_within_its_tolerance_or_refused_with_a_reason(seed, length):
-    rng = np.random.default_rng(seed)
-    start = free_configuration(rng, 0.0)
-    direction = rng.standard_normal(3)
-    path = length * direction / np.linalg.norm(direction)
-    T = MODEL.frame(start)
-    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
-    goal = LineGoal(T_base_tool=SE3(T.R, T.p + path))
-    plan, refusal = plan_or_refusal(PlanRequest(q_start=start, goal=goal, limits=limits))
-    if refusal:
-        assert f"of the {length * 1e3:.0f} mm of the line" in str(refusal)
-        return
-    assert_verified(plan, limits, 0.0)
-    offset = np.array([MODEL.frame(q).p for q in plan.trajectory.q]) - T.p
-    along = offset @ path / (path @ path)
-    assert np.linalg.norm(offset - np.outer(along, path), axis=1).max() <= 1e-4
-    assert along[-1] == pytest.approx(1.0, abs=1e-4)
-
-
 # Of an arm that carries something
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(seeds, st.floats(0.0, 0.4), st.floats(0.5, 2.0), st.floats(1.0, 1.4), st.floats(1.0, 15.0))
 def test_no_servo_has_to_exert_more_than_it_can_or_the_motion_is_refused(
     seed: int, mass: float, holding: float, more: float, acceleration: float
@@ -188,6 +164,7 @@ DT = 0.005
 
 frames = st.sampled_from(sorted(CHAINS))
 metrics = st.sampled_from(list(GoalMetric))
+POSITION = GoalMetric.POSITION_ONLY
 
 
 def limits_with(tool_speed):
@@ -249,7 +226,7 @@ def path_deviation(tool_path, p):
 
 
 @given(seed=seeds, frame=frames, metric=metrics, blend=st.sampled_from([0.0, 0.004, 0.05]))
-@settings(max_examples=20)
+@settings(max_examples=12)
 def test_a_path_is_followed_within_its_tolerances_or_refused_with_a_reason(
     seed, frame, metric, blend
 ):
@@ -278,7 +255,7 @@ def test_a_path_is_followed_within_its_tolerances_or_refused_with_a_reason(
 
 
 @given(seed=seeds, blend=st.sampled_from([0.005, 0.02]), cap=st.floats(0.01, 0.3))
-@settings(max_examples=12)
+@settings(max_examples=8)
 def test_a_rounded_path_moves_on_under_the_cap_of_the_tool(seed, blend, cap):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng)
@@ -296,7 +273,7 @@ def test_a_rounded_path_moves_on_under_the_cap_of_the_tool(seed, blend, cap):
 
 
 @given(seed=seeds, metric=metrics)
-@settings(max_examples=12)
+@settings(max_examples=8)
 def test_a_line_turns_the_tool_no_further_off_than_it_says(seed, metric):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng)
@@ -326,25 +303,32 @@ def test_a_line_turns_the_tool_no_further_off_than_it_says(seed, metric):
     assert plan.report.path_deviation.position == pytest.approx(0.0, abs=1e-4)
 
 
-@given(seed=seeds, metric=metrics)
-@example(seed=114, metric=GoalMetric.POSITION_ONLY)
-@example(seed=176, metric=GoalMetric.FULL_POSE)
-@settings(max_examples=20)
-def test_at_every_instant_a_line_is_left_by_no_more_than_is_said(seed, metric):
+@given(seed=seeds, length=st.floats(0.005, 0.15), metric=metrics)
+@example(seed=155735, length=0.03125, metric=POSITION)  # the curve left a limit in between
+@example(seed=1157, length=0.1094290691661624, metric=POSITION)  # likewise
+@example(seed=7, length=0.0956388426576767, metric=POSITION)  # slowed down once, jerk was 1 % over
+@example(seed=114, length=None, metric=POSITION)
+@example(seed=176, length=None, metric=GoalMetric.FULL_POSE)
+@settings(max_examples=12)
+def test_a_line_is_left_at_no_instant_by_more_than_is_said_or_refused_with_a_reason(
+    seed, length, metric
+):
     rng = np.random.default_rng(seed)
     start = free_configuration(rng)
     T = MODEL.frame(start)
-    end = SE3(T.R, T.p + step(rng, rng.uniform(0.02, 0.15)))
+    length = rng.uniform(0.02, 0.15) if length is None else length
+    end = SE3(T.R, T.p + step(rng, length))
     goal = LineGoal(T_base_tool=end, metric=metric, orientation_tolerance=np.radians(20.0))
-    request = PlanRequest(q_start=start, goal=goal, limits=limits_with(None))
-    try:
-        plan = PLANNER.plan(request)
-    except PlanningError:
-        assume(False)
+    plan, refusal = plan_or_refusal(PlanRequest(q_start=start, goal=goal, limits=limits_with(None)))
+    if refusal:
+        assert f"of the {length * 1e3:.0f} mm of the line" in str(refusal)
+        return
+    assert_verified(plan, limits_with(None), 0.0)
     motion = plan.trajectory
     q, _, _ = motion.at(np.arange(10 * (len(motion) - 1) + 1) * 0.1 * motion.dt)
     p = CHAINS["tool"].positions(q) - T.p
-    along = (end.p - T.p) / np.linalg.norm(end.p - T.p)
+    along = (end.p - T.p) / length
     off = np.linalg.norm(p - np.outer(p @ along, along), axis=1).max()
     assert off <= 0.05e-3  # half the tolerance of a line
     assert off <= 1.03 * plan.report.path_deviation.position + 1e-6
+    assert p[-1] @ along == pytest.approx(length, abs=1e-4)

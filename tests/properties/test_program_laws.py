@@ -83,7 +83,7 @@ TO_AND_FRO = [  # as far apart as a passed place may be missed, and a little mor
 ]
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @example(np.array(TO_AND_FRO * 2), CAPS[0], SCENES[0])
 @given(ways(), st.sampled_from(CAPS), st.sampled_from(SCENES))
 def test_passed_waypoints_are_passed_near_enough_in_order_and_within_the_caps(
@@ -109,7 +109,7 @@ def test_passed_waypoints_are_passed_near_enough_in_order_and_within_the_caps(
         assert np.abs(q[then] - place).max(axis=1).min() <= PASSING + 1e-3
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(ways(), st.sampled_from(CAPS))
 def test_passing_is_seldom_slower_than_stopping_and_then_by_little(
     way: np.ndarray, caps: MotionLimits
@@ -179,6 +179,7 @@ def test_every_point_is_near_what_is_left_of_its_path_in_order(path, tolerance):
             assert np.abs(point - x[begin] - reached * way).max() <= tolerance + 1e-9
 
 
+@settings(max_examples=40)
 @given(paths(), st.integers(0, 2**32 - 1))
 def test_points_that_go_along_a_polyline_are_found_on_it_in_order(path, seed):
     if len(path) < 2:

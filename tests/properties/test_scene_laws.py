@@ -1,10 +1,6 @@
 """Laws of every scene: checks, distances and plans agree with a second, plain implementation."""
 
-from functools import cache
-
-import coal
 import numpy as np
-import so101_description
 from harness.coal_check import CoalJudge
 from harness.random_plans import (
     MODEL,
@@ -25,12 +21,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import (
     LINKS,
-    Box,
-    Capsule,
-    Mesh,
-    PointCloud,
     Scene,
-    Sphere,
 )
 from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
@@ -44,7 +35,7 @@ judges = st.sampled_from([CollisionModel, CoalJudge])
 
 
 @given(seed=seeds, q_jaw=jaws, margin=margins, held=st.booleans(), judge=judges)
-@settings(max_examples=27)
+@settings(max_examples=18)
 def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, held, judge):
     rng = np.random.default_rng(seed)
     collision = judge(MODEL, random_scene(rng, margin, held=held))
@@ -56,7 +47,7 @@ def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, h
 
 
 @given(seed=seeds, q_jaw=jaws, within=st.sampled_from([0.01, 0.05, 0.1]), judge=judges)
-@settings(max_examples=18)
+@settings(max_examples=12)
 def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw, within, judge):
     rng = np.random.default_rng(seed)
     collision = judge(MODEL, random_scene(rng, held=True))
@@ -79,7 +70,7 @@ def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw
 
 
 @given(seed=seeds, q_jaw=jaws, judge=judges)
-@settings(max_examples=18)
+@settings(max_examples=10)
 def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, judge):
     rng = np.random.default_rng(seed)
     collision = judge(MODEL, random_scene(rng, held=True))
@@ -116,115 +107,12 @@ def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held):
             assert np.allclose(blocked, start + share * (end - start), atol=1e-9)
 
 
-class SecondOpinion:
-    """Plain distances between all links, and from all but the base to everything, one by one.
-
-    Shares nothing with what is tested but the hulls of the links and coal itself.
-    """
-
-    def __init__(self, scene):
-        self._things = [(*standing(each.shape), each.T_base_obstacle) for each in scene.obstacles]
-        self._held = [(held_points(each.shape), each.T_tool_object) for each in scene.attached]
-        self._floor_z = scene.floor_z
-
-    def touches(self, q, q_jaw):
-        T = MODEL.link_placements(q, q_jaw)
-        links = list(T)
-        bodies = [(hull(so101_description.PARTS[link]), T[link]) for link in links]
-        T_base_tool = MODEL.frame(q)
-        held = [
-            (solid(points), T_base_tool @ T_tool_object) for points, T_tool_object in self._held
-        ]
-        for i in range(len(links)):
-            for j in range(i + 2, len(links)):
-                if overlap(*bodies[i], *bodies[j]):
-                    return True
-        for shape, place in held:
-            if any(overlap(*body, shape, place) for body in bodies[:5]):
-                return True
-        for parts, _, place in self._things:
-            for part, offset in parts:
-                if any(overlap(*body, part, place @ offset) for body in (*bodies[1:], *held)):
-                    return True
-        if self._floor_z is None:
-            return False
-        low = [np.min((place @ np.array(shape.points()))[:, 2]) for shape, place in bodies[2:]]
-        low += [np.min((T_base_tool @ T_tool @ points)[:, 2]) for points, T_tool in self._held]
-        return min(low) <= self._floor_z
-
-
-@cache
-def hull(part):
-    return solid(so101_description.load_hull(part).vertices)
-
-
-def solid(points):
-    listed = coal.StdVec_Vec3s()
-    for point in points:
-        listed.append(point)
-    return coal.ConvexBase.convexHull(listed, False, "Qt")
-
-
-def standing(shape):
-    """Convex parts of a shape with their places in it."""
-    here = SE3.identity()
-    if isinstance(shape, Box):
-        return [(coal.Box(*shape.size.tolist()), here)], None
-    if isinstance(shape, Sphere):
-        return [(coal.Sphere(shape.radius), here)], None
-    if isinstance(shape, Capsule):
-        return [(coal.Capsule(shape.radius, shape.length - 2.0 * shape.radius), here)], None
-    if isinstance(shape, Mesh):
-        return [(coal.TriangleP(*shape.vertices[t]), here) for t in shape.triangles], None
-    edge = shape.resolution
-    cells = np.unique(np.floor(shape.points / edge), axis=0) + 0.5
-    return [(coal.Box(edge, edge, edge), SE3.from_translation(c * edge)) for c in cells], None
-
-
-def held_points(shape):
-    """Points whose hull lies in what is held."""
-    if isinstance(shape, Mesh):
-        return shape.vertices
-    if isinstance(shape, PointCloud):
-        return shape.points
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    if isinstance(shape, Box):
-        return 0.5 * signs * shape.size
-    core = np.array([[0.0, 0.0, 0.0]])
-    if isinstance(shape, Capsule):
-        reach = 0.5 * shape.length - shape.radius
-        core = np.array([[0.0, 0.0, reach], [0.0, 0.0, -reach]])
-    ball = shape.radius * signs / np.sqrt(3.0)
-    return (core[:, None] + ball).reshape(-1, 3)
-
-
-def overlap(first, T_first, second, T_second):
-    result = coal.CollisionResult()
-    at = [coal.Transform3s(np.array(T.R), np.array(T.p)) for T in (T_first, T_second)]
-    coal.collide(first, at[0], second, at[1], coal.CollisionRequest(), result)
-    return result.isCollision()
-
-
-def test_the_second_opinion_knows_contact_when_it_sees_it():
-    rng = np.random.default_rng(0)
-    touching = 0
-    for _ in range(10):
-        scene = random_scene(rng, held=True)
-        collision, opinion = CollisionModel(MODEL, scene), SecondOpinion(scene)
-        for _ in range(10):
-            q = random_configuration(rng)
-            if opinion.touches(q, 0.5):
-                touching += 1
-                assert not collision.is_free(q, 0.5)
-    assert touching > 20
-
-
 @given(seed=seeds, q_jaw=jaws, held=st.booleans())
-@settings(max_examples=9)
+@settings(max_examples=6)
 def test_a_plan_touches_nothing_or_says_what_is_in_the_way(seed, q_jaw, held):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=held)
-    collision, opinion = CollisionModel(MODEL, scene), SecondOpinion(scene)
+    collision, judge = CollisionModel(MODEL, scene), CoalJudge(MODEL, scene)
     start, goal = two_free_configurations(rng, q_jaw, collision)
     request = PlanRequest(
         q_start=start, goal=JointGoal(q=goal), limits=LIMITS, q_jaw=q_jaw, scene=scene,
@@ -240,11 +128,11 @@ def test_a_plan_touches_nothing_or_says_what_is_in_the_way(seed, q_jaw, held):
     assert np.array_equal(plan.trajectory.q[-1], goal)
     assert np.abs(plan.trajectory.qd[3:-3]).max(axis=1, initial=0.0).min(initial=1.0) > 0.0, "stops"
     for q in plan.trajectory.q[::3]:
-        assert not opinion.touches(q, q_jaw)
+        assert (judge.distances(q, q_jaw) > 0.0).all()
 
 
 @given(seed=seeds)
-@settings(max_examples=27)
+@settings(max_examples=16)
 def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
     rng = np.random.default_rng(seed)
     scene, beyond = (random_scene(rng, held=True), 0.0) if seed % 3 else (Scene(), 0.1)
@@ -276,7 +164,7 @@ def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
 
 
 @given(seed=seeds)
-@settings(max_examples=18)
+@settings(max_examples=10)
 def test_the_same_request_gives_the_same_bytes(seed):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=bool(seed % 2), count=3)

@@ -32,7 +32,7 @@ def between(q: np.ndarray, share: float) -> np.ndarray:
     return q[:-1] + share * np.diff(q, axis=0)
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(seeds, st.floats(0.2, 3.0), st.floats(0.5, 9.0), st.floats(0.05, 0.5))
 def test_whatever_is_asked_for_limits_are_kept_nothing_is_touched_and_it_can_stop(
     seed: int, velocity: float, acceleration: float, jerk_time: float
@@ -70,7 +70,7 @@ def test_whatever_is_asked_for_limits_are_kept_nothing_is_touched_and_it_can_sto
     assert np.allclose(q[-len(announced) - 1 : -1], announced, atol=1e-9)
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(seeds, st.floats(0.0, 0.5), st.floats(0.6, 2.0))
 def test_whatever_is_asked_for_no_joint_has_to_hold_more_than_it_may(
     seed: int, mass: float, holding: float
@@ -90,7 +90,7 @@ def test_whatever_is_asked_for_no_joint_has_to_hold_more_than_it_may(
     assert np.all(borne <= np.maximum(1.005 * holding, borne[0] + 1e-3))
 
 
-@settings(max_examples=8)
+@settings(max_examples=6)
 @given(seeds)
 def test_bodies_that_are_too_close_at_the_start_never_get_closer(seed: int) -> None:
     rng = np.random.default_rng(seed)

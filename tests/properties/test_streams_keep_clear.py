@@ -18,7 +18,7 @@ from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.rig import HARD_STOP
 
-DT, SCENES = 0.01, 5
+DT, SCENES = 0.01, 3
 MODEL = RobotModel.load()
 
 

@@ -46,7 +46,7 @@ def following(q_start, limits, **settings):
     return Following(q_start=q_start, limits=limits, **more, **settings)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     q_start=inside,
     limits=caps,
@@ -75,7 +75,7 @@ def test_a_following_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target
     bounded(steps, velocity=np.pi, acceleration=10.5, jerk=500.0)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(
     q_start=inside,
     goals=st.lists(angles, min_size=1, max_size=5),
@@ -107,7 +107,7 @@ def test_guarded_distances_are_kept(q_start, goals, fence):
 @given(
     q=inside, qd=inside, target=inside, rate=st.lists(st.floats(-1.0, 1.0), min_size=5, max_size=5)
 )
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_a_steady_target_is_caught_and_kept_exactly(q, qd, target, rate):
     limits = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=300.0)
     now, rate = Setpoint(q=q, qd=qd, qdd=np.zeros(5)), np.array(rate)
@@ -131,7 +131,7 @@ moves = st.lists(
 )
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(script=moves, q_start=inside)
 def test_a_follower_never_steps_and_sets_off_only_near_its_leader(script, q_start):
     clock, predictor = ManualClock(), Predictor()

@@ -94,7 +94,7 @@ def assert_continuous(trajectory: Trajectory) -> None:
         assert np.allclose(left, right, rtol=0.0, atol=1e-7 * rate)
 
 
-@settings(max_examples=20)
+@settings(max_examples=14)
 @given(requests())
 def test_a_timed_path_goes_from_end_to_end_at_rest_within_every_limit(request: Request) -> None:
     trajectory = retime(request.path, request.limits, FINE)
@@ -148,7 +148,7 @@ def motions_of_an_arm(draw) -> tuple[Trajectory, MotionLimits, float]:
     return retime(path, limits, 0.01), limits, 1.25
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(motions_of_an_arm())
 def test_between_the_setpoints_of_an_arm_the_caps_are_kept_as_far_as_is_claimed(made) -> None:
     trajectory, limits, jerk = made
@@ -160,7 +160,7 @@ def test_between_the_setpoints_of_an_arm_the_caps_are_kept_as_far_as_is_claimed(
     assert np.all(np.abs(np.diff(at_rest, 3, axis=0)) <= jerk * limits.jerk * FINE**3)
 
 
-@settings(max_examples=30)
+@settings(max_examples=16)
 @given(states(), st.data())
 def test_point_to_point_keeps_every_limit_and_to_the_line(moving: Moving, data) -> None:
     goal = data.draw(vectors(len(moving.q), -1.0, 1.0))
@@ -175,7 +175,7 @@ def test_point_to_point_keeps_every_limit_and_to_the_line(moving: Moving, data) 
         assert np.all(np.diff(done) >= -1e-9)
 
 
-@settings(max_examples=30)
+@settings(max_examples=10)
 @given(states(), st.data())
 def test_a_new_goal_is_reached_from_any_state_within_every_limit(moving: Moving, data) -> None:
     goal = data.draw(vectors(len(moving.q), -1.0, 1.0))
@@ -187,7 +187,7 @@ def test_a_new_goal_is_reached_from_any_state_within_every_limit(moving: Moving,
     assert_continuous(trajectory)
 
 
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(states())
 def test_a_stop_comes_to_rest_from_any_state_within_every_limit(moving: Moving) -> None:
     trajectory = online.stop(moving.q, moving.qd, moving.qdd, moving.limits, FINE)

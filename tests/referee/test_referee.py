@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from referee.command import Command, CommandCaps
-from referee.official import RULES, Caps, Referee
+from referee.official import Caps, Referee
 from referee.packets import Parser, Writes
-from referee.travel import Travel
 from so101_motion.drivers.emulator.emulator import Emulator
 
 TICK = 360.0 / 4096.0
@@ -388,21 +387,3 @@ def test_a_write_that_waits_counts_when_it_is_let_go():
     assert writes.feed(packet(1, 4, 42, 0, 8)) == []
     (written,) = writes.feed(packet(254, 5))
     assert written.value(42, 2) == 2048
-
-
-def test_travel_is_judged_over_every_window():
-    travel = Travel(0.04, 1.5)
-    slow = [travel.excess(0.01 * k, 0.3 * k, 30.0) for k in range(50)]
-    assert max(slow) <= 0.0
-    fast = [travel.excess(0.5 + 0.01 * k, 15.0 + 0.35 * k, 30.0) for k in range(100)]
-    assert max(fast) == pytest.approx(100 * 0.05 + 0.3 - 1.5, abs=0.1)
-
-
-def test_a_value_that_was_kept_for_long_counts_from_now():
-    travel = Travel(0.04, 1.5)
-    travel.excess(0.0, 0.0, 30.0)
-    assert travel.excess(10.0, 4.0, 30.0) == pytest.approx(4.0 - 30.0 * 0.04 - 1.5)
-
-
-def test_every_rule_has_a_name_a_test_can_give():
-    assert set(RULES) == {"travel", "limits", "distance", "seed", "stop", "motion", "command"}

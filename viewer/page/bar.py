@@ -36,6 +36,8 @@ class Bar:
     Attributes:
         stop: The widget that Stop presses; None until there is something to stop.
         plan: The widget that the key P presses, or None.
+        lost: What every tab says instead of its own sentence while an arm is not there or not yet
+            held again; None if all are.
         views: Labels and widgets of the buttons over the picture, which turn the camera.
     """
 
@@ -44,6 +46,7 @@ class Bar:
         self.buttons: tuple[BarButton, ...] = ()
         self.stop: viser.GuiButtonHandle | None = None
         self.plan: viser.GuiButtonHandle | None = None
+        self.lost: Sentence | None = None
         self.views: tuple[tuple[str, viser.GuiButtonHandle], ...] = ()
         self._alerts: dict[str, tuple[Sentence, ...]] = {CONNECTION: ()}
 

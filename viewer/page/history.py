@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import count
 from math import inf
 from pathlib import Path
@@ -20,19 +18,43 @@ T = TypeVar("T")
 
 _NUMBERS = count(1)  # of changes, so that those of several kinds are undone in one order
 
-KEPT = 100  # how many values are remembered; chosen
-
 ONE_DRAG = 0.7
 """Values of one kind that follow each other faster than this are one change [s]; chosen: a drag, a
 slider, somebody who types."""
 
 
-class Undoable(ABC):
-    """Changes that can be undone and made again, each with its number."""
+class History(Generic[T]):
+    """The past values of something, the present one, and those that were undone.
 
-    def __init__(self) -> None:
+    Each change has a number.
+
+    Args:
+        restore: Takes the value that was undone or redone to, and which of both in a sentence.
+        now: The time [s]; without it each value counts.
+    """
+
+    kept = 100  # how many values are remembered; chosen
+
+    def __init__(
+        self,
+        value: T,
+        restore: Callable[[T, str], None],
+        now: Callable[[], float] | None = None,
+    ) -> None:
+        self._restore, self._now = restore, now
+        self.forget(value)
+
+    def forget(self, value: T) -> None:
+        """Have ``value`` now, and nothing to undo."""
+        self._values = [value]  # one more than there are changes
         self._numbers: list[int] = []
         self._done = 0  # how many of them are not undone
+        self._changed = -inf
+        self._kind: Hashable = None
+
+    @property
+    def value(self) -> T:
+        return self._values[self._done]
 
     @property
     def can_undo(self) -> bool:
@@ -54,35 +76,11 @@ class Undoable(ABC):
 
     def undo(self) -> None:
         if self.can_undo:
-            self._go(self._done - 1, forward=False)
+            self._go(self._done - 1, "Undone.")
 
     def redo(self) -> None:
         if self.can_redo:
-            self._go(self._done, forward=True)
-
-    @abstractmethod
-    def _go(self, change: int, *, forward: bool) -> None:
-        """Make the change of this index again, or take it back; then count it in ``_done``."""
-
-
-class History(Undoable, Generic[T]):
-    """The past values of something, the present one, and those that were undone.
-
-    Args:
-        restore: Takes the value that was undone or redone to, and which of both in a sentence.
-        now: The time [s]; without it each value counts.
-    """
-
-    def __init__(
-        self,
-        value: T,
-        restore: Callable[[T, str], None],
-        now: Callable[[], float] | None = None,
-    ) -> None:
-        super().__init__()
-        self._values, self._restore = [value], restore  # one more than there are changes
-        self._now, self._changed = now, -inf
-        self._kind: Hashable = None
+            self._go(self._done + 1, "Redone.")
 
     def add(self, value: T, kind: Hashable = None) -> None:
         """Take a new value; what was undone is forgotten.
@@ -93,39 +91,26 @@ class History(Undoable, Generic[T]):
         is_same = kind is not None and kind == self._kind
         is_same_drag = is_same and self._now is not None and self._changed - before < ONE_DRAG
         self._kind = kind
-        kept = self._done - 1 if is_same_drag else self._done
-        self._values = [*self._values[: kept + 1], value][-KEPT:]
-        self._numbers = [*self._numbers[:kept], next(_NUMBERS)][1 - KEPT :]
+        done = self._done - 1 if is_same_drag else self._done
+        self._values = [*self._values[: done + 1], value][-self.kept :]
+        self._numbers = [*self._numbers[:done], next(_NUMBERS)][1 - self.kept :]
         self._done = len(self._numbers)
 
     def amend(self, value: T) -> None:
         self._values[self._done] = value
 
-    def _go(self, change: int, *, forward: bool) -> None:
-        done = change + 1 if forward else change
-        self._restore(self._values[done], "Redone." if forward else "Undone.")
+    def _go(self, done: int, words: str) -> None:
+        self._restore(self._values[done], words)
         self._done, self._changed = done, -inf
 
-
-_KEPT_FILES = 20  # how many changes are remembered; chosen, a long path is a file of megabytes
 
 _LOOKS_EVERY = 1.0
 """How often the folder is read for files of other programs [s]; chosen, nobody waits for it."""
 
-UNDONE = Sentence("Undone: the saved files are as before.")
-REDONE = Sentence("Redone.")
+Contents = Mapping[Path, bytes | None]  # of files that were changed; None for no file
 
 
-@dataclass(frozen=True, slots=True)
-class _Change:
-    """What a file held before a change and after it; None for no file."""
-
-    file: Path
-    before: bytes | None
-    after: bytes | None
-
-
-class SavedFiles(Undoable):
+class SavedFiles(History[Contents]):
     """The user's files of one kind, and undo of their changes. For the page's thread.
 
     Nothing is undone, and ``ConfigError`` raised, if another program has changed the file since.
@@ -136,15 +121,16 @@ class SavedFiles(Undoable):
         tell: Called with the outcome of undo and redo.
     """
 
+    kept = 20  # chosen: a long path is a file of megabytes
+
     def __init__(
         self,
         file_of: Callable[[str], Path],
         listed: Callable[[], tuple[str, ...]],
         tell: Callable[[Sentence], None],
     ) -> None:
-        super().__init__()
+        super().__init__({}, self._put_back)
         self._file_of, self._listed, self._tell = file_of, listed, tell
-        self._changes: list[_Change] = []
         self.names: tuple[str, ...] = ()
         self._looked_at = -inf
         self._look()
@@ -161,26 +147,23 @@ class SavedFiles(Undoable):
         file = self._file_of(name)
         before = _content(file)
         yield file
-        change = _Change(file, before, _content(file))
-        self._changes = [*self._changes[: self._done], change][-_KEPT_FILES:]
-        self._numbers = [*self._numbers[: self._done], next(_NUMBERS)][-_KEPT_FILES:]
-        self._done = len(self._changes)
+        if self.value.get(file, before) != before:  # another program has changed it
+            self.forget({})
+        self.amend({**self.value, file: before})
+        self.add({**self.value, file: _content(file)})
         self._look()
 
-    def _go(self, change: int, *, forward: bool) -> None:
-        made = self._changes[change]
-        if forward:
-            self._put(made.file, made.before, made.after)
-        else:
-            self._put(made.file, made.after, made.before)
-        self._done = change + 1 if forward else change
+    def _put_back(self, wanted: Contents, words: str) -> None:
+        for file in wanted.keys() & self.value.keys():
+            if wanted[file] != self.value[file]:
+                self._put(file, wanted[file])
         self._look()
-        self._tell(REDONE if forward else UNDONE)
+        self._tell(Sentence(words))
 
-    def _put(self, file: Path, expected: bytes | None, content: bytes | None) -> None:
+    def _put(self, file: Path, content: bytes | None) -> None:
         with user_storage.locked(file):
-            if _content(file) != expected:
-                self._changes, self._numbers, self._done = [], [], 0
+            if _content(file) != self.value[file]:
+                self.forget({})
                 raise ConfigError(
                     "file", str(file), "was changed by another program, so nothing was undone"
                 )

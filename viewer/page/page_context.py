@@ -17,8 +17,10 @@ import viser
 
 from so101_motion.common.errors import So101Error
 
+from . import markup
 from .bar import Bar
 from .events import EventLog
+from .screen_state import Sentence
 
 T = TypeVar("T")
 
@@ -102,6 +104,10 @@ class PageContext:
     @property
     def gui(self) -> viser.GuiApi:
         return self.server.gui
+
+    def sentence(self, said: Sentence) -> str:
+        """HTML of a tab's sentence about an arm, or of that an arm is lost."""
+        return markup.sentence(self.bar.lost or said)
 
     def in_background(self, call: Callable[[], T]) -> Future[T]:
         return self.workers.submit(call)

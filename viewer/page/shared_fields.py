@@ -9,7 +9,7 @@ from typing import Any
 import viser
 
 from .bar import board, uuid_of
-from .history import Undoable
+from .history import History
 from .page_context import PageContext
 from .units import PLAIN, Unit
 
@@ -64,7 +64,7 @@ class UndoButtons:
     ``front/row.js`` does it. Presses of a button that has just become grey are harmless.
     """
 
-    def __init__(self, context: PageContext, *edited: Undoable) -> None:
+    def __init__(self, context: PageContext, *edited: History[Any]) -> None:
         self._edited = edited
         self._group = context.buttons("Edits", {"undo": self._undo, "redo": self._redo})
         self._told = context.gui.add_html("", visible=False)

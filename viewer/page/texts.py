@@ -40,6 +40,9 @@ HOLD_FIRST = "The joints are limp: press Hold first."
 _MOVES = "Something moves: press STOP first."
 _IN_USE = {Mode.CALIBRATING: "The servos are in use for a calibration or a motor setup."}
 
+DISCONNECTED = Sentence("The arm is disconnected, so nothing can move.", Tone.BAD)
+BACK = Sentence("The arm is back. Press Hold to go on.", Tone.WARM)
+
 CANNOT_HOLD = dict.fromkeys(HELD, HELD_ALREADY) | _IN_USE
 """Why joints cannot be held, by mode; in the other modes they can."""
 

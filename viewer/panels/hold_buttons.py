@@ -105,6 +105,7 @@ class HoldButtons(Part):
         modes: dict[str, Mode | None] = {}
         states: dict[str, str] = {}
         alerts: dict[Sentence, list[str]] = {}  # of which arms each is true
+        back: list[str] = []
         for name, rig in self._rigs.items():
             connection, state = rig.connection, rig.arm.state
             lost = connection.problem is not None
@@ -120,8 +121,9 @@ class HoldButtons(Part):
             if state.mode in HELD:
                 self._refused.pop(name, None)
             modes[name] = None if lost else state.mode
-            states[name] = texts.mode(state, lost=lost)
             is_back = name in self._old_faults and self._old_faults[name] == state.fault
+            back += [name] if is_back and not lost else []
+            states[name] = "Connected again" if name in back else texts.mode(state, lost=lost)
             lost_at = self._lost_at.get(name, datetime.now())
             said = notice(connection, state, lost_at, is_back=is_back)
             if said is not None:
@@ -138,11 +140,20 @@ class HoldButtons(Part):
         self._bar.buttons = (*self._buttons, *([self._accept] if self._refused else []))
         said_of = (texts.named(", ".join(names), said) for said, names in alerts.items())
         self._bar.alert(CONNECTION, list(said_of))
+        self._tell_tabs(back)
         connected = [mode for mode in modes.values() if mode is not None]
         self._hold.why_not = _why_not(connected, texts.CANNOT_HOLD)
         self._guide.why_not = _why_not(connected, texts.CANNOT_GUIDE)
         self._let_go.why_not = _why_not(connected, texts.CANNOT_LET_GO)
         return False
+
+    def _tell_tabs(self, back: list[str]) -> None:
+        said = texts.DISCONNECTED if self._lost_at else texts.BACK if back else None
+        if said is not None:
+            said = texts.named(", ".join(map(self._called, self._lost_at or back)), said)
+        if said != self._bar.lost:
+            self._bar.lost = said
+            self._context.post(lambda: None)  # after a command every tab is shown anew
 
     def _called(self, name: str) -> str:
         return name if len(self._rigs) > 1 else ""

@@ -18,7 +18,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.rig.protocols import RigLike
 from so101_motion.viam.client import MachineRig
 
-from ..page import markup, texts
+from ..page import texts
 from ..page.bar import uuid_of
 from ..page.jogging import ARROWS, JOINTS, MODES, SPEEDS, Jogging, read_held
 from ..page.page_context import PageContext, Part
@@ -106,7 +106,7 @@ class JogPart(Part):
     def show(self) -> None:
         jogging = self.jogging
         is_on = jogging.mode is not None
-        self._sentence.content = markup.sentence(self._words())
+        self._sentence.content = self._context.sentence(self._words())
         self._switch.label = "End jogging" if is_on else "Start jogging"
         holds = self._arm.state.mode is Mode.HOLDING
         self._switch.disabled = not is_on and (self._is_far or not holds)

@@ -15,7 +15,6 @@ from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import RigLike
-from so101_motion.tasks.sweeps.atlas import Atlas
 
 from ..page import markup
 from ..page.bar import add_stop
@@ -61,7 +60,6 @@ class MovePart(Part):
         bases: Where their bases stand, by name.
         stops: What Stop calls, each in a thread of its own.
         plan: A plan of a single arm that is shown from the start.
-        atlas: Is shaded while the target of a single arm is dragged, instead of a computed reach.
 
     Attributes:
         pages: Target and picture of each arm, by name.
@@ -78,7 +76,6 @@ class MovePart(Part):
         title: str,
         stops: tuple[Callable[[], None], ...],
         plan: Plan | None = None,
-        atlas: Atlas | None = None,
     ) -> None:
         now, submit = next(iter(rigs.values())).clock.now, context.in_background
         self.pages = {
@@ -98,7 +95,7 @@ class MovePart(Part):
         self.model = MoveModel(cell, self.pages, submit=submit, now=now, welcome=welcome)
         if plan is not None:
             self.model.show(plan)
-        self._set_up_scene(bases, atlas, is_one=cell is None)
+        self._set_up_scene(bases, is_one=cell is None)
         self.stop_button = add_stop(context.gui, *stops)
         self.panel = context.gui.add_panel()
         self.panel.dock_left()
@@ -114,7 +111,7 @@ class MovePart(Part):
         self._pictures = 0
         self._drawn = Drawn.PLAN
 
-    def _set_up_scene(self, bases: Mapping[str, SE3], atlas: Atlas | None, *, is_one: bool) -> None:
+    def _set_up_scene(self, bases: Mapping[str, SE3], *, is_one: bool) -> None:
         context, sight = self._context, Sight.of_arms(tuple(bases.values()))
         set_up_view(context.server, sight)
         views, robot = Views(context.server, sight, follows=is_one), RobotModel.load()
@@ -134,7 +131,7 @@ class MovePart(Part):
                 page,
                 model=robot,
                 views=views if is_one else None,
-                reach=ReachView(context.server.scene, robot, atlas) if is_one else None,
+                reach=ReachView(context.server.scene, robot) if is_one else None,
                 on_click=self._clicked,
                 root=self.nodes[name],
             )

@@ -143,7 +143,7 @@ class PlanPanel:
 
     def show(self) -> None:
         model = self._model
-        self._sentence.content = markup.sentence(model.sentence)
+        self._sentence.content = self._context.sentence(model.sentence)
         for target in self._targets.values():
             target.show()
         if self._own_poses is not None:

@@ -14,7 +14,6 @@ from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 from so101_motion.viam.client import MachineRig
 
-from ..page import markup
 from ..page.operation_panel import OperationPanel
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
@@ -53,8 +52,8 @@ class TaskPart(Part):
         self._opening = self._open()
         self._was_impossible = self._was_faulty = False
         self._panels: list[OperationPanel] = []
-        cannot_html = markup.sentence(Sentence(cannot, Tone.WARM))
-        self._cannot = context.gui.add_html(cannot_html, visible=False)
+        self._cannot = Sentence(cannot, Tone.WARM)
+        self._head = context.gui.add_html("", visible=False)
         self.add(OperationPanel(context, self._operation, draw=self._draw))
 
     def add(self, panel: OperationPanel) -> None:
@@ -94,7 +93,8 @@ class TaskPart(Part):
         return any(have_news) or was_impossible != self._was_impossible
 
     def show(self) -> None:
-        self._cannot.visible = self._is_impossible
+        self._head.visible = self._is_impossible or self._context.bar.lost is not None
+        self._head.content = self._context.sentence(self._cannot)
         for panel in self._panels:
             panel.show()
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
-from functools import partial
 from itertools import count
 from pathlib import Path
 from string import ascii_uppercase
@@ -52,46 +51,21 @@ class ArmInStep:
 
     def __init__(self, model: ProgramModel, name: str) -> None:
         self._model, self._name = model, name
-        self._change = partial(model.change, name)
 
-    def rename(self, name: str) -> None:
-        self._change(name=name)
-
-    def set_speed(self, share: float) -> None:
-        self._change(speed=share)
-
-    def set_pause(self, seconds: float) -> None:
-        """Set the pause there [s]; the arm then stops there."""
-        passed = self._passed
-        self._change(pause=seconds, passes=passed and seconds == 0.0)
-        if passed and seconds > 0.0:
-            self._model.tell(words.PAUSE_STOPS)
-
-    def set_aperture(self, aperture: float | None) -> None:
-        """Set the jaw's aperture there, 0 to 1, which needs a stop; None to leave it."""
-        passed = self._passed
-        self._change(aperture=aperture, passes=passed and aperture is None)
-        if passed and aperture is not None:
-            self._model.tell(words.JAW_STOPS)
-
-    def set_item(self, item: str) -> None:
-        """Set what it picks there; an empty text for nothing."""
-        passed, place = self._passed, {} if item else {"place": ""}
-        self._change(item=item or None, passes=passed and not item, **place)
-
-    def set_place(self, place: str) -> None:
-        self._change(place=place)
-
-    def set_passes(self, passes: bool) -> None:
-        before = self._model.waypoint(self._name)
-        if not passes:
-            self._change(passes=False)
-            return
-        self._change(passes=True, pause=0.0, aperture=None, item=None, place="")
-        index = self._model.chosen
-        if before is not None and index is not None:
-            stops = self._model.program.stops_at(index)
-            self._model.tell(words.passing(before, stops=stops))
+    def set(self, **to: Any) -> None:
+        """Change what is given, named as in ``Waypoint``; what needs a stop there ends passing."""
+        before, index = self._model.waypoint(self._name), self._model.chosen
+        passed = before is not None and before.passes
+        if to.get("passes"):
+            to |= {"pause": 0.0, "aperture": None, "item": None, "place": ""}
+        elif to.get("item") == "":
+            to |= {"item": None, "place": ""}
+        stops = to.get("pause") or to.get("item") or to.get("aperture") is not None
+        self._model.change(self._name, **to, **({"passes": False} if passed and stops else {}))
+        if to.get("passes") and before is not None and index is not None:
+            self._model.tell(words.passing(before, stops=self._model.program.stops_at(index)))
+        elif passed and stops and "item" not in to:
+            self._model.tell(words.PAUSE_STOPS if "pause" in to else words.JAW_STOPS)
 
     def take_place(self) -> None:
         self._model.take(self._name, self._model.pages[self._name].q_arm)
@@ -101,11 +75,6 @@ class ArmInStep:
 
     def leave_out(self) -> None:
         self._model.leave_out(self._name)
-
-    @property
-    def _passed(self) -> bool:
-        waypoint = self._model.waypoint(self._name)
-        return waypoint is not None and waypoint.passes
 
 
 ALL, REST, STEP = "all", "from here", "this one"  # how much of a program is planned and run

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import viser
 
@@ -70,7 +71,8 @@ class ProgramPart(Part):
     def _build(self, gui: viser.GuiApi) -> None:
         model, button = self.model, self._context.button
         self._sentence = gui.add_html("")
-        button(f"Record {model.texts.step}", model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
+        record = f"Record {model.texts.step}"
+        self._record = button(record, model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
         self._undo = UndoButtons(self._context, model.history, model.saved_files)
         self._form = gui.add_folder(None)
         with self._form:
@@ -170,7 +172,7 @@ class ProgramPart(Part):
         self._form.visible = bool(program.steps)
         self._speed.show(model.run_speed)
         near = {} if timeline is None else timeline.nearest
-        self._sentence.content = markup.sentence(model.sentence)
+        self._sentence.content = self._context.sentence(model.sentence)
         index = None if run is not None else model.chosen
         rows = [
             (words.title(program, k), words.line(program, k, near.get(k)), len(around(k)))
@@ -185,6 +187,7 @@ class ProgramPart(Part):
         for group in self._chosen:
             grey(group, index is None)
         self._undo.show(can=run is None, needed=bool(program.steps))
+        self._record.disabled = self._context.bar.lost is not None
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
         grey(self._plan_part, not model.can_plan or model.chosen is None)
@@ -248,8 +251,11 @@ class WaypointFields:
     """The fields of what an arm does in the selected step."""
 
     def __init__(self, context: PageContext, editor: ArmInStep) -> None:
+        def sets(field: str) -> Callable[[Any], None]:
+            return lambda value: editor.set(**{field: value})
+
         gui = context.gui
-        self._name = SharedField(gui.add_text("Name", ""), editor.rename, context)
+        self._name = SharedField(gui.add_text("Name", ""), sets("name"), context)
         speed = gui.add_slider(
             "Speed (%)",
             round(100.0 * SLOWEST),
@@ -258,22 +264,22 @@ class WaypointFields:
             100,
             hint="On the way to it, as a share of the speed on the Move tab",
         )
-        self._speed = SharedField(speed, editor.set_speed, context, units.PERCENT)
+        self._speed = SharedField(speed, sets("speed"), context, units.PERCENT)
         passes = gui.add_checkbox(
             "Pass through",
             False,
             hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
         )
-        self._pass = SharedField(passes, editor.set_passes, context)
+        self._pass = SharedField(passes, sets("passes"), context)
         pause = gui.add_number("Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1)
-        self._pause = SharedField(pause, editor.set_pause, context, units.TENTHS)
+        self._pause = SharedField(pause, sets("pause"), context, units.TENTHS)
         jaw = gui.add_dropdown("Gripper", tuple(_JAW))
-        self._jaw = SharedField(jaw, lambda name: editor.set_aperture(_JAW[name]), context)
+        self._jaw = SharedField(jaw, lambda name: editor.set(aperture=_JAW[name]), context)
         opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
-        self._opening = SharedField(opening, editor.set_aperture, context, units.PERCENT)
-        self._item = SharedField(gui.add_text("Pick item", ""), editor.set_item, context)
+        self._opening = SharedField(opening, sets("aperture"), context, units.PERCENT)
+        self._item = SharedField(gui.add_text("Pick item", ""), sets("item"), context)
         place = gui.add_text("Put it at", "", hint="x,y,z in mm or a name; empty: hold it")
-        self._place = SharedField(place, editor.set_place, context)
+        self._place = SharedField(place, sets("place"), context)
 
     def show(self, waypoint: Waypoint | None, *, is_alone: bool) -> None:
         """Show a waypoint, or all fields grey; only an arm that moves alone may pass."""

@@ -10,8 +10,6 @@ import viser
 from so101_motion.common.geometry import Array
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.sweeps.atlas import Atlas
-from so101_motion.tasks.sweeps.atlas_view import Shown, voxels
 
 _SAMPLES = (40, 40, 24)
 """Angles of lift, elbow and wrist that are tried; chosen: takes some hundredths of a second."""
@@ -20,11 +18,8 @@ _BAND, _CELL, _GAP = 0.012, 0.01, 0.04
 """How near in height a sample must be, the least width of a ring, and the least gap between two of
 them [m]. Chosen: the edge of the shade is within 15 mm of the true one."""
 
-_COLOR, _OPACITY, _OF_ATLAS = (47, 158, 68), 0.22, 0.5
+_COLOR, _OPACITY = (47, 158, 68), 0.22
 _SECTORS = 72
-
-_SQUARE = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
-_HALVES = np.array([(0, 1, 2), (0, 2, 3)])
 
 
 class Reach:
@@ -59,32 +54,21 @@ class Reach:
 
 
 class ReachView:
-    """A shade at the height of a target.
+    """A shade at the height of a target."""
 
-    For the frame of an ``atlas``, its cells are shown instead, coloured by the torque that is left.
-    """
-
-    def __init__(
-        self, scene: viser.SceneApi, model: RobotModel, atlas: Atlas | None = None
-    ) -> None:
-        self._scene, self._model, self._atlas = scene, model, atlas
+    def __init__(self, scene: viser.SceneApi, model: RobotModel) -> None:
+        self._scene, self._model = scene, model
         self._known: dict[str, Reach] = {}
         self._node: viser.SceneNodeHandle | None = None
         self._shown: tuple[str, int] | None = None
 
     def show(self, frame: str, height: float) -> None:
         """Shade what ``frame`` reaches at ``height`` [m]."""
-        atlas = self._atlas
-        if atlas is not None and atlas.facts["frame"] != frame:
-            atlas = None
-        step = round(height / (_CELL if atlas is None else atlas.grid.spacing))
+        step = round(height / _CELL)
         if self._shown == (frame, step):
             return
         self.hide()
         self._shown = frame, step
-        if atlas is not None:
-            self._show_atlas(atlas, step * atlas.grid.spacing)
-            return
         if frame not in self._known:
             self._known[frame] = Reach(self._model, frame)
         reach = self._known[frame]
@@ -101,16 +85,6 @@ class ReachView:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-
-    def _show_atlas(self, atlas: Atlas, height: float) -> None:
-        seen = voxels(atlas, Shown(axis="z", at=height))
-        if len(seen.rows):
-            self._node = self._scene.add_batched_meshes_simple(
-                "/reach", atlas.grid.spacing * _SQUARE, _HALVES,
-                np.tile((1.0, 0.0, 0.0, 0.0), (len(seen.rows), 1)), seen.p,
-                batched_colors=seen.colours, opacity=_OF_ATLAS, side="double", lod="off",
-                cast_shadow=False, receive_shadow=False,
-            )  # fmt: skip
 
     def hide(self) -> None:
         if self._node is not None:

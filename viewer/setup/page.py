@@ -21,7 +21,7 @@ from so101_motion.common.operation import Operation, View
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.setup import port_selection
+from so101_motion.setup import connect
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.connect import ConnectOperation
 from so101_motion.setup.move_test import MoveTest
@@ -369,6 +369,6 @@ def _command(target: SetupTarget) -> str:
 
 
 def snippet(target: SetupTarget) -> str:
-    seen = port_selection.look((target.where,))
+    seen = connect.look((target.where,))
     reports = [candidate.report for candidate in seen.candidates]
     return json.dumps(configuration(reports), indent=2)

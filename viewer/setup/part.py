@@ -13,8 +13,8 @@ import viser
 
 from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SETUP_ORDER, SetupProgress
 from so101_motion.common.errors import So101Error
+from so101_motion.files import user_storage
 from so101_motion.rig.protocols import RigLike
-from so101_motion.setup.port_selection import own_folder
 from so101_motion.setup.setup_steps import (
     ASSEMBLY,
     CONNECT,
@@ -350,5 +350,5 @@ def setup_parts(
     source = known_arm(rig)
     if source is None:
         return ()
-    kept = SetupProgress(own_folder() / PROGRESS_FILE, source.where)
+    kept = SetupProgress(user_storage.folder() / PROGRESS_FILE, source.where)
     return (SetupPart(context, progress=kept, on_stage=on_stage, source=source),)

@@ -15,6 +15,7 @@ from so101_motion.calib.procedure.steps import State
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
 from so101_motion.common.operation import Operation, RemoteOperation
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.servo_driver import ServoSettings
@@ -22,15 +23,14 @@ from so101_motion.setup.assembly import AssemblyOperation
 from so101_motion.setup.calibration_operation import CalibrationOperation
 from so101_motion.setup.calibrator import Calibrator, Situation
 from so101_motion.setup.checkup import Check, Findings
-from so101_motion.setup.motor_operation import MotorOperation
-from so101_motion.setup.move_test import MoveTest
-from so101_motion.setup.port_selection import (
-    REPLY_TIMEOUT,
+from so101_motion.setup.connect import (
     Candidate,
     PortsSeen,
     calibration_file,
     look,
 )
+from so101_motion.setup.motor_operation import MotorOperation
+from so101_motion.setup.move_test import MoveTest
 from so101_motion.setup.setup_steps import SetupState
 from so101_motion.viam.client import Machine, MachineRig
 

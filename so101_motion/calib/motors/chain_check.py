@@ -9,7 +9,7 @@ from functools import partial
 from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus, look
 from so101_motion.calib.motors.setup_view import MotorCheck, Verification
 from so101_motion.calib.motors.single_servo import LIKELIEST_FIRST, Tuner
-from so101_motion.calib.record.record import JOINTS, NEW_IDS, SERVO_IDS, misplaced
+from so101_motion.calib.record.record import NEW_IDS, SERVO_IDS, misplaced
 from so101_motion.common.errors import in_series
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.feetech.servo_settings import REPAIR
@@ -21,12 +21,18 @@ def verify(tuner: Tuner) -> Verification:
     """Look at all servos at the port's own rate, and for missing ones at the others."""
     seen = tuner.call(look)
     missing = [i for i in SERVO_IDS.values() if i not in seen.servos and i not in seen.shared]
-    elsewhere = _at_other_rates(tuner, missing) if missing else {}
-    motors = {
-        joint: _check(joint, SERVO_IDS[joint], seen, elsewhere.get(SERVO_IDS[joint]))
-        for joint in JOINTS
-    }
-    wrong = misplaced(seen.servos, seen.travels)
+    return judged(seen, elsewhere=_at_other_rates(tuner, missing) if missing else {})
+
+
+def judged(
+    seen: ServosOnBus,
+    ids: Mapping[str, int] = SERVO_IDS,
+    elsewhere: Mapping[int, int] | None = None,
+) -> Verification:
+    """Judge servos of an arm whose ``ids`` are by joint; ``elsewhere`` has other rates by id."""
+    elsewhere = elsewhere or {}
+    motors = {joint: _check(joint, i, seen, ids, elsewhere.get(i)) for joint, i in ids.items()}
+    wrong = misplaced(seen.servos, seen.travels) if ids == SERVO_IDS else ""
     return Verification(
         motors=motors,
         unexpected_ids=seen.unexpected_ids,
@@ -49,7 +55,9 @@ def _at_other_rates(tuner: Tuner, missing: list[int]) -> dict[int, int]:
     return found
 
 
-def _check(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | None) -> MotorCheck:
+def _check(
+    joint: str, servo_id: int, seen: ServosOnBus, ids: Mapping[str, int], other_baud: int | None
+) -> MotorCheck:
     if servo_id in seen.shared:
         return MotorCheck(
             joint=joint,
@@ -60,26 +68,29 @@ def _check(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | None)
         )
     facts = seen.servos.get(servo_id)
     if facts is None:
-        return _missing(joint, servo_id, seen, other_baud)
+        return _missing(joint, servo_id, seen, ids, other_baud)
     status, error, fix = _trouble(joint, facts, seen)
     return MotorCheck(
         joint=joint, servo_id=servo_id, status=status, facts=facts, error=error, fix=fix
     )
 
 
-def _missing(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | None) -> MotorCheck:
+def _missing(
+    joint: str, servo_id: int, seen: ServosOnBus, ids: Mapping[str, int], other_baud: int | None
+) -> MotorCheck:
     if other_baud is not None:
         error = f"servo {servo_id} ({joint}) talks at {other_baud} baud, not at {seen.baud}"
         fix = f"{REPAIR} sets {seen.baud}; {_AGAIN}"
     elif seen.is_empty:
         error = f"servo {servo_id} ({joint}) does not answer, nor does any other"
         fix = f"switch the arm's power supply on and plug the first cable in; {_AGAIN}"
-    elif not any(servo_id < i <= len(SERVO_IDS) for i in seen.servos):
+    elif not any(i > servo_id and i in seen.servos for i in ids.values()):
         error = f"servo {servo_id} ({joint}) does not answer"
         # Servos behind a broken cable are silent as well. A robot's wheels may be on another.
         heard = [i for i in (*seen.servos, *seen.shared) if i < servo_id]
         last = max(heard, default=servo_id - 1)
-        fix = f"check the cable between servos {last} and {last + 1}"
+        between = f"the cable between servos {last} and {last + 1}" if last else "the first cable"
+        fix = f"check {between}"
         if others := _listed(seen.unexpected_ids, " or "):
             fix += f", or set {joint} up again if it answers as {others}"
         fix += f"; {_AGAIN}"

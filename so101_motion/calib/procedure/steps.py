@@ -92,24 +92,3 @@ def step(state: State, command: Command) -> Transition:
         reason = f'"{command.value}" is not possible in the state "{state.value}"'
         raise CalibrationError(None, reason, f"now possible: {names}")
     return found
-
-
-def mermaid() -> str:
-    """The table as a state diagram in Mermaid's language.
-
-    Failures that stay in their state are left out. ``abort`` and ``reset`` do the same everywhere,
-    so only the one that is offered is drawn.
-    """
-    lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE.value}"]
-    everywhere = (Command.ABORT, Command.RESET)
-    for (state, command), leads in TABLE.items():
-        if command in everywhere:
-            continue
-        lines.append(f"    {state.value} --> {leads.then.value}: {command.value}")
-        if leads.otherwise is not state:
-            lines.append(f"    {state.value} --> {leads.otherwise.value}: {command.value} fails")
-    for state in State:
-        if state is not State.IDLE:
-            command = Command.RESET if state is State.ERROR else Command.ABORT
-            lines.append(f"    {state.value} --> {State.IDLE.value}: {command.value}")
-    return "\n".join(lines) + "\n"

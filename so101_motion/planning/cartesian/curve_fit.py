@@ -26,7 +26,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.cartesian.tool_path import ToolPath
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.timing import verify
-from so101_motion.planning.timing.path_geometry import JointPath
+from so101_motion.planning.timing.path_geometry import JointPath, cubic_path, solved
 
 SMOOTHED = (30.0, 1.0, 0.0)
 """Weights of smoothness against nearness, one attempt after the other, where the pitch is free.
@@ -154,31 +154,16 @@ def curve_through(q: Array, length: float) -> JointPath:
 
     Source: C. de Boor, A Practical Guide to Splines, 1978, chapter IV.
     """
-    count = len(q) - 1
-    h = length / count
+    h = length / (len(q) - 1)
+    right = (6.0 / h**2) * (q[:-2] - 2.0 * q[1:-1] + q[2:])
     bends = np.empty_like(q)
-    bends[1:-1] = (6.0 / h**2) * (q[:-2] - 2.0 * q[1:-1] + q[2:])
     # With b0 - 2 b1 + b2 = 0 the first equation, b0 + 4 b1 + b2 = r1, says what b1 is; likewise at
-    # the end. In between elimination needs no pivots, because the diagonal dominates.
-    bends[[1, -2]] /= 6.0
-    bends[2], bends[-3] = bends[2] - bends[1], bends[-3] - bends[-2]
-    diagonal = [4.0] * (count + 1)
-    for k in range(3, count - 1):
-        diagonal[k] -= 1.0 / diagonal[k - 1]
-        bends[k] -= bends[k - 1] / diagonal[k - 1]
-    for k in range(count - 2, 1, -1):
-        bends[k] = (bends[k] - (bends[k + 1] if k < count - 2 else 0.0)) / diagonal[k]
+    # the end.
+    bends[[1, -2]] = right[[0, -1]] / 6.0
+    right[[1, -2]] -= bends[[1, -2]]
+    bends[2:-2] = solved(np.full(len(q) - 4, 4.0), np.ones(len(q) - 5), right[1:-1])
     bends[0], bends[-1] = 2.0 * bends[1] - bends[2], 2.0 * bends[-2] - bends[-3]
-    coefficients = np.stack(
-        [
-            q[:-1],
-            np.diff(q, axis=0) / h - h * (2.0 * bends[:-1] + bends[1:]) / 6.0,
-            bends[:-1] / 2.0,
-            np.diff(bends, axis=0) / (6.0 * h),
-        ],
-        axis=1,
-    )
-    return JointPath(knots=np.linspace(0.0, length, count + 1), coefficients=coefficients)
+    return cubic_path(np.linspace(0.0, length, len(q)), q, bends)
 
 
 def _extremes(path: JointPath) -> tuple[Array, Array]:

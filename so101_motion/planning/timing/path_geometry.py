@@ -91,19 +91,40 @@ def spline_path(waypoints: ArrayLike) -> JointPath:
     Source: C. de Boor, A Practical Guide to Splines, 1978, chapter IV.
     """
     points, chords, lengths = _polyline(waypoints)
-    slopes = chords / lengths[:, None]
-    bends = _natural_second_derivatives(lengths, slopes)
-    h = lengths[:, None]
+    right = 6.0 * np.diff(chords / lengths[:, None], axis=0)
+    bends = np.zeros_like(points)
+    bends[1:-1] = solved(2.0 * (lengths[:-1] + lengths[1:]), lengths[1:-1], right)
+    return cubic_path(_accumulated(lengths), points, bends)
+
+
+def cubic_path(knots: Array, points: Array, bends: Array) -> JointPath:
+    """The curve through ``points`` (m, n) at ``knots`` (m,) with these second derivatives there."""
+    h = np.diff(knots)[:, None]
     coefficients = np.stack(
         [
             points[:-1],
-            slopes - h * (2.0 * bends[:-1] + bends[1:]) / 6.0,
+            np.diff(points, axis=0) / h - h * (2.0 * bends[:-1] + bends[1:]) / 6.0,
             bends[:-1] / 2.0,
-            (bends[1:] - bends[:-1]) / (6.0 * h),
+            np.diff(bends, axis=0) / (6.0 * h),
         ],
         axis=1,
     )
-    return JointPath(knots=_accumulated(lengths), coefficients=coefficients)
+    return JointPath(knots=knots, coefficients=coefficients)
+
+
+def solved(diagonal: Array, beside: Array, right: Array) -> Array:
+    """Solve a symmetric tridiagonal system, (m,) and (m - 1,), for right sides (m, n).
+
+    By elimination without pivoting, which is safe because the diagonal of a spline's dominates.
+    """
+    scale, along, x = diagonal.tolist(), beside.tolist(), right.copy()
+    for k in range(1, len(x)):
+        factor = along[k - 1] / scale[k - 1]
+        scale[k] -= factor * along[k - 1]
+        x[k] -= factor * x[k - 1]
+    for k in range(len(x) - 1, -1, -1):
+        x[k] = (x[k] - (along[k] * x[k + 1] if k < len(along) else 0.0)) / scale[k]
+    return x
 
 
 def blended_path(waypoints: ArrayLike, tolerance: ArrayLike) -> JointPath:
@@ -188,22 +209,3 @@ def _polyline(waypoints: ArrayLike) -> tuple[Array, Array, Array]:
 
 def _accumulated(lengths: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(lengths)))
-
-
-def _natural_second_derivatives(lengths: Array, slopes: Array) -> Array:
-    """Second derivatives at the knots, shape (K + 1, n); zero at both ends.
-
-    The tridiagonal system is solved by elimination without pivoting, which is safe because its
-    diagonal dominates.
-    """
-    bends = np.zeros((len(slopes) + 1, slopes.shape[1]))
-    count = len(slopes) - 1
-    right = 6.0 * np.diff(slopes, axis=0)
-    diagonal = 2.0 * (lengths[:-1] + lengths[1:])
-    for k in range(1, count):
-        factor = lengths[k] / diagonal[k - 1]
-        diagonal[k] -= factor * lengths[k]
-        right[k] -= factor * right[k - 1]
-    for k in range(count - 1, -1, -1):
-        bends[k + 1] = (right[k] - lengths[k + 1] * bends[k + 2]) / diagonal[k]
-    return bends

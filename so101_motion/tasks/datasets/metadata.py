@@ -6,7 +6,6 @@ The path templates in ``info.json`` are untrusted text and are never filled in. 
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping
@@ -17,6 +16,7 @@ from typing import Any
 
 from so101_motion.common import git_lfs
 from so101_motion.common.errors import ConfigError, quoted
+from so101_motion.files import json_file
 
 INFO, STATS = Path("meta/info.json"), Path("meta/stats.json")
 EPISODES_2, EPISODE_STATS_2 = Path("meta/episodes.jsonl"), Path("meta/episodes_stats.jsonl")
@@ -152,42 +152,22 @@ def read_metadata(root: Path) -> Metadata:
 
 def read_lines(path: Path) -> list[dict[str, Any]]:
     """Read the JSON objects of a ``.jsonl`` file; ``ConfigError`` if they are not that."""
-    rows = []
-    for number, line in enumerate(_bytes(path, LARGEST_LINES).splitlines(), start=1):
-        if line.strip():
-            row = _parsed(path, line, f"line {number}")
-            if not isinstance(row, dict):
-                raise refusal(path, f"line {number} must be an object, not {quoted(row)}")
-            rows.append(row)
-    return rows
+    lines = json_file.setting_bytes("data set", path, LARGEST_LINES).splitlines()
+    return [_object(path, line, f"line {n}") for n, line in enumerate(lines, 1) if line.strip()]
 
 
 def read_object(path: Path) -> dict[str, Any]:
     """Read the JSON object of a file; ``ConfigError`` if it is none, or too large."""
-    content = _parsed(path, _bytes(path, LARGEST_INFO), "the file")
-    if not isinstance(content, dict):
-        raise refusal(path, f"must hold an object, not {quoted(content)}")
-    return content
+    return _object(path, json_file.setting_bytes("data set", path, LARGEST_INFO), "the file")
 
 
-def _bytes(path: Path, most: int) -> bytes:
+def _object(path: Path, data: bytes, what: str) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            data = file.read(most + 1)
-    except OSError as error:
-        raise refusal(path, f"cannot be read: {error.strerror or error}") from error
-    if len(data) > most:
-        raise refusal(path, f"is larger than {most} bytes, which no data set needs")
-    return data
-
-
-def _parsed(path: Path, data: bytes, what: str) -> object:
-    try:
-        content: object = json.loads(data)
-    except RecursionError as error:
-        raise refusal(path, f"{what} is nested too deeply") from error
+        content = json_file.content(data)
     except ValueError as error:
-        raise refusal(path, why_broken(path) or f"{what} is not JSON: {error}") from error
+        raise refusal(path, why_broken(path) or f"{what} {error}") from error
+    if not isinstance(content, dict):
+        raise refusal(path, f"{what} must be an object, not {quoted(content)}")
     return content
 
 

@@ -131,8 +131,8 @@ class TeachingOperation(LocalOperation):
         mode, names = self._rig.arm.state.mode, self._names
         busy = f"the arm is {self._doing}" if self._doing else None
         can_record = mode in (Mode.HOLDING, Mode.GUIDING, Mode.LIMP)
-        limp = None if can_record else f"the arm is {mode.value}"
-        moves = None if mode is Mode.HOLDING else f"the arm is {mode.value}"
+        limp = None if can_record else f"the arm is {mode.words}"
+        moves = None if mode is Mode.HOLDING else f"the arm is {mode.words}"
         nothing = None if names else "there is no saved path"
         planned = self._planned
         is_planned = planned is not None and self._stands_at(planned[1])

@@ -85,7 +85,7 @@ class Atlas:
     def read(cls, folder: Path | str) -> Atlas:
         """Read the atlas in a folder; ``ConfigError`` if there is none, or it is not complete."""
         place = SweepFolder(Path(folder))
-        manifest: dict[str, Any] = place.manifest()
+        manifest = place.manifest()
         if manifest.get("kind") != "reach":
             raise ConfigError("atlas", str(folder), f"is a sweep of {manifest.get('kind')}")
         count = int(manifest["shards"])

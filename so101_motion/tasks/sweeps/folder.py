@@ -12,19 +12,21 @@ import json
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from so101_motion import __version__
 from so101_motion.common.errors import ConfigError
-from so101_motion.files import atomic
+from so101_motion.files import atomic, user_storage
 from so101_motion.tasks.sweeps.sweep import Packed, Sweep
 
 MANIFEST = "sweep.json"
 _SHARDS = "shards"
 _SCHEMA = "so101/sweep/1"
+_LARGEST = 100_000_000  # of a manifest, which has the scene [byte]. Chosen.
 
 
 class SweepFolder:
@@ -41,17 +43,14 @@ class SweepFolder:
     @contextmanager
     def opened_for(self, sweep: Sweep) -> Iterator[None]:
         """Claim the folder for this sweep and lock it; ``ConfigError`` if it cannot be used."""
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            lock = atomic.locked(self.path)
-            lock.__enter__()
-        except OSError as error:  # TimeoutError too
-            raise self._refused(f"cannot be used: {error.strerror or error}") from error
-        try:
+        with ExitStack() as lock:
+            try:
+                self.path.mkdir(parents=True, exist_ok=True)
+                lock.enter_context(atomic.locked(self.path))
+            except OSError as error:  # TimeoutError too
+                raise self._refused(f"cannot be used: {error.strerror or error}") from error
             self._claim(sweep)
             yield
-        finally:
-            lock.__exit__(None, None, None)
 
     def _claim(self, sweep: Sweep) -> None:
         if not (self.path / MANIFEST).exists():
@@ -71,17 +70,11 @@ class SweepFolder:
         for left in self._shards.glob(".*.tmp"):
             left.unlink(missing_ok=True)
 
-    def manifest(self) -> dict[str, object]:
+    def manifest(self) -> Mapping[str, Any]:
         """Read the manifest; ``ConfigError`` if there is none."""
-        try:
-            content = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
-        except FileNotFoundError as error:
-            raise self._refused("has no sweep; make one with so101 sweep") from error
-        except (OSError, ValueError, RecursionError) as error:
-            raise self._refused(f"has a manifest that cannot be read: {error}") from error
-        if not isinstance(content, dict) or content.get("schema") != _SCHEMA:
-            raise self._refused(f"has a {MANIFEST} that is not the manifest of a sweep")
-        return content
+        if not (self.path / MANIFEST).exists():
+            raise self._refused("has no sweep; make one with so101 sweep")
+        return user_storage.read(self.path / MANIFEST, schema=_SCHEMA, largest=_LARGEST)
 
     def describe(
         self, sweep: Sweep, *, done: int, failed: Mapping[int, str], sha256: str | None
@@ -92,9 +85,7 @@ class SweepFolder:
             "failed": {str(shard): why for shard, why in sorted(failed.items())},
             "sha256": sha256,
         }
-        content = {"schema": _SCHEMA, **_identity(sweep), **state}
-        data = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
-        atomic.write(self.path / MANIFEST, data.encode())
+        user_storage.write(self.path / MANIFEST, {**_identity(sweep), **state}, schema=_SCHEMA)
 
     def write(self, shard: int, packed: Packed) -> None:
         atomic.write(self._file(shard), packed.data)

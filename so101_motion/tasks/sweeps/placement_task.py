@@ -1,21 +1,8 @@
 """A task for the placement search: poses of the tool in the cell, in order, with tolerances.
 
-A file looks like this, in millimetres in the frame of the cell. That is the base frame of an arm
-that stands on the table at the origin, with z up, so a program that was taught on such an arm can
-be used as a task::
-
-    {
-     "schema": "so101/task/1",
-     "rounds": "endless",
-     "frame": "jaw_tip",
-     "poses": [
-      {"name": "over the tray", "position_mm": [200, 80, 120], "approach": [0, 0, -1],
-       "approach_tolerance_deg": 10, "pass": true},
-      {"name": "at the tray", "position_mm": [200, 80, 60], "rpy_deg": [180, 0, 0],
-       "roll_tolerance_deg": 5, "aperture_percent": 0, "pause_s": 0.3},
-      {"name": "drop", "position_mm": [150, -150, 80]}
-     ]
-    }
+Lengths are millimetres in the frame of the cell. That is the base frame of an arm that stands on
+the table at the origin, with z up, so a program that was taught on such an arm can be used as a
+task. ``docs/sweeps.md`` has an example.
 
 The position, of the ``frame`` ``"tool"`` or ``"jaw_tip"``, is kept exactly. ``approach`` is the
 direction of the tool's z axis, ``rpy_deg`` the tool's orientation. Without ``roll_tolerance_deg``
@@ -112,13 +99,11 @@ class PlacementTask:
 
 def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:
     """Read a task, or a program as a task with this tolerance [rad]; raises ``ConfigError``."""
-    try:
-        written = json.loads(path.read_bytes()).get("schema")
-    except (OSError, ValueError, AttributeError, RecursionError):
-        written = None  # the reader below says what is wrong
-    if written in (PROGRAM_SCHEMA, *OLDER):
+    largest, programs = user_storage.LARGEST_OF_ALL, (PROGRAM_SCHEMA, *OLDER)
+    content = user_storage.read(path, schema=SCHEMA, also=programs, largest=largest)
+    if content["schema"] in programs:
         return task_of(read_program(path), approach_tolerance=approach_tolerance)
-    return task_from(user_storage.read(path, schema=SCHEMA))
+    return task_from(content)
 
 
 def task_of(program: Program, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:

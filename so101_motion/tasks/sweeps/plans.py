@@ -285,7 +285,7 @@ def plans_summary(folder: Path | str) -> dict[str, float]:
 
 def _shards(folder: Path | str) -> Iterator[dict[str, NDArray[Any]]]:
     place = SweepFolder(Path(folder))
-    manifest: dict[str, Any] = place.manifest()
+    manifest = place.manifest()
     if manifest.get("kind") != "plans":
         raise ConfigError("plans", str(folder), f"is a sweep of {manifest.get('kind')}")
     for number in range(int(manifest["shards"])):

@@ -83,8 +83,9 @@ def _sentence(status: Mapping[str, Any]) -> str:
     if status["state"] == Phase.WAITING.value:
         where = f" {joint} is {gap:.0f}° from this arm's." if joint else ""
         return f"Holding: {status['reason']}.{where} Move the leader back to it."
-    if status["held_back"]:
-        return "Following; something is in this arm's way."
+    more = [f"in its way: {', '.join(status['held_by'])}"] if status["held_back"] else []
     if status["beyond_range"]:
-        return f"Following; {', '.join(status['beyond_range'])} beyond this arm's range."
-    return "Following the leader."
+        more.append(f"{', '.join(status['beyond_range'])} beyond this arm's range")
+    if status["gripping"]:
+        more.append("gripping")
+    return "; ".join(("Following the leader", *more)) + "."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from grpclib import GRPCError, Status
@@ -19,7 +19,12 @@ from so101_motion.viam.component_config import SimulatedGripperConfig
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured
-from so101_motion.viam.requests.await_motion import in_own_thread, rest
+from so101_motion.viam.requests.await_motion import (
+    in_own_thread,
+    log_failure_of,
+    rest,
+    wait_for_arrival,
+)
 from so101_motion.viam.requests.commands import Command, Request, answer, arguments
 
 
@@ -29,6 +34,8 @@ def clamped(percentage: float) -> float:
 
 class GripperResource(Configured, Gripper):
     """A gripper component; the arm of its rig is not moved."""
+
+    WAITS: ClassVar = True  # whether a position is answered when the jaw is there
 
     NEEDS_NO_SERVO: ClassVar[frozenset[str]] = frozenset()
     """The commands that are answered before the servo has been found."""
@@ -44,10 +51,40 @@ class GripperResource(Configured, Gripper):
         self._gripper = rig.gripper
         self._type, self._detail = config.gripper_type, config.mesh_detail
         self._latest: Motion | None = None
+        self._open_percent, self._closed_percent = 100.0, 0.0  # where open and grab move the jaw
         self._commands: dict[str, Command] = {}
 
     async def found(self) -> None:
         """Wait until the servo has been found, for a request that reads it."""
+
+    @classmethod
+    def needed(cls, wanted: SimulatedGripperConfig) -> Sequence[str]:
+        return [wanted.arm] if wanted.arm else []
+
+    # Moving
+
+    async def open(self, **kwargs: Any) -> None:
+        with grpc_statuses():
+            await wait_for_arrival(await self._start(self._open_percent))
+
+    async def grab(self, **kwargs: Any) -> bool:
+        """Close until something stops the jaw, and hold the object gently; whether one is held."""
+        with grpc_statuses():
+            await self._prepare(self._closed_percent, closes=True)
+            motion = self._gripper.grab(self._closed_percent / 100.0, wait=False)
+            await wait_for_arrival(self._watched(motion))
+            return self._gripper.is_holding
+
+    async def _start(self, percentage: float) -> Motion:
+        """Start moving the jaw; an object in the way is gripped, not crushed."""
+        aperture = percentage / 100.0
+        closes = aperture < self._gripper.aperture
+        await self._prepare(percentage, closes=closes)
+        go = self._gripper.grab if closes else self._gripper.move
+        return self._watched(go(aperture, wait=False))
+
+    async def _prepare(self, percentage: float, *, closes: bool) -> None:
+        """Make the jaw ready to move."""
 
     def _watched(self, motion: Motion) -> Motion:
         self._latest = motion
@@ -122,7 +159,13 @@ class GripperResource(Configured, Gripper):
 
     async def _go(self, percentage: float, *, waits: bool = True) -> float:
         """Move to a percentage, limited to 0 .. 100 as in the published module; return it."""
-        raise NotImplementedError
+        percentage = clamped(percentage)
+        motion = await self._start(percentage)
+        if waits and self.WAITS:
+            await wait_for_arrival(motion)
+        else:
+            log_failure_of(motion, self.logger)
+        return percentage
 
     def _percentage(self) -> float:
         return round(clamped(100.0 * self._gripper.aperture), 3)

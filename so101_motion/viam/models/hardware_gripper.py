@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, ClassVar
 
@@ -11,7 +11,6 @@ from grpclib import GRPCError, Status
 from viam.components.gripper import Gripper
 from viam.resource.types import Model
 
-from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError, ServoAlarm, So101Error
 from so101_motion.common.modes import Mode
@@ -73,10 +72,6 @@ class HardwareGripper(GripperResource):
         }
 
     @classmethod
-    def needed(cls, wanted: HardwareGripperConfig) -> Sequence[str]:
-        return [wanted.arm] if wanted.arm else []
-
-    @classmethod
     def build(
         cls, name: str, wanted: HardwareGripperConfig, dependencies: Dependencies
     ) -> HardwareGripper:
@@ -90,18 +85,6 @@ class HardwareGripper(GripperResource):
 
     # Moving
 
-    async def open(self, **kwargs: Any) -> None:
-        with grpc_statuses():
-            await wait_for_arrival(await self._start(self._open_percent))
-
-    async def grab(self, **kwargs: Any) -> bool:
-        """Close until something stops the jaw, and hold the object gently; whether one is held."""
-        with grpc_statuses():
-            await out_of_fault(self.rig)
-            closed = self._closed_percent / 100.0
-            await wait_for_arrival(self._watched(self._gripper.grab(closed, wait=False)))
-            return self._gripper.is_holding
-
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
         await self.found()
         load = health(self.rig.servos).get(GRIPPER_JOINT, {})
@@ -111,15 +94,10 @@ class HardwareGripper(GripperResource):
             meta={**meta, "position_percentage": self._percentage()},
         )
 
-    async def _start(self, percentage: float) -> Motion:
-        """Start moving the jaw; an object in the way is gripped, not crushed."""
+    async def _prepare(self, percentage: float, *, closes: bool) -> None:
         await out_of_fault(self.rig)
-        aperture = percentage / 100.0
-        closes = aperture < self._gripper.aperture
         if not closes:
             await self._unload()
-        go = self._gripper.grab if closes else self._gripper.move
-        return self._watched(go(aperture, wait=False))
 
     async def _unload(self) -> None:
         """Clear an overload of the jaw's servo, so that it can open.
@@ -181,15 +159,6 @@ class HardwareGripper(GripperResource):
             None,
             'is missing; send "servo_position" in ticks, or "percentage" from 0 (closed) to 100',
         )
-
-    async def _go(self, percentage: float, *, waits: bool = True) -> float:
-        percentage = clamped(percentage)
-        motion = await self._start(percentage)
-        if waits:
-            await wait_for_arrival(motion)
-        else:
-            log_failure_of(motion, self.logger)
-        return percentage
 
     async def _controller_status(self) -> dict[str, Any]:
         return {"servo_id": self._servo_id, **controller(self.rig)}

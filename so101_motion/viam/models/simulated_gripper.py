@@ -5,25 +5,22 @@ That of an arm grips the items of the arm's scene; one by itself never holds any
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from viam.components.gripper import Gripper
 from viam.resource.types import Model
 
 from so101_motion.arm.gripper import JAW_CLOSED
-from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError
 from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated_gripper
 from so101_motion.viam.component_config import SimulatedGripperConfig
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Dependencies
-from so101_motion.viam.models.gripper_resource import GripperResource, clamped
+from so101_motion.viam.models.gripper_resource import GripperResource
 from so101_motion.viam.models.simulated import SimulatedArm
-from so101_motion.viam.requests.await_motion import log_failure_of, wait_for_arrival
 from so101_motion.viam.requests.commands import Taking
 
 
@@ -32,6 +29,8 @@ class SimulatedGripper(GripperResource):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
     CONFIG = SimulatedGripperConfig
+
+    WAITS = False
 
     left_at: ClassVar[dict[str, float]] = {}
     """The last jaw angles of closed components, by name [rad]; as for the simulated arm."""
@@ -42,13 +41,9 @@ class SimulatedGripper(GripperResource):
         self._commands |= {
             "set_position": Taking(
                 self._set_position, ("percentage", "position_percentage", "wait")
-            ),  # it never waits
+            ),
             "get_position": self._position,
         }
-
-    @classmethod
-    def needed(cls, wanted: SimulatedGripperConfig) -> Sequence[str]:
-        return [wanted.arm] if wanted.arm else []
 
     @classmethod
     def build(
@@ -66,20 +61,8 @@ class SimulatedGripper(GripperResource):
 
     # Moving
 
-    async def open(self, **kwargs: Any) -> None:
-        with grpc_statuses():
-            await wait_for_arrival(self._start(1.0))
-
-    async def grab(self, **kwargs: Any) -> bool:
-        with grpc_statuses():
-            await wait_for_arrival(self._start(0.0))
-        return self._gripper.is_holding
-
-    def _start(self, aperture: float) -> Motion:
-        self._target = aperture
-        closes = aperture < self._gripper.aperture
-        go = self._gripper.grab if closes else self._gripper.move
-        return self._watched(go(aperture, wait=False))
+    async def _prepare(self, percentage: float, *, closes: bool) -> None:
+        self._target = percentage / 100.0
 
     async def stop(self, **kwargs: Any) -> None:
         await super().stop(**kwargs)
@@ -104,11 +87,6 @@ class SimulatedGripper(GripperResource):
             if given.given(key):
                 return {"target_percentage": await self._go(given.required(key, unit="%"))}
         raise ConfigError("percentage", None, "is missing; a number from 0 (closed) to 100 (open)")
-
-    async def _go(self, percentage: float, *, waits: bool = False) -> float:
-        percentage = clamped(percentage)
-        log_failure_of(self._start(percentage / 100.0), self.logger)
-        return percentage
 
     async def _position(self) -> dict[str, Any]:
         return {

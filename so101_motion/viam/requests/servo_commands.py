@@ -29,7 +29,7 @@ from so101_motion.common.units import to_deg
 from so101_motion.control.limit_recovery import remarks
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.servo_driver import ServoDriver
-from so101_motion.setup.diagnosis import explain, label
+from so101_motion.setup.checkup import explain, label
 from so101_motion.viam.requests.await_motion import log_failure_of, run_to_end
 from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.manual import ManualMode
@@ -209,15 +209,14 @@ class ServoCommands:
     async def _diagnose(self) -> dict[str, Any]:
         servos = self._rig.servos
         try:
-            names = {i: joint for joint, i in servos.settings.ids().items()}
-            absent = {names[i] for i in names if names[i] not in servos.setups}
-            names = {i: joint for i, joint in names.items() if joint not in absent}
+            ids = {j: i for j, i in servos.settings.ids().items() if j in servos.setups}
+            names = {i: joint for joint, i in ids.items()}
             turned = {s.map.servo_id for s in servos.setups.values() if s.map.direction < 0}
             seen = await on_bus(self._rig, lambda servos: look(servos.bus, names, turned))
         except So101Error as error:
             why = self._rig.not_ready or str(error)
             return {"success": False, "error": why, "findings": [why]}
-        trouble = explain(seen, names, dict(servos.bus.counters))
+        trouble = explain(seen, ids, dict(servos.bus.counters))
         findings = [*trouble, *servos.notes, *remarks(self._rig.arm.state.reading)]
         if servos.port_losses:
             findings.append(

@@ -86,23 +86,6 @@ def test_a_motion_begins_at_rest_and_ends_when_it_has_run(motions, told) -> None
     assert told[2:] == ["moves"], "an arm that rests is not stopped first"
 
 
-def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> None:
-    first = under_way(motions)
-    running: Future[None] = Future()
-
-    def begin(motion: Motion) -> Future[None]:
-        assert not first.future.done()
-        motion.halt = told.append
-        return running
-
-    take_over = motions.take_over(begin)
-    with pytest.raises(Interrupted, match="a newer motion"):
-        first.result(60.0)
-    running.set_result(None)
-    take_over.result(60.0)
-    assert told == ["rest"]
-
-
 def test_a_turn_that_cannot_begin_leaves_the_motion_under_way_alone(motions) -> None:
     first = motions.start(until_interrupted)
 
@@ -113,43 +96,6 @@ def test_a_turn_that_cannot_begin_leaves_the_motion_under_way_alone(motions) -> 
         motions.take_over(refuses)
     assert motions.current is first
     assert not first.future.done()
-
-
-def test_a_motion_that_returns_a_future_lasts_until_that_is_done(motions, told) -> None:
-    first = motions.start(until_interrupted)
-    running, begun = Future[None](), threading.Event()
-
-    def run(motion: Motion) -> Future[None]:
-        assert first.future.done()
-        assert told[-1] == "rest"
-        begun.set()
-        return running
-
-    motion = motions.start(run)
-    assert begun.wait(60.0)
-    assert motions.current is motion
-    assert not motion.future.done()
-    running.set_result(None)
-    motion.result(60.0)
-
-
-def test_a_stop_ends_what_is_still_being_prepared(motions, told) -> None:
-    preparing, go_on = threading.Event(), threading.Event()
-
-    def run(motion: Motion) -> Future[None]:
-        preparing.set()
-        go_on.wait(60.0)
-        with motion.begin():
-            told.append("moves")
-        return Future()
-
-    motion = motions.start(run)
-    assert preparing.wait(60.0)
-    motions.current.interrupt("stop")
-    go_on.set()
-    with pytest.raises(Interrupted, match="stop"):
-        motion.result(60.0)
-    assert "moves" not in told
 
 
 def test_a_stop_does_not_wait_for_a_beginning_motion(motions, told) -> None:
@@ -199,35 +145,6 @@ def test_a_newer_motion_tells_the_older_one_at_once(motions) -> None:
         waiting[-2].wait_for(Future())
     assert not first.future.done()
     gate.set()
-
-
-def test_a_motion_in_preparation_yields_to_a_newer_one(told) -> None:
-    newer: list[Motion] = []
-
-    def rest() -> Future[None]:
-        told.append("rest")
-        if len(told) == 1:
-            asking = threading.Thread(target=lambda: newer.append(motions.start(lambda _: None)))
-            asking.start()
-        return over()
-
-    motions = MotionQueue(rest)
-    gate = threading.Event()
-
-    def run(motion: Motion) -> Future[None]:
-        gate.wait(60.0)
-        with motion.begin():
-            return Future()
-
-    motion = motions.start(run)
-    while not newer:
-        threading.Event().wait(0.001)
-    gate.set()
-    with pytest.raises(Interrupted, match="a newer motion"):
-        motion.result(60.0)
-    newer[0].result(60.0)
-    motions.close()
-    assert told[0] == "rest"
 
 
 def test_an_interrupted_motion_never_begins_and_its_wait_leaves_another_alone():

@@ -31,29 +31,24 @@ def test_an_empty_configuration_gives_the_published_defaults():
     assert (gripper.gripper_type, gripper.mesh_detail) == ("follower", "low")
 
 
-def test_every_attribute_is_read_in_si():
-    config = SimulatedArmConfig.from_attributes(
-        {
-            "speed_degs_per_sec": 60.0,
-            "acceleration_degs_per_sec_per_sec": 200.0,
-            "motion": "mine",
-            "simulate_time": False,
-            "visualize_ee_frame": True,
-            "use_urdf": True,
-            "floor_z_mm": -10.0,
-            "position_tolerance_mm": 2.0,
-            "orientation_tolerance_deg": 30.0,
-            "mesh_decimation_ratios": [0.9, 0.5],
-        }
-    )
-    assert config.speed == pytest.approx(math.radians(60.0))
-    assert config.acceleration == pytest.approx(math.radians(200.0))
-    assert config.motion == "mine"
-    assert (config.simulate_time, config.visualize_ee_frame, config.use_urdf) == (False, True, True)
-    assert config.floor_z == pytest.approx(-0.01)
-    assert config.position_tolerance == pytest.approx(0.002)
-    assert config.approach_tolerance == pytest.approx(math.radians(30.0))
-    assert config.unused == ("mesh_decimation_ratios",)
+@pytest.mark.parametrize(
+    ("key", "given", "name", "read"),
+    [
+        ("speed_degs_per_sec", 60.0, "speed", math.radians(60.0)),
+        ("acceleration_degs_per_sec_per_sec", 200.0, "acceleration", math.radians(200.0)),
+        ("motion", "mine", "motion", "mine"),
+        ("simulate_time", False, "simulate_time", False),
+        ("visualize_ee_frame", True, "visualize_ee_frame", True),
+        ("use_urdf", True, "use_urdf", True),
+        ("floor_z_mm", -10.0, "floor_z", -0.01),
+        ("position_tolerance_mm", 2.0, "position_tolerance", 0.002),
+        ("orientation_tolerance_deg", 30.0, "approach_tolerance", math.radians(30.0)),
+        ("mesh_decimation_ratios", [0.9, 0.5], "unused", ("mesh_decimation_ratios",)),
+    ],
+)
+def test_every_attribute_is_read_in_si(key, given, name, read):
+    config = SimulatedArmConfig.from_attributes({key: given})
+    assert getattr(config, name) == (pytest.approx(read) if isinstance(read, float) else read)
 
 
 def test_nulls_empty_strings_and_zero_tolerances_count_as_not_given():

@@ -72,16 +72,6 @@ def test_setpoints_are_the_samples_of_the_trajectory_at_exact_multiples_of_its_p
     assert sim.state.late_ticks == 0
 
 
-def test_the_first_setpoint_goes_out_at_once(sim):
-    sim.clock.advance(0.01)  # in between two looks at a resting arm
-    sim.arm.tape.clear()
-    sim.executor.execute(sim.to_goal(Q_GOAL))
-    sim.clock.advance(0.0)
-    assert len(sim.arm.tape) == 1
-    assert sim.state.arm_moving
-    assert sim.state.mode is Mode.MOVING
-
-
 def test_the_state_shows_reference_and_measurement_during_a_move(sim):
     trajectory = sim.slow_move()
     sim.executor.execute(trajectory)

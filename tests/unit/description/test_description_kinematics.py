@@ -12,10 +12,13 @@ import pytest
 import so101_description as description
 from so101_description import PARTS, URDF_PATH
 from so101_description.generator.glb import to_linear
-from so101_description.make_allowed_pairs import FLOOR_Z, sample
+from so101_description.make_allowed_pairs import sample
 from so101_description.make_hulls import CORNERS
 from so101_description.make_meshes import MATERIALS, make
 from so101_description.mesh_readers import read_glb, to_srgb
+
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.kinematics.model import RobotModel
 
 GEOMETRY = Path(__file__).resolve().parents[2] / "data" / "so101_geometry.json"
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
@@ -100,6 +103,24 @@ def test_every_frame_agrees_with_the_official_urdf(model, geometry, name):
         assert rotation_error(T_base_frame.rotation, expected["wxyz"]) < 5e-5, frame
 
 
+@pytest.mark.parametrize(
+    ("joint", "frame", "axis", "sign"),
+    [
+        ("shoulder_pan", "tool", 1, -1),  # positive pan turns right
+        ("shoulder_lift", "tool", 2, -1),  # positive lift, elbow and wrist move the tool down
+        ("elbow_flex", "tool", 2, -1),
+        ("wrist_flex", "jaw_tip", 2, -1),
+        ("gripper", "moving_jaw_so101_v1_link", 2, 0),
+    ],
+)
+def test_positive_angles_turn_as_documented(model, joint, frame, axis, sign):
+    q = np.zeros(6)
+    before = frame_pose(model, q, frame).translation[axis]
+    q[JOINTS.index(joint)] = 0.2
+    moved = frame_pose(model, q, frame).translation[axis] - before
+    assert np.sign(np.round(moved, 6)) == sign
+
+
 def test_rotations_are_exact_but_for_the_jaw_planes_lean():
     quarter = np.pi / 2
     lean = 0.0486795
@@ -119,58 +140,6 @@ def furthest_outside(hull, points):
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.max(points @ normals.T - np.sum(normals * a, axis=1))
-
-
-class Checker:
-    """Hulls as pinocchio loads them from the URDF, with the pairs that need looking at."""
-
-    def __init__(self, model):
-        self.model = model
-        self.data = model.createData()
-        self.geometry = pin.buildGeomFromUrdf(
-            model,
-            str(description.URDF_PATH),
-            pin.COLLISION,
-            package_dirs=str(description.URDF_PATH.parent),
-        )
-        for shape in self.geometry.geometryObjects:
-            shape.geometry.buildConvexHull(True, "Qt")
-            shape.geometry = shape.geometry.convex
-        self.names = [shape.name.removesuffix("_0") for shape in self.geometry.geometryObjects]
-        allowed = description.load_allowed_pairs()
-        for i, j in itertools.combinations(range(len(self.names)), 2):
-            if frozenset((self.names[i], self.names[j])) not in allowed:
-                self.geometry.addCollisionPair(pin.CollisionPair(i, j))
-        self.reaching = [
-            None
-            if frozenset((name, description.GROUND)) in allowed
-            else description.load_hull(description.PARTS[name]).vertices
-            for name in self.names
-        ]
-        self.state = self.geometry.createData()
-
-    def overlaps(self, q):
-        pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.state, q)
-        return [
-            (self.names[pair.first], self.names[pair.second])
-            for i, pair in enumerate(self.geometry.collisionPairs)
-            if pin.computeCollision(self.geometry, self.state, i)
-        ]
-
-    def height_above_floor(self, q):
-        """Of the lowest hull among the links that can reach the floor."""
-        pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.state, q)
-        heights = [
-            hull @ placement.rotation[2] + placement.translation[2] - FLOOR_Z
-            for hull, placement in zip(self.reaching, self.state.oMg, strict=True)
-            if hull is not None
-        ]
-        return np.min(np.concatenate(heights))
-
-
-@pytest.fixture(scope="module")
-def checker(model):
-    return Checker(model)
 
 
 @pytest.mark.parametrize("part", description.PARTS.values())
@@ -201,54 +170,14 @@ def spread_directions(count):
     return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
 
 
-def test_pinocchio_loads_one_convex_shape_a_link(checker):
-    assert checker.names == LINKS
-    for name, shape in zip(checker.names, checker.geometry.geometryObjects, strict=True):
-        hull = description.load_hull(description.PARTS[name])
-        loaded = np.array(shape.geometry.points())
-        assert furthest_outside(hull, loaded) == pytest.approx(0.0, abs=1e-8)  # read as float
-        directions = np.random.default_rng(0).normal(size=(3, 200))
-        reach = np.max(hull.vertices @ directions, axis=0)
-        assert np.max(loaded @ directions, axis=0) == pytest.approx(reach, abs=1e-7)
-
-
-def test_named_poses_are_free_of_self_and_floor(checker, geometry):
+def test_named_poses_are_free_of_self_and_floor(geometry):
+    collision = CollisionModel(RobotModel.load())
     assert len(geometry["named"]) == 8
     for name, pose in geometry["named"].items():
-        q = np.radians(pose["q_deg"])
-        assert checker.overlaps(q) == [], name
-        assert checker.height_above_floor(q) > 0.03, name
+        *q, q_jaw = np.radians(pose["q_deg"])
+        assert collision.clearance(np.array(q), q_jaw).room > 0.0, name
     # LeRobot's shipped rest pose read without its zero offsets: the official solids overlap.
-    assert checker.overlaps(np.radians([-4.0, -103.0, 97.0, 78.0, -65.0, 0.0]))
-
-
-@pytest.mark.parametrize("reach", [0.12, 0.16, 0.20, 0.22])
-@pytest.mark.parametrize("tip_height", [0.006, 0.010, 0.020])
-def test_tool_down_near_the_floor_is_not_refused(model, checker, reach, tip_height):
-    q = tool_down(model, reach, tip_height)
-    assert checker.overlaps(q) == []
-    assert checker.height_above_floor(q) > 0.0
-
-
-def tool_down(model, reach, tip_height):
-    """Joint angles with the jaw tip at a distance from the pan axis, pointing straight down."""
-    target = np.array([0.0388353 + reach, tip_height])
-    data = model.createData()
-    frame = model.getFrameId("jaw_tip")
-    for lift, elbow in itertools.product(np.radians([-60, -20, 20]), np.radians([0, 40, 80])):
-        bend = np.array([lift, elbow])
-        for _ in range(60):
-            q = np.array([0.0, bend[0], bend[1], np.pi / 2 - bend.sum(), 0.0, 0.0])
-            pin.computeJointJacobians(model, data, q)
-            pin.updateFramePlacements(model, data)
-            error = target - data.oMf[frame].translation[[0, 2]]
-            J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[[0, 2]]
-            J = J[:, 1:3] - J[:, 3:4]
-            bend = bend + J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(2), error)
-        inside = np.all(q >= model.lowerPositionLimit) and np.all(q <= model.upperPositionLimit)
-        if np.linalg.norm(error) < 1e-6 and inside:
-            return q
-    raise AssertionError("the arm cannot point straight down there")
+    assert collision.first_contact(np.radians([-4.0, -103.0, 97.0, 78.0, -65.0])) is not None
 
 
 def test_allowed_pairs_name_links_and_cover_every_hinge():
@@ -356,7 +285,7 @@ def test_unknown_parts_and_other_files_are_refused_and_arrays_cannot_be_written(
         description.load_visual("jaw")[0].mesh.vertices[0] = 0.0
 
 
-@pytest.mark.parametrize("part", ["upper_arm", "axes"])  # all of them take half a minute
+@pytest.mark.parametrize("part", ["axes", pytest.param("upper_arm", marks=pytest.mark.long)])
 def test_making_a_part_again_gives_the_committed_bytes(part, tmp_path):
     make(part, tmp_path)
     again = (tmp_path / f"{part}.glb").read_bytes()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from harness.calibration_rig import LentArm
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from so101_motion.calib.motors.arm_identification import ServoFacts
@@ -256,6 +256,7 @@ def _anybody(draw):
 _HELD = examine(LentArm())[0].motors["gripper"].facts.held
 
 
+@settings(max_examples=40)
 @given(
     st.lists(_anybody(), max_size=6),
     st.sampled_from(["ok", "duplicate", "not_responding", "wrong_voltage"]),

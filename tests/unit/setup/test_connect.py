@@ -7,9 +7,8 @@ import pytest
 from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.setup.checkup import Findings
-from so101_motion.setup.connect import ConnectOperation
+from so101_motion.setup.connect import Candidate, ConnectOperation, PortsSeen
 from so101_motion.setup.discovery import PortReport
-from so101_motion.setup.port_selection import Candidate, PortsSeen
 
 
 def candidate(name: str, **seen: Any) -> Candidate:

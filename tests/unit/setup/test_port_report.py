@@ -3,7 +3,7 @@ import pytest
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.port.port_list import FoundPort
-from so101_motion.setup import port_selection
+from so101_motion.setup import connect
 from so101_motion.setup.discovery import PortReport
 from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
 
@@ -29,17 +29,17 @@ def by_model(found):
 def test_an_arm_with_a_name_has_a_file_of_that_name_and_never_another_arms(data, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(data))
     bare = report(())
-    assert port_selection.calibration_file(bare).name == "58CD_calibration.json"
-    leader = port_selection.calibration_file(bare, " leader ")
+    assert connect.calibration_file(bare).name == "58CD_calibration.json"
+    leader = connect.calibration_file(bare, " leader ")
     assert leader.name == "leader_calibration.json"
     leader.parent.mkdir(parents=True, exist_ok=True)
     leader.write_text("{}")
     with pytest.raises(ConfigError, match="another arm's already"):
-        port_selection.calibration_file(bare, "leader")
-    assert port_selection.calibration_file(report((), calibration=leader), "leader") == leader
+        connect.calibration_file(bare, "leader")
+    assert connect.calibration_file(report((), calibration=leader), "leader") == leader
     for name in ("../leader", "a/b", ".hidden", "con", "x" * 41):
         with pytest.raises(ConfigError, match="arm name"):
-            port_selection.calibration_file(bare, name)
+            connect.calibration_file(bare, name)
 
 
 def test_without_a_file_the_arm_asks_its_servos_and_the_sensor_gets_a_file_of_its_own():

@@ -127,17 +127,20 @@ def rig(mode):
     return SimpleNamespace(connection=ArmConnection(to="a port"), arm=arm)
 
 
+def hold_buttons(rigs):
+    """The bar of these arms, and what fills it."""
+    bar = Bar()
+    context = SimpleNamespace(
+        bar=bar, button=lambda *_args, **_named: None, post=lambda command: command()
+    )
+    fade = dict.fromkeys(rigs, lambda _lost: None)
+    return bar, HoldButtons(context, title="Arms", rigs=rigs, guide=lambda: None, fade=fade)
+
+
 def said(**modes):
     """The alerts about arms in these modes."""
-    bar = Bar()
-    context = SimpleNamespace(bar=bar, button=lambda *_args, **_named: None)
-    HoldButtons(
-        context,
-        title="Two arms",
-        rigs={name: rig(mode) for name, mode in modes.items()},
-        guide=lambda: None,
-        fade={},
-    ).refresh()
+    bar, buttons = hold_buttons({name: rig(mode) for name, mode in modes.items()})
+    buttons.refresh()
     return [each.text for sentences in bar._alerts.values() for each in sentences]
 
 
@@ -148,3 +151,20 @@ def test_what_is_true_of_several_arms_is_said_once():
     assert first.startswith("left: The arm is limp.")
     assert second == f"right: {by_hand}"
     assert said(only=Mode.GUIDING) == [by_hand]
+
+
+def test_every_tab_says_of_an_arm_that_it_is_gone_or_back_and_not_how_it_was_before():
+    left, right = rig(Mode.LIMP), rig(Mode.HOLDING)
+    bar, buttons = hold_buttons({"left": left, "right": right})
+    tabs = []
+    for connection, mode in ((LOST, Mode.LIMP), (ARM, Mode.FAULT), (ARM, Mode.HOLDING)):
+        left.connection, left.arm.state = connection, state(mode)
+        buttons.refresh()
+        tabs.append((bar.lost and bar.lost.text, bar.state))
+    assert tabs == [
+        ("left: The arm is disconnected, so nothing can move.",
+         "left: Arm disconnected; right: Idle, holding"),
+        ("left: The arm is back. Press Hold to go on.",
+         "left: Connected again; right: Idle, holding"),
+        (None, "Idle, holding"),
+    ]  # fmt: skip

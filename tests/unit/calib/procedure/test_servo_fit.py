@@ -1,7 +1,7 @@
 """The fit of a servo's parameters finds those of the servo that made the data."""
 
+import json
 import math
-import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +17,9 @@ from so101_motion.calib.procedure.servo_fit import (
     setpoints,
     unrounded,
 )
+from so101_motion.drivers.feetech.lag_compensation import braking
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
-from so101_motion.setup.identify import write_recordings
+from so101_motion.planning.kinematics.model import RobotModel
 
 TICK = 2.0 * math.pi / 4096.0
 LEVER = 0.2
@@ -129,48 +130,46 @@ def test_a_play_that_nobody_has_seen_is_not_made_up_and_set_points_arrive_where_
     assert found.play is None
 
 
-def test_a_recording_is_written_as_angles_from_the_zero_without_serial_number_or_date(tmp_path):
-    record = record_of(ServoFigures())
-    weight = np.linspace(0.0, 1.0, len(record.t))
-    elsewhen = replace(record, t=record.t + 1.8e9, t_goals=record.t_goals + 1.8e9)
-    (file,) = write_recordings(tmp_path, {"shoulder_lift": elsewhen}, {"shoulder_lift": weight})
-    with np.load(file) as data:
-        assert set(data) == {
-            "t_s", "goal_rad", "position_tick", "torque_enable", "volts", "load_nm", "kp",
-            "mass_kg", "length_m", "inertia_kgm2", "acceleration_radps2", "trajectory",
-        }, "docs/hardware.md names them all"  # fmt: skip
-        assert data["position_tick"][0] == pytest.approx(record.ticks - 2048.0)
-        assert data["goal_rad"].shape == data["volts"].shape == (1, len(record.t))
-        assert data["load_nm"][0] == pytest.approx(weight)
-        assert data["t_s"][0] == pytest.approx(record.t, abs=1e-6), "from zero, not a time of day"
-    with zipfile.ZipFile(file) as archive:
-        assert {part.date_time for part in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
-
-
-def test_a_folder_of_recordings_is_read_by_the_program_that_fits_the_emulator(tmp_path):
+def test_a_report_of_an_arm_is_read_by_the_program_that_fits_the_emulator(tmp_path):
     """One joint that bears weight and one that does not, recorded for different times."""
-    lift, pan = record_of(ServoFigures()), record_of(ServoFigures(), index=0)
-    pan = replace(pan, t=pan.t[:500], ticks=pan.ticks[:500], volts=pan.volts[:500])
-    weights = {
-        "shoulder_lift": gravity_of(0.0, np.zeros(3))(lift.q)[:, 1], "shoulder_pan": np.zeros(500),
-    }  # fmt: skip
-    write_recordings(tmp_path, {"shoulder_lift": lift, "shoulder_pan": pan}, weights)
-    recordings = load(tmp_path)
+    gravity, motions = RobotModel.load().holding_torques, {}
+    lift, pan = (
+        replayed(
+            replace(record, acceleration=braking(i, 0)), ServoFigures(), gravity(record.q)[:, i]
+        )
+        for i, record in ((1, record_of(ServoFigures())), (0, record_of(ServoFigures(), index=0)))
+    )
+    for joint, record, n in (("shoulder_lift", lift, len(lift.t)), ("shoulder_pan", pan, 500)):
+        command = np.zeros((len(record.t), 6))
+        command[:, record.index] = (record.goals - 2048.0) * TICK
+        motions[joint] = {
+            "t_cmd_s": record.t.tolist(), "command": command.tolist(),
+            "t_s": record.t[:n].tolist(), "volts": [12.0] * n,
+            "position": np.column_stack([record.q, np.zeros(len(record.t))])[:n].tolist(),
+        }  # fmt: skip
+    registers = {"p_gain": 32, "max_acceleration": 0}
+    file = tmp_path / "arm.json"
+    file.write_text(json.dumps({"servos": dict.fromkeys(motions, registers), "motions": motions}))
+    recordings = load(file)
     assert recordings.kind.tolist() == ["sweep of shoulder_lift", "sweep of shoulder_pan"]
     assert recordings.valid.sum() == len(lift.t) + 500
     torques = np.array([0.8, 1.0, 1.2]) * Parameters().torque_per_volt
-    trials = Parameters(torque_per_volt=torques)
-    errors = recordings.error(simulate(recordings, trials, dt=2e-3))
+    errors = recordings.error(simulate(recordings, Parameters(torque_per_volt=torques), dt=2e-3))
     assert np.argmin(errors) == 1, "the servo that made them"
-    assert errors[1] < 0.0015, "its set-point speeds up no faster than the arm's did"
+    assert errors[1] < 0.0015
 
 
 @pytest.mark.parametrize("readings", [1, 2])
 def test_failed_readings_do_not_count(tmp_path, readings):
     """The recorder of the pendulum wrote -3.14 for them, once twice in a row."""
     record = record_of(ServoFigures())
-    record.ticks[100 : 100 + readings] = 0.0
-    write_recordings(tmp_path, {"shoulder_lift": record}, {"shoulder_lift": record.t})
+    position = record.ticks - 2048.0
+    position[100 : 100 + readings] = -2048.0
+    rows = {"t_s": record.t, "goal_rad": (record.goals - 2048.0) * TICK, "position_tick": position}
+    rows |= {"volts": record.volts, "torque_enable": np.ones(len(record.t))}
+    of_one = {"kp": 32, "mass_kg": 0.5, "length_m": 0.1, "trajectory": "lift"}
+    arrays = {name: np.array([each]) for name, each in (rows | of_one).items()}
+    np.savez(tmp_path / "a.npz", **arrays)
     left_out = np.flatnonzero(~load(tmp_path).valid[0])
     assert left_out.tolist() == list(range(100, 100 + readings))
 

@@ -73,9 +73,7 @@ def test_no_joint_is_given_more_than_its_torque_limit(make):
 @pytest.mark.parametrize(
     ("joint", "by_deg", "heavier"),
     [
-        ("shoulder_pan", 40.0, 1.0),
         ("shoulder_lift", -40.0, 1.2),
-        ("shoulder_lift", 40.0, 1.0),
         ("elbow_flex", -40.0, 1.2),
         ("wrist_roll", -40.0, 1.0),
     ],

@@ -87,7 +87,7 @@ found = {
 }
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(**found, maps=maps([None, 0]))
 def test_no_joint_moves_by_being_found_set_up_and_held(wired, q_start, driven, heavier, maps):
     arm = Found(wired, q_start, driven, heavier)
@@ -95,7 +95,7 @@ def test_no_joint_moves_by_being_found_set_up_and_held(wired, q_start, driven, h
     assert arm.look(1.5).max() <= 0.5
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(**found, maps=maps([150, -90]))
 def test_a_new_homing_offset_takes_no_joint_along(wired, q_start, driven, heavier, maps):
     arm = Found(wired, q_start, driven, heavier)

@@ -278,7 +278,7 @@ def test_what_is_no_state_of_these_joints_is_refused(qd):
 # Slower and faster along a path
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**31), share=st.floats(0.02, 0.98))
 def test_a_motion_rests_on_its_path_and_goes_on(seed, share) -> None:
     rng = np.random.default_rng(seed)
@@ -311,11 +311,11 @@ def test_a_motion_can_rest_wherever_it_turns_or_stands() -> None:
     ways = [online.point_to_point(a, b, limits, 0.01) for a, b in [(back, there), (there, back)]]
     q, qd, qdd = (np.concatenate([getattr(w, x) for w in ways]) for x in ("q", "qd", "qdd"))
     moved = Trajectory(dt=0.01, q=q, qd=qd, qdd=qdd, duration=0.01 * (len(q) - 1))
-    for k in range(len(moved)):
+    for k in range(0, len(moved), 3):
         assert time_scaling.shortest_pause(moved, 0.01 * k, stop, 0.2) is not None, k
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**31), share=st.floats(0.1, 0.99))
 def test_a_motion_goes_on_from_rest_as_gently_as_it_began(seed, share) -> None:
     rng = np.random.default_rng(seed)

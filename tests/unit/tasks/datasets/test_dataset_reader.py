@@ -112,9 +112,9 @@ def test_metadata_that_makes_no_sense_is_refused_in_a_sentence(root, change, say
     [
         (b"", "is empty"),
         (b"[" * 100_000, "nested"),
-        (b"{" + b" " * 5_000_000 + b"}", "larger than"),
+        (b"{" + b" " * 5_000_000 + b"}", "more than"),
         (b"\xff\xfe\x00", "not JSON"),
-        (b"[]", "must hold an object"),
+        (b"[]", "must be an object"),
     ],
 )
 def test_metadata_that_is_no_metadata_is_refused(root, data, says):

@@ -22,7 +22,7 @@ def test_two_simulated_arms_show_how_it_goes(so101, tmp_path):
     assert told["last_error"] == ""
     rows = list(csv.DictReader(record.read_text().splitlines()))
     assert 22 <= len(rows) < 150, "0.6 s, and what a busy machine takes to end it"
-    assert "mirroring" in result.stderr
+    assert "Following the leader." in result.stderr
     assert result.stderr.endswith("ended: both arms hold\n")
 
 

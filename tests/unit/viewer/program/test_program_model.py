@@ -100,7 +100,7 @@ def test_a_waypoint_at_which_an_item_is_picked_is_added_rehearsed_and_run(tab):
         tab.model.pick()
     tab.rig.arm.scene = cube_and_tray()
     tab.model.pick()
-    tab.edit.set_place("tray")
+    tab.edit.set(place="tray")
     waypoint = tab.model.program.waypoints[1]
     assert (waypoint.item, waypoint.place) == ("cube", "tray")
     assert words.line(tab.model.program, 1) == "cube to tray"
@@ -112,7 +112,7 @@ def test_a_waypoint_at_which_an_item_is_picked_is_added_rehearsed_and_run(tab):
     tab.model.start()
     tab.until(lambda: tab.model.run is None)
     assert tab.rig.things.where("cube").p[:2] == pytest.approx([0.11, -0.2], abs=2e-3)
-    tab.edit.set_passes(True)
+    tab.edit.set(passes=True)
     assert tab.model.program.waypoints[1].item is None
 
 
@@ -121,9 +121,9 @@ def test_waypoints_keep_their_names_when_the_order_changes(tab):
     tab.model.move(-1)
     assert tab.names == "ACB"
     assert tab.model.chosen == 1
-    tab.edit.rename("grip")
-    tab.edit.set_pause(1.5)
-    tab.edit.set_aperture(None)
+    tab.edit.set(name="grip")
+    tab.edit.set(pause=1.5)
+    tab.edit.set(aperture=None)
     changed = tab.model.program.waypoints[1]
     assert (changed.name, changed.pause, changed.aperture) == ("grip", 1.5, None)
     tab.model.move(1)
@@ -145,25 +145,25 @@ def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab):
 
     tab.record(A, B)
     tab.model.choose(0)
-    tab.edit.set_aperture(0.0)
-    tab.edit.set_passes(True)
+    tab.edit.set(aperture=0.0)
+    tab.edit.set(passes=True)
     assert first() == (True, 0.0, None)
     assert tab.said.endswith("Its pause and its gripper setting are removed.")
-    tab.edit.set_aperture(0.5)
+    tab.edit.set(aperture=0.5)
     assert first() == (False, 0.0, 0.5)
     assert tab.said == "The gripper needs a stop, so this waypoint is no longer passed."
-    tab.edit.set_aperture(None)
-    tab.edit.set_passes(True)
+    tab.edit.set(aperture=None)
+    tab.edit.set(passes=True)
     assert tab.said == "Passed without stopping."
-    tab.edit.set_pause(2.0)
+    tab.edit.set(pause=2.0)
     assert first() == (False, 2.0, None)
     assert tab.said == "A pause needs a stop, so this waypoint is no longer passed."
-    tab.edit.set_pause(0.0)
-    tab.edit.set_passes(True)
-    tab.edit.set_passes(False)
+    tab.edit.set(pause=0.0)
+    tab.edit.set(passes=True)
+    tab.edit.set(passes=False)
     assert first() == (False, 0.0, None)
     tab.model.choose(1)
-    tab.edit.set_passes(True)
+    tab.edit.set(passes=True)
     assert tab.said == "The arm stops at the last waypoint, until another follows it."
 
 
@@ -213,10 +213,10 @@ def test_a_wait_stays_where_the_step_before_it_stands_and_a_saved_program_is_ins
 def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(tab, clock):
     def change_all():
         for text in ("p", "pi", "pick"):
-            tab.edit.rename(text)
+            tab.edit.set(name=text)
             clock.advance(0.2)
         for percent in range(99, 49, -1):
-            tab.edit.set_speed(0.01 * percent)
+            tab.edit.set(speed=0.01 * percent)
             clock.advance(0.05)
 
     tab.record(A, B)
@@ -273,7 +273,7 @@ def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab):
     tab.plan()
     full = tab.model.timeline.rehearsal.legs[0].at[-1]
     tab.model.choose(0)
-    tab.edit.set_speed(0.25)
+    tab.edit.set(speed=0.25)
     tab.plan()
     tab.model.refresh()
     assert not tab.model.refresh()  # an arm at rest gives nothing new to show
@@ -292,7 +292,7 @@ def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab):
 def test_a_program_that_passes_a_waypoint_says_so(tab):
     tab.record(A, B)
     tab.model.choose(0)
-    tab.edit.set_passes(True)
+    tab.edit.set(passes=True)
     tab.plan()
     rehearsal = tab.model.timeline.rehearsal
     facts = dict(tab.model.texts.facts(tab.model.timeline))
@@ -458,8 +458,8 @@ def test_stop_ends_it_for_all_arms(bench):
 def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
     model = bench.model
     bench.record(first=aside(55.0), second=aside(50.0))
-    model.edit[SECOND].set_aperture(1.0)
-    model.edit[FIRST].set_pause(60.0)
+    model.edit[SECOND].set(aperture=1.0)
+    model.edit[FIRST].set(pause=60.0)
     bench.record(second=aside(60.0))
     model.set_rounds(2)
     assert bench.planned()
@@ -519,9 +519,9 @@ def test_steps_are_edited_arm_by_arm_and_edits_are_undone(bench):
     bench.arms[SECOND].set_target_joints(aside(50.0))
     model.edit[SECOND].take_target()
     assert [*model.program.steps[0]] == [FIRST, SECOND]
-    model.edit[SECOND].set_aperture(0.5)
-    model.edit[SECOND].set_pause(1.5)
-    model.edit[FIRST].set_speed(0.4)
+    model.edit[SECOND].set(aperture=0.5)
+    model.edit[SECOND].set(pause=1.5)
+    model.edit[FIRST].set(speed=0.4)
     assert model.waypoint(SECOND).aperture == 0.5
     assert model.waypoint(FIRST).aperture is None
     model.edit[FIRST].leave_out()

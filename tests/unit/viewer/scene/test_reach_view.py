@@ -1,13 +1,11 @@
 import numpy as np
 import pytest
-from so101_viewer.scene.reach_view import Reach, ReachView, mesh
+from so101_viewer.scene.reach_view import Reach, mesh
 
 from so101_motion.common.errors import Unreachable
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.sweeps.atlas import Atlas
-from so101_motion.tasks.sweeps.reach import Grid
 
 MODEL = RobotModel.load()
 NEAR_EDGE = 0.02
@@ -46,45 +44,3 @@ def test_the_shade_is_a_flat_ring_between_the_limits_of_the_base():
     np.testing.assert_allclose([angles.min(), angles.max()], reach.pan)
     assert faces.max() == len(vertices) - 1
     assert reach.rings(2.0) == []
-
-
-class Scene:
-    """Keeps what is there to be seen."""
-
-    def __init__(self):
-        self.shown = []
-
-    def add_batched_meshes_simple(self, name, vertices, faces, wxyzs, positions, **_looks):
-        return Node(self.shown, positions)
-
-    def add_mesh_simple(self, name, *_args, **_looks):
-        return Node(self.shown, name)
-
-
-class Node:
-    """One of the things, until it is removed."""
-
-    def __init__(self, shown, what):
-        self._shown, self._what = shown, what
-        shown.append(what)
-
-    def remove(self):
-        self._shown[:] = [each for each in self._shown if each is not self._what]
-
-
-def test_an_atlas_is_shaded_at_the_height_of_a_target_of_its_frame():
-    grid = Grid(0.1, (0, 0, 0), (4, 1, 3))
-    kinds = [("ways", "u2"), ("torque_left", "f4")]
-    rows = np.array([(1, 0.5), (0, 0.5), (2, -0.1), (3, 0.9), (1, 0.2)], dtype=kinds)
-    atlas = Atlas({"frame": "tool"}, grid, np.array([4, 5, 6, 7, 8]), rows)
-    scene = Scene()
-    view = ReachView(scene, MODEL, atlas)
-    view.show("tool", 0.12)  # free of contact and not too heavy
-    (squares,) = scene.shown
-    assert squares == pytest.approx(np.array([[0.0, 0.0, 0.1], [0.3, 0.0, 0.1]]))
-    view.show("tool", 0.5)
-    assert scene.shown == []
-    view.show("jaw_tip", 0.1)  # is not what the atlas is of
-    assert scene.shown == ["/reach"]
-    view.hide()
-    assert scene.shown == []

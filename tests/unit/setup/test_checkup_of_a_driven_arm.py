@@ -2,7 +2,7 @@ import pytest
 
 from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus
 from so101_motion.drivers.bus.reply_counters import ReplyCounter
-from so101_motion.setup.diagnosis import explain
+from so101_motion.setup.checkup import explain
 
 JOINTS = {
     1: "shoulder_pan", 2: "shoulder_lift", 3: "elbow_flex", 4: "wrist_flex", 5: "wrist_roll",
@@ -26,7 +26,8 @@ def seen(*, missing=(), unexpected_ids=(), counters=None, **changes):
         if i not in missing
     }
     servos |= {i: ServoFacts(servo_id=i, held=HEALTHY) for i in unexpected_ids}
-    return ServosOnBus(baud=1_000_000, servos=servos), JOINTS, counters or {}
+    ids = {joint: i for i, joint in JOINTS.items()}
+    return ServosOnBus(baud=1_000_000, servos=servos), ids, counters or {}
 
 
 def test_nothing_is_wrong_with_a_healthy_arm():
@@ -38,10 +39,10 @@ def test_nothing_is_wrong_with_a_healthy_arm():
     ("examination", "words"),
     [
         (seen(missing=JOINTS), ["no servo answers", "power supply"]),
-        (seen(missing=JOINTS, unexpected_ids=(9,)), ["others: 9", "motor setup"]),
-        (seen(missing=(4, 5, 6)), ["wrist_flex", "between servo 3 (elbow_flex) and servo 4"]),
-        (seen(missing=(3,)), ["servo 3 (elbow_flex)", "its own id"]),
-        (seen(missing=(6,), unexpected_ids=(7,)), ["if 7, which", "motor setup"]),
+        (seen(missing=JOINTS, unexpected_ids=(9,)), ["and 5 more", "first cable", "answers as 9"]),
+        (seen(missing=(4, 5, 6)), ["servos 4, 5 and 6 do not answer", "between servos 3 and 4"]),
+        (seen(missing=(3,)), ["servo 3 (elbow_flex)", "its id is wrong"]),
+        (seen(missing=(6,), unexpected_ids=(7,)), ["without its jaw", "if it answers as 7"]),
         (
             seen(elbow_flex={"present_voltage": 121, "max_voltage": 80}),
             ["servo 3 (elbow_flex)", "12.1 V", "8.0 V", "switch the power off"],
@@ -49,7 +50,7 @@ def test_nothing_is_wrong_with_a_healthy_arm():
         (seen(elbow_flex={"present_voltage": 50}), ["only 5.0 V", "power supply"]),
         (seen(elbow_flex={"status": 1}), ["supply", "drops under load"]),
         (seen(gripper={"status": 32, "present_load": 900}), ["gripper", "overloaded (90 %"]),
-        (seen(gripper={"present_temperature": 61}), ["61 degC", "switches off at 70"]),
+        (seen(gripper={"present_temperature": 61}), ["gripper is the warmest", "61 degC"]),
         (seen(elbow_flex={"status": 2}), ["broken encoder"]),
         (seen(elbow_flex={"model_number": 2825}), ["sts3250", "STS3215"]),
         (seen(elbow_flex={"operating_mode": 1}), ["mode 1"]),
@@ -59,7 +60,7 @@ def test_nothing_is_wrong_with_a_healthy_arm():
         (seen(elbow_flex={"phase": 140}), ["backwards", "140"]),
         (seen(elbow_flex={"homing_offset": 2114}), ["2114", "calibrate"]),
         (seen(elbow_flex={"present_position": -20}), ["-20", "0 to 4095"]),
-        (seen(elbow_flex={"firmware_minor": 9}), ["different firmware", "3.9"]),
+        (seen(elbow_flex={"firmware_minor": 9}), ["different versions", "elbow_flex 3.9"]),
         (seen(gripper={"present_voltage": 112}), ["12.1 V at the base", "11.2 V at the end"]),
         (
             seen(counters={3: ReplyCounter(answers=900, corrupt=100)}),
