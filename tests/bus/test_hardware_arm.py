@@ -167,26 +167,6 @@ async def test_a_torque_limit_reaches_the_servos(models, client):
     assert models.world.servo("shoulder_pan").memory.raw(emu.TORQUE_LIMIT) == 600
 
 
-async def test_requests_that_cannot_be_done_say_why(client):
-    for request_, says in [
-        ({"command": "diagnoze"}, 'did you mean "diagnose"'),
-        ({"set_torque": True}, '"set_torque" is a command, not a key: send {"command": "set_torq'),
-        ({"set_torqe": True}, 'did you mean "set_torque"?'),
-        ({"command": "set_torque"}, "enable"),
-        ({"command": "set_torque", "enable": "yes"}, "true or false"),
-        ({"command": "reinitialize", "retries": 0}, "retries"),
-        ({"command": "set_torque_limit", "value": 1001}, "value"),
-        ({"command": "identify", "joints": ["gripper"]}, "must be some of shoulder_pan"),
-        ({"command": "identify", "joints": ["wrist_flex"], "carrying": True}, "must be all"),
-        ({"get_motion_params": 1.0}, "true or false"),
-    ]:
-        with pytest.raises(GRPCError) as caught:
-            await client.do_command(request_)
-
-        assert caught.value.status is Status.INVALID_ARGUMENT
-        assert says in caught.value.message
-
-
 async def test_closing_the_arm_stops_it_though_the_gripper_stays(models, arm, client):
     gripper = models.new_gripper()
     before = models.q_deg[0]

@@ -4,12 +4,11 @@ import json
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from harness.emulated_rig import MIDDLES_DEG, arm_client
 from harness.held_calibration import hold_calibration
 
-from so101_motion.calib.record import store, zero
+from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.encoder_zeros import shift
 from so101_motion.drivers.emulator.joint_figures import SO101
@@ -40,36 +39,15 @@ def swept(joint):
     )
 
 
-def saved(file, *, with_zeros, servos=None):
-    calibration, zeros = {}, {}
-    for joint in MOUNTED:
-        name, entry = joint.name, swept(joint)
-        calibration[name] = entry
-        if name in zero.SWEPT:
-            zeros[name] = zero.by_stops(name, entry)
-        elif name == "wrist_roll":
-            upright = joint.zero_ticks + zero.ROLL_UPRIGHT * TICKS_PER_RAD - entry.homing_offset
-            zeros[name] = zero.by_pose(entry, round(upright) % 4096, angle=zero.ROLL_UPRIGHT)
-    store.save(file, calibration, zeros=zeros if with_zeros else {})
+def saved(file, *, servos=None):
+    calibration = {joint.name: swept(joint) for joint in MOUNTED}
+    store.save(file, calibration)
     if servos:
         hold_calibration(servos.world, calibration)
     return file
 
 
 pytestmark = pytest.mark.emulated(joints=MOUNTED, q_start=STANDS, calibrated=False)
-
-
-def error_deg(rig, bench):
-    bench.advance(1.0)
-    return np.degrees(rig.arm.state.q) - bench.q_deg[:5]
-
-
-def test_an_arm_swept_from_stop_to_stop_knows_its_angles_within_half_a_degree(bench, tmp_path):
-    rig = bench.open(calibration_file=saved(tmp_path / "arm.json", with_zeros=True, servos=bench))
-
-    assert np.abs(error_deg(rig, bench)).max() < 0.5
-    assert [rig.servos.setups[joint].zero.by for joint in ARM] == ["stops"] * 4 + ["pose"]
-    assert rig.servos.notes == ()
 
 
 def test_servos_as_they_are_sold_are_told_of_in_one_sentence(bench):
@@ -85,7 +63,7 @@ def test_servos_as_they_are_sold_are_told_of_in_one_sentence(bench):
 def test_where_the_published_module_s_zeros_differ_is_told_until_one_is_chosen(
     bench, tmp_path, has_norm_mode
 ):
-    path = saved(tmp_path / "arm.json", with_zeros=False)
+    path = saved(tmp_path / "arm.json")
     content = json.loads(path.read_text())
     content["elbow_flex"]["range_max"] -= 160
     if not has_norm_mode:  # LeRobot's
@@ -115,7 +93,7 @@ def test_a_file_that_lies_where_the_published_module_put_it_is_pointed_out(
 ):
     (tmp_path / "program").mkdir()
     monkeypatch.chdir(tmp_path / "program")
-    lost = saved(tmp_path / "program" / "so101_calibration.json", with_zeros=False, servos=bench)
+    lost = saved(tmp_path / "program" / "so101_calibration.json", servos=bench)
     rig = bench.open(calibration_file=tmp_path / "data" / "so101_calibration.json")
 
     assert any(f"A file of that name is {lost}" in note for note in rig.servos.notes)
@@ -125,7 +103,7 @@ def test_a_file_that_lies_where_the_published_module_put_it_is_pointed_out(
 @pytest.mark.emulated(calibrated=True)
 async def test_the_arm_s_configuration_says_where_zero_is(models, tmp_path):
     offsets = dict(zip(ARM, MIDDLES_DEG, strict=True))
-    path = saved(tmp_path / "arm.json", with_zeros=False, servos=models)
+    path = saved(tmp_path / "arm.json", servos=models)
     arm = models.new_arm(calibration_file=str(path), joint_zero_offsets_deg=offsets)
     await models.pass_time(1.0)
     async with arm_client(arm) as client:

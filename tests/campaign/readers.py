@@ -115,7 +115,6 @@ _ATTRIBUTES = (
     {"port": "/dev/ttyACM0", "calibration_file": "a.json", "manual_mode": {"p_gain": 8}},
     {"leader_arm": "a", "follower_arm": "b", "rate_hz": 50, "offsets_deg": {"elbow_flex": 3}},
 )
-_HAND = b"1 elbow_flex start\n2 elbow_flex 9"
 _STATUS = {
     "joint_positions_deg": dict.fromkeys((*JOINTS, "gripper"), 1.5), "state": "holding",
     "is_moving": True, "late_ticks": 3, "alarms": {"elbow_flex": "hot"}, "fault": "it fell",

@@ -218,20 +218,6 @@ def test_no_goal_is_sent_to_a_joint_outside_its_limits(make_stand, is_guided):
 # Health
 
 
-def test_health_tells_how_each_servo_is(stand):
-    stand.hold()
-    stand.port.world.warm(ELBOW, 62.0)
-    stand.follow(0.5)
-    health = {one.joint: one for one in stand.arm.health}
-    assert health["elbow_flex"].temperature_c == 62
-    assert health["elbow_flex"].servo_id == ELBOW
-    assert health["gripper"].volts == pytest.approx(12.0, abs=0.2)
-    assert health["gripper"].faults == ()
-    assert not health["gripper"].is_silent
-    assert health["gripper"].answers > 50
-    assert health["gripper"].lost == health["gripper"].corrupt == 0
-
-
 def test_a_fault_is_reported_by_name_and_costs_no_reading(stand):
     stand.hold()
     stand.port.world.warm(ELBOW, 75.0)
@@ -243,12 +229,3 @@ def test_a_fault_is_reported_by_name_and_costs_no_reading(stand):
     stand.follow(0.5)
     assert stand.arm.health[2].faults == ()
     assert stand.arm.health[2].latched == ("overheated",)
-
-
-def test_an_overloaded_jaw_is_reported_and_the_arm_moves_on(stand):
-    stand.hold()
-    stand.port.world.put_object(0.02)
-    for _ in range(50):
-        stand.follow(0.1, np.zeros(5), -1.5)
-    assert "overload" in stand.arm.health[5].latched
-    np.testing.assert_allclose(stand.follow(1.0, np.full(5, 0.2)).q, 0.2, atol=0.01)

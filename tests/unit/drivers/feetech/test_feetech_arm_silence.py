@@ -135,18 +135,6 @@ def test_a_servo_that_was_only_unheard_goes_on_holding(stand):
     assert stand.torque() == [1] * 6
 
 
-def test_a_brown_out_is_reported_as_one_and_the_arm_comes_back(stand):
-    stand.hold()
-    stand.port.world.power(3.0)
-    raised = stand.look(1.0)
-    assert "no servo answers; check that the arm's power supply" in str(raised[-1])
-    stand.port.world.power(12.0)
-    assert isinstance(stand.look(2.0)[-1], ServoFault)
-    assert stand.look(1.0) == []
-    stand.hold()
-    np.testing.assert_allclose(stand.follow(1.5, np.full(5, 0.2)).q, 0.2, atol=0.01)
-
-
 # The port
 
 
