@@ -20,7 +20,7 @@ from ..page import markup
 from ..page.bar import add_stop
 from ..page.page_context import Drawn, PageContext, Part
 from ..page.target_ik import TargetSolver
-from ..scene.camera_and_lights import Sight, Views, set_up_view
+from ..scene.camera_and_lights import Sight, set_up_view, view_buttons
 from ..scene.reach_view import ReachView
 from ..scene.scene_view import hit
 from ..view_model import MoveModel, ViewModel
@@ -114,9 +114,9 @@ class MovePart(Part):
     def _set_up_scene(self, bases: Mapping[str, SE3], *, is_one: bool) -> None:
         context, sight = self._context, Sight.of_arms(tuple(bases.values()))
         set_up_view(context.server, sight)
-        views, robot = Views(context.server, sight, follows=is_one), RobotModel.load()
-        context.bar.views = views.buttons
-        context.leave_open(*(button for _, button in views.buttons))
+        robot = RobotModel.load()
+        context.bar.views = view_buttons(context.server, sight)
+        context.leave_open(*(button for _, button in context.bar.views))
         self.nodes = {name: "" if is_one else f"/arms/{k}" for k, name in enumerate(self.pages)}
         self.stages = {}
         for name, page in self.pages.items():
@@ -130,7 +130,6 @@ class MovePart(Part):
                 context,
                 page,
                 model=robot,
-                views=views if is_one else None,
                 reach=ReachView(context.server.scene, robot) if is_one else None,
                 on_click=self._clicked,
                 root=self.nodes[name],

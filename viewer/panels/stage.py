@@ -16,7 +16,6 @@ from ..page.page_context import Drawn, PageContext
 from ..page.plan_view import PathLine
 from ..page.screen_state import Tone
 from ..page.target_editor import ANY
-from ..scene.camera_and_lights import Views
 from ..scene.reach_view import ReachView
 from ..scene.robot_view import MOVED_LINK, Line, RobotView, SweepView, segments
 from ..view_model import ViewModel
@@ -35,7 +34,6 @@ class Stage:
 
     Args:
         model: Kinematics; used by the thread that calls ``show`` alone.
-        views: The cameras that can follow the jaw's tip; None without.
         root: The node that all nodes are under, placed where the arm's base stands; empty for an
             arm whose base is the origin.
         reach: Shades what is within reach while the target is dragged; None without.
@@ -50,13 +48,11 @@ class Stage:
         *,
         model: RobotModel,
         on_click: Callable[[Array, Array], None] = lambda _from, _along: None,
-        views: Views | None = None,
         reach: ReachView | None = None,
         root: str = "",
     ) -> None:
         self._scene, self._model = context.server.scene, model
         self._front = context.front
-        self._views = views
         self._clicked = context.handler(
             lambda event: partial(
                 on_click, np.array(event.ray_origin), np.array(event.ray_direction)
@@ -149,8 +145,6 @@ class Stage:
         page, state = self._page, self._page.state
         T_live = self._model.link_placements(state.q, state.q_jaw)
         self._live.move(T_live)
-        if self._views is not None:
-            self._views.moved(self._model.frame(state.q, "jaw_tip").p)
         self._show_ghost(T_live)
         turns, R_target = page.kind != ANY, page.R_base_target
         is_turned = turns and not np.array_equal(R_target, self._R_target)

@@ -30,10 +30,6 @@ _VIEWS = {
 """Where the camera stands for each of the buttons over the picture, seen from the middle of one
 arm's workspace, which it looks at [m]. Chosen."""
 
-_FOLLOW = "Follow"
-_BEHIND_TOOL = np.array([0.25, -0.40, 0.22])
-"""Where the camera that follows the tool stands, seen from the tool [m]; chosen."""
-
 _GROUND, _KEY_LIGHT = (160, 160, 160), (0.6, -1.0, 0.5)
 """Chosen by comparing pictures with those in viser's ``studio`` surroundings."""
 
@@ -74,55 +70,26 @@ def set_up_view(server: viser.ViserServer, sight: Sight) -> None:
     scene.add_light_directional("/key", intensity=1.6, position=_KEY_LIGHT)
 
 
-class Views:
-    """The buttons over the picture, which turn the camera of the window they are pressed in.
+def view_buttons(
+    server: viser.ViserServer, sight: Sight
+) -> tuple[tuple[str, viser.GuiButtonHandle], ...]:
+    """The buttons over the picture, which turn the camera of the window they are pressed in."""
+    return tuple((label, _turns(server, label, sight.at(p), sight)) for label, p in _VIEWS.items())
 
-    If one ``follows`` the tool, ``moved`` must be called.
-    """
 
-    def __init__(self, server: viser.ViserServer, sight: Sight, *, follows: bool) -> None:
-        self._server, self._sight = server, sight
-        self._following: set[int] = set()  # windows whose camera goes along with the tool
-        self._p_tool: Array | None = None
-        buttons = [(label, self._turns(label, p)) for label, p in _VIEWS.items()]
-        if follows:
-            follow = server.gui.add_button(_FOLLOW, visible=False)
-            follow.on_click(self._follow)
-            buttons.append((_FOLLOW, follow))
-        self.buttons = tuple(buttons)
+def _turns(
+    server: viser.ViserServer, label: str, position: Array, sight: Sight
+) -> viser.GuiButtonHandle:
+    button = server.gui.add_button(label, visible=False)
 
-    def moved(self, p_tool: Array) -> None:
-        """Move the cameras that follow the tool, which is at ``p_tool`` now, shape (3,), [m]."""
-        before, self._p_tool = self._p_tool, p_tool
-        if not self._following or before is None or np.allclose(before, p_tool, atol=1e-4):
-            return
-        for number, client in self._server.get_clients().items():
-            if number in self._following:
-                with client.atomic():
-                    look_at = client.camera.look_at + (p_tool - before)
-                    client.camera.position = client.camera.position + (p_tool - before)
-                    client.camera.look_at = look_at
+    async def look(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        if event.client is not None:
+            with event.client.atomic():
+                event.client.camera.position = position
+                event.client.camera.look_at = sight.middle
 
-    async def _follow(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        if event.client is None or self._p_tool is None:
-            return
-        self._following.add(event.client.client_id)
-        with event.client.atomic():
-            event.client.camera.position = self._p_tool + _BEHIND_TOOL
-            event.client.camera.look_at = self._p_tool
-
-    def _turns(self, label: str, p: Array) -> viser.GuiButtonHandle:
-        button = self._server.gui.add_button(label, visible=False)
-
-        async def look(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            if event.client is not None:
-                self._following.discard(event.client.client_id)
-                with event.client.atomic():
-                    event.client.camera.position = self._sight.at(p)
-                    event.client.camera.look_at = self._sight.middle
-
-        button.on_click(look)
-        return button
+    button.on_click(look)
+    return button
 
 
 def set_up_recording(server: viser.ViserServer, sight: Sight) -> None:
