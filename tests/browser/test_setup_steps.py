@@ -102,7 +102,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path):
         hand = Hand(preview)
         hand.press("Calibration Only")
         hand.expect("Step 1 of 7")
-        hand.expect("Torque not known: no arm yet")
+        hand.expect("Torque not known: not asked yet")
         hand.press("Next")
         hand.expect("Torque on: the joints are held")
         hand.until(lambda: hand.can("Next"), "going on")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -180,7 +180,7 @@ class Alarm:
     sentence: Sentence
 
 
-def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
+def servo_alarms(servos: Collection[JointHealth]) -> tuple[Alarm, ...]:
     """What is wrong with servos, one alarm a cause, of the joint that suffers most."""
     found: dict[str, list[tuple[str, str, Tone]]] = {}
     for servo in servos:
@@ -198,7 +198,9 @@ def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
             tone = Tone.BAD if trouble.level == "stop" else Tone.WARM
             text = str(trouble).replace(" degC", " °C")
             found.setdefault(trouble.kind, []).append((servo.joint, text, tone))
-    return tuple(_alarm(cause, cases) for cause, cases in found.items())
+    return tuple(
+        _alarm(cause, cases, is_all=1 < len(servos) == len(cases)) for cause, cases in found.items()
+    )
 
 
 def state_alarms(
@@ -264,15 +266,15 @@ class LateCycles:
         return (_warm("late", (), text),)
 
 
-def _alarm(cause: str, cases: list[tuple[str, str, Tone]]) -> Alarm:
+def _alarm(cause: str, cases: list[tuple[str, str, Tone]], *, is_all: bool) -> Alarm:
     worst = next((case for case in cases if case[2] is Tone.BAD), cases[0])
     joint, text, tone = worst
     others = tuple(each for each, _, _ in cases if each != joint)
-    more = f" Also: {_listed(others)}." if others else ""
+    more = f" Also: {_listed(others)}." if others and not is_all else ""
     return Alarm(
         cause=cause,
         joints=(joint, *others),
-        sentence=Sentence(f"{joint}: {text}.{more}", tone=tone),
+        sentence=Sentence(f"{'Every joint' if is_all else joint}: {text}.{more}", tone=tone),
     )
 
 

@@ -46,8 +46,8 @@ def notice(
         port = connection.to.removeprefix("arm on ")
         why = capital(connection.problem.removeprefix(f"{port}: "))  # it is named already
         text = (
-            f"Lost the {connection.to} at {since:%H:%M:%S}. {why} Showing its last position."
-            " It reconnects by itself; nothing will move."
+            f"Lost the {connection.to} at {since:%H:%M:%S}. {why}"
+            " It reconnects by itself; nothing moves."
         )
         return Sentence(text, Tone.BAD)
     if state.mode is Mode.FAULT and is_back:

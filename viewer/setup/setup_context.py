@@ -194,7 +194,7 @@ class TorqueText:
 
 def torque(target: SetupTarget | None) -> TorqueText:
     if target is None:
-        return TorqueText(text="Torque not known: no arm yet")
+        return TorqueText(text="Torque not known: not asked yet")
     now = target.situation
     if not now.is_connected:
         return TorqueText(text="Torque not known: no connection")

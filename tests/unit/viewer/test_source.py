@@ -102,8 +102,8 @@ FIX = "Fix this, then press Hold."
     ("connection", "mode", "fault", "says"),
     [
         (LOST, Mode.FAULT, "the port went away",
-         "Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away. Showing its last position."
-         " It reconnects by itself; nothing will move."),
+         "Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away."
+         " It reconnects by itself; nothing moves."),
         (ARM, Mode.LIMP, None, "The arm is limp. Press Hold to keep it where it is."),
         (ARM, Mode.GUIDING, None,
          "You can move the arm by hand. Press Hold to keep it where it is."),

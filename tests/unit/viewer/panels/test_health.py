@@ -134,9 +134,13 @@ def test_what_is_wrong_with_a_servo_is_said_with_what_to_do(trouble, tone, words
 
 def test_one_supply_is_one_alarm_for_all_its_servos():
     joints = ("shoulder_pan", "shoulder_lift", "elbow_flex")
-    (alarm,) = servo_alarms(replace(WELL, joint=joint, volts=5.1) for joint in joints)
+    weak = [replace(WELL, joint=joint, volts=5.1) for joint in joints]
+    (alarm,) = servo_alarms([*weak, replace(WELL, joint="gripper")])
     assert alarm.joints == joints
     assert "Also: shoulder_lift and elbow_flex" in alarm.sentence.text
+    (of_all,) = servo_alarms(weak)
+    assert of_all.sentence.text.startswith("Every joint: it gets only 5.1 V; ")
+    assert "Also" not in of_all.sentence.text
 
 
 def test_a_servo_that_falls_silent_is_said_once():
