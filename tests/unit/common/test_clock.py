@@ -36,23 +36,6 @@ def test_everything_due_has_been_done_when_advance_returns_and_time_stands_still
     clock.join(worker.thread)
 
 
-def test_threads_are_woken_in_the_order_of_their_moments_one_at_a_time(clock):
-    for _ in range(20):
-        t0, log = clock.now(), []
-        first = Worker(clock, [t0 + k * 0.02 for k in range(1, 6)], log, "so101-first")
-        second = Worker(clock, [t0 + k * 0.03 for k in range(1, 4)], log, "so101-second")
-        clock.advance(1.0)
-        expected = sorted(
-            [("so101-first", t0 + k * 0.02) for k in range(1, 6)]
-            + [("so101-second", t0 + k * 0.03) for k in range(1, 4)],
-            key=lambda entry: entry[1],
-        )
-        assert [t for _, t in log] == [t for _, t in expected]
-        assert sorted(log) == sorted(expected)
-        for worker in (first, second):
-            worker.thread.join()
-
-
 def test_a_moment_that_rounding_puts_behind_the_end_is_still_met(clock):
     log = []
     worker = Worker(clock, [57 * 0.01], log)  # 0.5700000000000001
@@ -71,17 +54,6 @@ def test_a_wake_up_ends_the_wait_without_time_passing(clock):
     assert not worker.wake.is_set()
     clock.join(worker.thread)
     assert clock.now() == 20.0
-
-
-def test_waiting_for_the_past_returns_at_once_and_join_lets_only_the_needed_time_pass(clock):
-    clock.advance(1.0)
-    log = []
-    Worker(clock, [0.5, 1.0], log).thread.join()
-    assert [t for _, t in log] == [1.0, 1.0]
-    worker = Worker(clock, [1.5, 3.25], [])
-    clock.join(worker.thread)
-    assert clock.now() == 3.25
-    assert not worker.thread.is_alive()
 
 
 @pytest.mark.parametrize("dt", [-0.1, float("nan"), float("inf")])

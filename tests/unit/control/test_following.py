@@ -18,12 +18,8 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import (
-    CATCH_UP,
-    EASE,
-    GATE,
     KNOWN_JERK,
     STALE_AFTER,
-    Approach,
     Following,
 )
 from so101_motion.control.following_check import FollowingCheck
@@ -318,22 +314,6 @@ def test_the_first_target_is_approached_slowly_and_so_is_one_after_a_rest(sim):
         assert np.abs(sim.state.qd_ref).max() > 2.0 * SLOW.velocity[0], "a jump in between is not"
         following.hold()
         sim.clock.advance(1.0)
-
-
-def test_the_pace_of_an_approach_turns_into_the_full_one_without_a_step():
-    approach = Approach(CAPS, SLOW)
-    assert approach.caps(1.0, np.full(5, 2.0 * GATE)) is SLOW or approach.is_under_way
-    paces = [approach.caps(2.0 + t, np.zeros(5)).velocity[0] for t in np.linspace(0.0, EASE, 6)]
-    assert paces[0] == SLOW.velocity[0]
-    assert np.diff(paces) == pytest.approx((CAPS.velocity[0] - SLOW.velocity[0]) / 5.0)
-    assert approach.caps(9.0, np.full(5, 2.0 * GATE)) is CAPS
-    approach.caps(9.1, np.full(5, 2.0 * GATE), is_held=True)
-    assert approach.is_under_way, "what was held back comes slowly again"
-    off = np.full(5, 2.0 * GATE)
-    paces = [approach.caps(9.1 + t, off).velocity[0] for t in np.linspace(0.0, CATCH_UP, 6)]
-    assert paces[0] == SLOW.velocity[0]
-    assert np.diff(paces) == pytest.approx((CAPS.velocity[0] - SLOW.velocity[0]) / 5.0)
-    assert not Approach(CAPS, None).is_under_way
 
 
 def test_when_the_source_of_targets_fails_the_joints_come_to_rest(sim):

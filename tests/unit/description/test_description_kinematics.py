@@ -103,24 +103,6 @@ def test_every_frame_agrees_with_the_official_urdf(model, geometry, name):
         assert rotation_error(T_base_frame.rotation, expected["wxyz"]) < 5e-5, frame
 
 
-@pytest.mark.parametrize(
-    ("joint", "frame", "axis", "sign"),
-    [
-        ("shoulder_pan", "tool", 1, -1),  # positive pan turns right
-        ("shoulder_lift", "tool", 2, -1),  # positive lift, elbow and wrist move the tool down
-        ("elbow_flex", "tool", 2, -1),
-        ("wrist_flex", "jaw_tip", 2, -1),
-        ("gripper", "moving_jaw_so101_v1_link", 2, 0),
-    ],
-)
-def test_positive_angles_turn_as_documented(model, joint, frame, axis, sign):
-    q = np.zeros(6)
-    before = frame_pose(model, q, frame).translation[axis]
-    q[JOINTS.index(joint)] = 0.2
-    moved = frame_pose(model, q, frame).translation[axis] - before
-    assert np.sign(np.round(moved, 6)) == sign
-
-
 def test_rotations_are_exact_but_for_the_jaw_planes_lean():
     quarter = np.pi / 2
     lean = 0.0486795

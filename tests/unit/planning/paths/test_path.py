@@ -3,15 +3,14 @@ from functools import partial
 import numpy as np
 import pytest
 from harness.coal_check import CoalJudge
-from harness.random_scenes import LEFT, POST, RIGHT, obstacle
+from harness.random_scenes import LEFT, POST, RIGHT
 
 from benchmarks.bench_no_path import closed
 from benchmarks.no_path_problems import cut_off, shut_in, slot, tube
 from so101_motion.common.errors import ConfigError, NoPath
-from so101_motion.common.geometry import SE3
 from so101_motion.planning.checkpoint import never_abandoned
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import MARGIN_TOLERANCE, Box, Obstacle, Scene
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
@@ -253,26 +252,3 @@ def test_of_several_goals_the_one_that_is_reached_is_reported(model):
     goals = [RIGHT, RIGHT + 0.1]
     found = finder.find(LEFT, goals, 10.0)
     np.testing.assert_array_equal(found.waypoints[-1], goals[found.goal])
-
-
-def walled_in():
-    """A scene without a way from straight ahead to the right."""
-    turn = np.array([0.75, 0.75 + np.pi])
-    at = np.column_stack((0.039 + 0.32 * np.cos(turn), 0.32 * np.sin(turn), (0.6, 0.6)))
-    walls = tuple(
-        Obstacle(
-            name=f"wall {k}",
-            shape=Box(size=np.array([0.5, 0.01, 1.2])),
-            T_base_obstacle=SE3.from_rpy((0.0, 0.0, turn[k]), at[k]),
-        )
-        for k in range(2)
-    )
-    lid = obstacle("lid", (0.3, 0.3, 0.01), (0.039, 0.0, 0.3))
-    return Scene(obstacles=(*walls, lid))
-
-
-def test_a_search_that_fails_says_what_was_in_the_way(model):
-    finder = PathFinder(model, CollisionModel(model, walled_in()))
-    with pytest.raises(NoPath, match=r"configurations reached from the start") as caught:
-        finder.find(np.zeros(5), [np.array([-1.5, 0.0, 0.2, 0.9, 0.0])], 0.1)
-    assert "wall 0" in caught.value.blockers
