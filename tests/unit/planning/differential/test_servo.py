@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
+import qpsolvers
 from harness.random_scenes import obstacle
+from scipy import sparse
 from scipy.optimize import minimize
 
+from benchmarks.bench_servo import as_problem
 from so101_motion.common.geometry import SE3, rotation_angle, rotation_by
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
@@ -17,6 +20,7 @@ from so101_motion.planning.differential.guard import (
     room_of,
 )
 from so101_motion.planning.differential.servo import Servo, Step
+from so101_motion.planning.differential.servo_qp import ROWS, WORTH, ServoQp
 from so101_motion.planning.differential.targets import Twist
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
@@ -196,6 +200,53 @@ def test_what_is_too_heavy_at_the_start_may_only_get_lighter() -> None:
     assert np.all(shares(pressed) <= np.maximum(begin, 1.001) + 1e-6)
     back = run(servo(heavy, held=HELD), twist(x=-0.06, z=0.02), 200)
     assert shares(back)[-1].max() < 1.0
+
+
+# Its programs
+
+
+def a_program(rng: np.random.Generator):
+    """Jacobian, wish, bounds that hold zero, rows that zero keeps."""
+    J = np.vstack([0.2 * rng.normal(size=(3, 5)), rng.normal(size=(3, 5))])
+    wish = rng.normal(size=5) * rng.choice([0.01, 0.3, 2.0])
+    lower, upper = -rng.uniform(0.0, 1.0, 5), rng.uniform(0.0, 1.0, 5)
+    rows = rng.integers(0, ROWS + 1)
+    return J, wish, lower, upper, 0.2 * rng.normal(size=(rows, 5)), -rng.uniform(0.0, 0.1, rows)
+
+
+def cost(program, qd: np.ndarray, share: float) -> float:
+    P, q, *_ = as_problem(*program)
+    x = np.append(qd / np.abs(program[1]).max(), share)
+    return float(0.5 * x @ P @ x + q @ x)
+
+
+@pytest.mark.filterwarnings("ignore:The default value of raise_error")  # qpsolvers' call of OSQP
+@pytest.mark.parametrize("seed", range(2))
+def test_it_solves_the_program_as_qpsolvers_does_with_osqp(seed: int) -> None:
+    rng, qp = np.random.default_rng(seed), ServoQp()
+    for _ in range(20):
+        program = a_program(rng)
+        P, q, G, h, lb, ub = as_problem(*program)
+        exact = qpsolvers.solve_qp(
+            sparse.csc_matrix(P),
+            q,
+            sparse.csc_matrix(G) if len(G) else None,
+            h if len(G) else None,
+            lb=lb,
+            ub=ub,
+            solver="osqp",
+            eps_abs=1e-9,
+            eps_rel=1e-9,
+            max_iter=100000,
+        )
+        qd, share = qp.solve(*program)
+        size = np.abs(program[1]).max()
+        assert np.all((qd >= program[2]) & (qd <= program[3]))
+        assert 0.0 <= share <= 1.0
+        assert np.all(program[4] @ qd >= program[5] - 5e-3 * size)
+        assert cost(program, qd, share) == pytest.approx(
+            cost(program, size * exact[:5], exact[5]), abs=1e-2 * WORTH
+        )
 
 
 # How far a jogged arm may move near the table
