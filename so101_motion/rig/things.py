@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.drivers.things import Support, Thing, Things
+from so101_motion.drivers.things import FRICTION, Support, Thing, Things
 from so101_motion.planning.collision.coal_shapes import held_shape, hull_points
 from so101_motion.planning.collision.scene import Obstacle, Scene
 from so101_motion.planning.collision.shape_files import read_shape
@@ -14,14 +14,19 @@ from so101_motion.planning.kinematics.model import RobotModel
 _SPACING = 0.004  # of the points on a thing's surface [m]; chosen: a finger's tip is 5 mm wide
 
 
-def things_in(scene: Scene) -> Things:
-    """The items of a scene as things that lie where it says; its other obstacles carry them."""
+def things_in(scene: Scene, *, friction: float = FRICTION) -> Things:
+    """The items of a scene as things that lie where it says; its other obstacles carry them.
+
+    Args:
+        scene: The scene.
+        friction: Coefficient of friction between the fingers and each thing.
+    """
     things = Things((), RobotModel.load(), floor_z=scene.floor_z)
-    keep_up(things, Scene(floor_z=scene.floor_z), scene)
+    keep_up(things, Scene(floor_z=scene.floor_z), scene, friction=friction)
     return things
 
 
-def keep_up(things: Things, before: Scene, now: Scene) -> None:
+def keep_up(things: Things, before: Scene, now: Scene, *, friction: float = FRICTION) -> None:
     """Do to the things what a person does who edits a scene: add, move, take away.
 
     What was held is left where it truly is: the scene says where the arm believes to have put it,
@@ -33,7 +38,7 @@ def keep_up(things: Things, before: Scene, now: Scene) -> None:
         if item.name not in things.names or not (
             item.name in held or item.is_same(known.get(item.name))
         ):
-            things.put(_thing(item))
+            things.put(_thing(item, friction))
     there = {item.name for item in now.items} | {each.name for each in now.attached}
     for name in known.keys() & set(things.names) - there:
         things.take_away(name)
@@ -43,7 +48,7 @@ def keep_up(things: Things, before: Scene, now: Scene) -> None:
     )
 
 
-def _thing(item: Obstacle) -> Thing:
+def _thing(item: Obstacle, friction: float) -> Thing:
     """An item as its convex hull, of one density."""
     from scipy.spatial import ConvexHull  # slow to import
 
@@ -64,6 +69,7 @@ def _thing(item: Obstacle) -> Thing:
         faces=normals[lies],
         mass=item.mass,
         T_base=item.T_base_obstacle,
+        friction=friction,
     )
 
 
