@@ -199,6 +199,12 @@ def check_up(seen: Findings) -> tuple[Check, ...]:
     return tuple(_joined(check for checks in _CHECKS for check in checks(seen)))
 
 
+def check_servos(servos: Verification) -> tuple[Check, ...]:
+    """Check servos alone, without their calibration."""
+    seen = Findings(servos=servos)
+    return tuple(_joined(check for checks in _OF_SERVOS for check in checks(seen)))
+
+
 _OF_A_SERVO = re.compile(r"servo (\d+) \(\w+\)(: .*| does not answer.*)", re.DOTALL)
 
 
@@ -226,9 +232,9 @@ def explain(
     """What is wrong with the servos of an arm in use, whose ``ids`` are by joint."""
     # Beside a whole arm other servos are wheels, a head or another arm's.
     servos = replace(chain_check.judged(seen, ids), unexpected_ids=())
-    about = Findings(servos=servos)
-    checks = _joined(check for judge in _OF_SERVOS for check in judge(about))
-    wrong = [f"{each.sentence}; {each.fix}" for each in checks if each.verdict != "ok"]
+    wrong = [
+        f"{each.sentence}; {each.fix}" for each in check_servos(servos) if each.verdict != "ok"
+    ]
     names = {i: joint for joint, i in ids.items()}
     answering = {i: each for i, each in counters.items() if i in names and i in seen.servos}
     return (*wrong, *_losses(answering, names))
@@ -283,7 +289,7 @@ def _software(seen: Findings) -> Iterator[Check]:
         yield ok("software", ", ".join(f"{name} {seen.software.get(name, '')}" for name in shown))
 
 
-def _port(seen: Findings) -> Iterator[Check]:
+def check_port(seen: Findings) -> Iterator[Check]:
     for adapter in seen.lost_adapters:
         sentence, _, fix = adapter.partition(": ")
         yield fail("adapter", sentence, fix)
@@ -602,7 +608,7 @@ _OF_SERVOS: tuple[Callable[[Findings], Iterator[Check]], ...] = (
 _CHECKS = (
     _software,
     _planner,
-    _port,
+    check_port,
     *_OF_SERVOS,
     _bus_quality,
     _calibration,

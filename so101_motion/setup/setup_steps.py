@@ -6,7 +6,7 @@ A failed check means that the user cannot go on yet: its sentence says what is m
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.setup.calibrator import Calibrator
-from so101_motion.setup.checkup import Check, Findings, check_up, fail, ok, warn
+from so101_motion.setup.checkup import Check, Findings, check_port, check_servos, fail, ok, warn
 from so101_motion.setup.motor_operation import PUT_TOGETHER
 
 
@@ -132,15 +132,9 @@ def worst(name: str, checks: Iterable[Check]) -> Check | None:
 
 def _connected(known: SetupState) -> Check:
     seen = known.seen
-    about_port = Findings(
-        port=seen.port,
-        adapter=seen.adapter,
-        port_trouble=seen.port_trouble,
-        supply_trouble=seen.supply_trouble,
-        interfering_programs=seen.interfering_programs,
-        lost_adapters=() if seen.port is not None else seen.lost_adapters,
-    )
-    return worst("connect", check_up(about_port)) or fail(
+    if seen.port is not None:
+        seen = replace(seen, lost_adapters=())
+    return worst("connect", check_port(seen)) or fail(
         "connect", "no port is chosen yet", "plug the adapter in with a USB cable"
     )
 
@@ -176,8 +170,7 @@ def _complete(known: SetupState) -> Check:
             "the finished chain has not been verified yet",
             "connect all six servos in a chain, shoulder_pan at the adapter, then verify",
         )
-    about_chain = check_up(Findings(servos=servos))
-    found = worst("chain", (check for check in about_chain if check.name != "calibration"))
+    found = worst("chain", check_servos(servos))
     assert found is not None  # servos that were examined always give a check
     jaw = servos.motors[GRIPPER_JOINT]
     if found.verdict != "fail" and jaw.status == "not_responding":  # no more than a warning there
