@@ -8,7 +8,6 @@ lock is released when the process that holds it dies.
 from __future__ import annotations
 
 import contextlib
-import glob
 import os
 import re
 import stat
@@ -103,13 +102,6 @@ def remove_old_leftovers(folder: Path) -> None:
 
 
 _OURS = re.compile(r"\.\d+-\d+\.tmp$")
-
-
-def remove_leftovers(folder: Path, *names: str) -> None:
-    """Remove temporary files of ``names`` that killed writers left; the lock must be held."""
-    for name in names:
-        for left in folder.glob(f".{glob.escape(name)}.*.tmp"):
-            left.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ import os
 import re
 import sys
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -47,14 +47,6 @@ def folder() -> Path:
         return user_data_folder() / "so101_motion"
     except OSError as error:
         raise ConfigError("home", None, f"this user has no folder for files: {error}") from error
-
-
-def remove_old_leftovers() -> None:
-    """Remove old temporary files that killed writers left among the user's files."""
-    with suppress(ConfigError):  # no home, nothing to remove
-        home = folder()
-        for each in (home, *(inner for inner in home.glob("*") if inner.is_dir())):
-            atomic.remove_old_leftovers(each)
 
 
 def checked_name(name: object, *, what: str) -> str:

@@ -261,7 +261,6 @@ def _read_whole(path: Path) -> Stored:
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
     with record.writing(path), atomic.locked(path.parent):
-        atomic.remove_leftovers(path.parent, path.name, zero_path(path).name)
         yield
 
 

@@ -88,8 +88,6 @@ def keep(path: Path, data: bytes, zeros: bytes | None) -> Path:
         before = listed(kept)
         if before and contents(before[0].path) == (data, zeros):
             return before[0].path
-        for left in kept.glob(".*.tmp"):
-            left.unlink(missing_ok=True)  # of a writer that was killed
         if not (kept / "of.txt").exists():
             atomic.write(kept / "of.txt", f"{path}\n".encode("utf-8", "surrogateescape"))
         number = before[0].number + 1 if before else 1

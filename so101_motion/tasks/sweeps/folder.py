@@ -67,8 +67,6 @@ class SweepFolder:
         if changed:
             raise self._refused(_difference(manifest, wanted, changed))
         self._shards.mkdir(exist_ok=True)
-        for left in self._shards.glob(".*.tmp"):
-            left.unlink(missing_ok=True)
 
     def manifest(self) -> Mapping[str, Any]:
         """Read the manifest; ``ConfigError`` if there is none."""

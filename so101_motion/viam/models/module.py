@@ -36,7 +36,6 @@ from viam.rpc.server import Server
 from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common.import_check import explain, sentence
 from so101_motion.common.realtime import import_quietly, reduce_jitter
-from so101_motion.files import user_storage
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.conversion.frames import GIVE_FRAME, asked, machine_here, set_machine
 from so101_motion.viam.models.registered import MODELS, RegisteredModel, register, registered
@@ -147,7 +146,6 @@ async def run() -> None:
     set_machine(lambda: module.parent)
     for each in MODELS:
         module.add_model_from_registry(each.api, each.model)
-    await asyncio.to_thread(user_storage.remove_old_leftovers)
     guard(module.server)
     _end_before_clients(module.server)
     _leave_before_closing(module.server)

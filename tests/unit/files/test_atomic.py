@@ -40,14 +40,6 @@ def test_a_full_disk_leaves_the_file_as_it_was(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["arm.json"]
 
 
-def test_sweeping_removes_only_what_writers_of_that_file_left(tmp_path):
-    for name in (".a[1].json.7-8.tmp", ".b.json.7-8.tmp", "a[1].json", "a.tmp"):
-        (tmp_path / name).write_text("")
-    atomic.remove_leftovers(tmp_path, "a[1].json")
-
-    assert sorted(os.listdir(tmp_path)) == [".b.json.7-8.tmp", "a.tmp", "a[1].json"]
-
-
 def test_one_writer_at_a_time_and_the_next_one_right_after(tmp_path):
     inside, order = threading.Event(), []
 
