@@ -9,6 +9,7 @@ import signal
 import sys
 
 import pytest
+import pytest_asyncio
 from grpclib import GRPCError
 from grpclib.exceptions import StreamTerminatedError
 from harness.emulated_port import HardwarePort, emulated_port, works
@@ -27,25 +28,23 @@ from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import PRESENT_POSITION, TORQUE_ENABLE, TORQUE_LIMIT
 from so101_motion.drivers.port.serial_port import SerialPort
 
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
 PATIENCE = 1.0
 """How long an answer of emulated servos may take on a busy machine [s]."""
 
 
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def emulated(tmp_path_factory):
+    """Servos that may be troubled; each test leaves them in reach of where they were."""
+    async with emulated_port(tmp_path_factory.mktemp("port")) as emulated:
+        yield emulated
+
+
 @pytest.fixture
-async def bench(arm_port, tmp_path):
+def bench(arm_port, request):
     """Servos of either kind."""
-    if arm_port:
-        yield HardwarePort(arm_port)
-        return
-    async with emulated_port(tmp_path) as emulated:
-        yield emulated
-
-
-@pytest.fixture
-async def emulated(tmp_path):
-    """Servos that may be troubled."""
-    async with emulated_port(tmp_path) as emulated:
-        yield emulated
+    return HardwarePort(arm_port) if arm_port else request.getfixturevalue("emulated")
 
 
 def servos(port):

@@ -5,8 +5,8 @@ import logging
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.fake_parent import ARM, SIMULATED
-from harness.viam_machine import pause, running_machine, until_true
+from harness.fake_parent import ARM, GRIPPER, SIMULATED, SIMULATED_GRIPPER
+from harness.viam_machine import pause, until_true
 from viam.components.arm import ArmClient
 from viam.logging import LOGGERS
 
@@ -182,14 +182,25 @@ def test_what_cannot_be_done_over_the_network_is_refused(rig):
         rig.arm.retarget(np.radians([0.0, -45.0, 45.0, 60.0, 200.0]))
 
 
-def test_of_several_arms_one_is_named_and_plans_use_its_obstacles_floor_and_caps():
-    mug = {"name": "mug", "box_mm": [60, 60, 90], "position_mm": [250, 0, 45]}
-    attributes = {"obstacles": [mug], "floor_z_mm": -10.0, "speed_degs_per_sec": 40.0}
-    resources = ((ARM, SIMULATED, "arm", attributes), (ARM, SIMULATED, "second", {}))
-    with running_machine(resources=resources) as machine:
+WALLED = {
+    "obstacles": [{"name": "mug", "box_mm": [60, 60, 90], "position_mm": [250, 0, 45]}],
+    "floor_z_mm": -10.0,
+    "speed_degs_per_sec": 40.0,
+}
+
+
+def test_of_several_arms_one_is_named_and_plans_use_its_obstacles_floor_and_caps(machine):
+    for name, attributes in (("walled", WALLED), ("second", {})):
+        machine.add(ARM, SIMULATED, name, attributes)
+    machine.remove(GRIPPER, "gripper")
+    try:
         of_several_arms_one_must_be_named(machine)
-        with MachineRig.connect(machine.address, arm="arm") as rig:
+        with MachineRig.connect(machine.address, arm="walled") as rig:
             plans_use_what_the_module_has(rig)
+    finally:
+        for name in ("walled", "second"):
+            machine.remove(ARM, name)
+        machine.add(GRIPPER, SIMULATED_GRIPPER, "gripper")
 
 
 def plans_use_what_the_module_has(rig):
@@ -214,7 +225,7 @@ def test_a_key_whose_id_is_none_is_refused_and_not_shown():
 
 
 def of_several_arms_one_must_be_named(machine):
-    with pytest.raises(ConfigError, match="name one of arm, second"):
+    with pytest.raises(ConfigError, match="name one of arm, second, walled"):
         MachineRig.connect(machine.address)
     with pytest.raises(ConfigError, match="is not on the machine"):
         MachineRig.connect(machine.address, arm="third")

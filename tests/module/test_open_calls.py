@@ -5,6 +5,7 @@ import time
 from datetime import timedelta
 
 import pytest
+import pytest_asyncio
 from harness.fake_parent import (
     ARM,
     GRIPPER,
@@ -18,6 +19,8 @@ from viam.components.arm import Arm, JointPositions, Pose
 from viam.gen.service.worldstatestore.v1.world_state_store_grpc import WorldStateStoreServiceStub
 from viam.proto.common import PoseInFrame
 from viam.proto.service.worldstatestore import StreamTransformChangesRequest
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 CALLS = 400
 ENDED = 80
@@ -59,7 +62,7 @@ async def consume(stream):
         pass
 
 
-@pytest.fixture
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def machine():
     async with running_module() as (module, _, _):
         module.arm = await module.add(ARM, SIMULATED, {"speed_degs_per_sec": 10.0}, "arm")

@@ -87,8 +87,12 @@ async def begin_sweep(arm, seconds=0.0):
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def process():
-    """A module for the tests that leave it as it was."""
-    async with running_module() as (module, _, _):
+    """A module for the tests that leave it as it was; the machine has a motion service."""
+    service = FakeMotion()
+    rpc = MotionRPCService(ResourceManager([service]))
+    resources = [Motion.get_resource_name("mine")]
+    async with running_module(services=[rpc], resources=resources) as (module, _, _):
+        module.named_service = service
         yield module
 
 
@@ -184,6 +188,25 @@ async def test_where_a_component_is_is_asked_on_the_modules_socket(process):
     )
 
 
+@shared
+async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_parent(
+    process, tmp_path
+):
+    """By a simulated arm and by a real one."""
+    async with emulated_port(tmp_path) as emulated:
+        for model, own in ((SIMULATED, {}), (HARDWARE_ARM, {"port": emulated.port})):
+            attributes = {"motion": "mine", **own}
+            answer = await process.validate(ARM, model, attributes)
+            assert list(answer.dependencies) == ["rdk:service:motion/mine"]
+            arm = await process.add(ARM, model, attributes, "moved", answer.dependencies)
+            await until(lambda arm=arm: works(arm.get_geometries))  # found late on a busy machine
+            await arm.move_to_position(Pose(x=250, y=0, z=150, o_z=1))
+            await process.remove(ARM, "moved")
+    calls = process.named_service.calls
+    asked = [(name, there.reference_frame, extra) for name, there, extra in calls]
+    assert asked == 2 * [("moved", "moved_origin", {"goal_metric_type": "position_only"})]
+
+
 def test_what_only_the_planning_process_or_a_later_request_needs_is_not_imported_before_ready():
     later = (*LATER, "so101_motion.planning.planner", "so101_motion.planning.cell.together")
     program = (
@@ -277,8 +300,16 @@ def preview_in_vain():
     }
 
 
-async def test_abandoned_plans_hold_up_neither_the_next_move_nor_the_end_of_the_process():
+async def test_abandoned_plans_and_frozen_time_hold_up_neither_the_next_move_nor_the_end():
     async with running_module() as (module, _, _):
+        frozen = {"simulate_time": False}
+        removed, kept = [
+            await begin_sweep(await module.add(ARM, SIMULATED, frozen, name), seconds=0.05)
+            for name in ("removed", "kept")
+        ]
+        await module.remove(ARM, "removed")
+        with pytest.raises(GRPCError, match="ended early by the removal of its arm"):
+            await removed
         arm = await module.add(ARM, SIMULATED, {"speed_degs_per_sec": 90.0}, "arm")
         motion = await module.add(MOTION, "devrel:so101:motion", {"arm": "arm"}, "planner")
         await arm.move_to_joint_positions(JointPositions(values=[60.0, 0.0, 0.0, 0.0, 0.0]))
@@ -295,45 +326,8 @@ async def test_abandoned_plans_hold_up_neither_the_next_move_nor_the_end_of_the_
                     module.process.send_signal(signal.SIGTERM)
                     assert await module.ended() == 0
             await asyncio.gather(*plans, return_exceptions=True)
-
-
-async def test_frozen_time_holds_up_neither_the_end_of_an_arm_nor_that_of_the_process():
-    async with running_module() as (module, _, _):
-        removed, kept = [
-            await begin_sweep(
-                await module.add(ARM, SIMULATED, {"simulate_time": False}, name), seconds=0.05
-            )
-            for name in ("removed", "kept")
-        ]
-        await module.remove(ARM, "removed")
-        with pytest.raises(GRPCError, match="ended early by the removal of its arm"):
-            await removed
-        module.process.send_signal(signal.SIGTERM)
-        assert await module.ended() == 0
         with pytest.raises((GRPCError, StreamTerminatedError)):
             await kept
-
-
-async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_parent(tmp_path):
-    """By a simulated arm and by a real one."""
-    service = FakeMotion()
-    rpc = MotionRPCService(ResourceManager([service]))
-    resources = [Motion.get_resource_name("mine")]
-    async with (
-        emulated_port(tmp_path) as emulated,
-        running_module(services=[rpc], resources=resources) as (module, _, _),
-    ):
-        for model, own in ((SIMULATED, {}), (HARDWARE_ARM, {"port": emulated.port})):
-            attributes = {"motion": "mine", **own}
-            answer = await module.validate(ARM, model, attributes)
-            assert list(answer.dependencies) == ["rdk:service:motion/mine"]
-            arm = await module.add(ARM, model, attributes, "arm", answer.dependencies)
-            await until(lambda arm=arm: works(arm.get_geometries))  # found late on a busy machine
-            await arm.move_to_position(Pose(x=250, y=0, z=150, o_z=1))
-            await module.remove(ARM, "arm")
-
-    asked = [(name, there.reference_frame, extra) for name, there, extra in service.calls]
-    assert asked == 2 * [("arm", "arm_origin", {"goal_metric_type": "position_only"})]
 
 
 PARENT = """

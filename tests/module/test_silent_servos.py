@@ -39,10 +39,18 @@ AT_ONCE = 30.0
 """Within what time a component must be there [s]; mostly 0.02, on a busy machine some seconds."""
 
 
-@pytest_asyncio.fixture(loop_scope="module")
-async def emulated(tmp_path):
-    async with emulated_port(tmp_path, "--fault", "dead:3") as emulated:
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def port(tmp_path_factory):
+    async with emulated_port(tmp_path_factory.mktemp("port")) as emulated:
         yield emulated
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def emulated(port):
+    """Servos of which one is dead."""
+    await port.fault("dead:3")
+    yield port
+    await port.fault("end dead:3")
 
 
 class Machine:
@@ -103,15 +111,13 @@ async def names(component, joint):
     await until(is_named)
 
 
-async def test_servos_whose_answers_come_late_at_first_are_waited_for(tmp_path, module):
-    async with emulated_port(tmp_path) as emulated:
-        emulated.process.send_signal(signal.SIGSTOP)
-        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port, **PATIENT}, "arm")
-        asked = asyncio.create_task(arm.get_joint_positions())
-        await asyncio.sleep(0.06)  # longer than two short looks, shorter than a patient one
-        emulated.process.send_signal(signal.SIGCONT)
-        assert len((await asked).values) == 5
-        await module.clear()
+async def test_servos_whose_answers_come_late_at_first_are_waited_for(port, module):
+    port.process.send_signal(signal.SIGSTOP)
+    arm = await module.add(ARM, HARDWARE_ARM, {"port": port.port, **PATIENT}, "arm")
+    asked = asyncio.create_task(arm.get_joint_positions())
+    await asyncio.sleep(0.06)  # longer than two short looks, shorter than a patient one
+    port.process.send_signal(signal.SIGCONT)
+    assert len((await asked).values) == 5
 
 
 async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated, module):
@@ -151,8 +157,7 @@ async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated
 async def test_a_stop_of_another_arm_does_not_wait_for_silent_servos(
     emulated, empty_port, tmp_path, module
 ):
-    (tmp_path / "other").mkdir()
-    async with emulated_port(tmp_path / "other") as healthy:
+    async with emulated_port(tmp_path) as healthy:
         slow = {"port": healthy.port, "speed_degs_per_sec": 3.0}  # under way for AT_ONCE
         arm = await module.add(ARM, HARDWARE_ARM, slow, "arm")
         start = list((await arm.get_joint_positions()).values)
