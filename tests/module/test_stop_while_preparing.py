@@ -7,7 +7,7 @@ import pytest
 from grpclib import GRPCError, Status
 from harness.fake_machine import FakeMachine, hanging
 from harness.fake_parent import until
-from harness.in_process_module import guarded_arm, in_time, refused
+from harness.in_process_module import guarded_arm, refused
 from viam.components.arm import JointPositions
 from viam.proto.common import Pose
 
@@ -68,17 +68,3 @@ async def test_a_cancelled_call_ends_at_once_and_the_next_one_is_answered(arm, m
     machine.answer.set()
     with pytest.raises(GRPCError, match="broken"):
         await newer
-
-
-async def test_a_move_that_is_asked_for_after_the_stop_is_carried_out(arm):
-    await arm.stop()
-    await in_time(arm, arm.move_to_joint_positions(GOAL))
-    assert np.degrees(arm.resource.rig.arm.state.q)[0] == pytest.approx(30.0, abs=0.1)
-
-
-async def test_a_newer_move_does_not_end_itself_when_it_makes_way(arm):
-    older = asyncio.ensure_future(arm.move_to_joint_positions(GOAL))
-    await until(lambda: arm.resource.rig.arm.is_moving or older.done())
-    await in_time(arm, arm.move_to_position(Pose(x=200, y=100, z=150, o_z=1)))
-    with pytest.raises(GRPCError):
-        await older

@@ -4,12 +4,11 @@ import json
 import tarfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 from harness.lerobot_data import pa  # noqa: F401  # skips where pyarrow is not installed
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.tasks.datasets import check_data_set, convert_data_set, open_data_set, units_of
+from so101_motion.tasks.datasets import check_data_set, open_data_set
 
 ARCHIVES = Path(__file__).parents[3] / "data" / "lerobot"
 WHOLE = (
@@ -31,21 +30,6 @@ def test_the_units_of_a_genuine_data_set_are_found_and_nothing_else_is(tmp_path,
         report = check_data_set(open_data_set(root, side=side))
         assert (report.units.kind, report.certainty) == (expected["units"], "certain")
         assert (report.frames, report.moments) == (60, ())
-
-
-@pytest.mark.parametrize("name", WHOLE)
-def test_a_genuine_data_set_keeps_its_angles_when_it_is_converted(tmp_path, name):
-    root = unpacked(name, tmp_path)
-    expected = json.loads((root / "expected.json").read_text())
-    side = "left" if len(expected["arms"]) == 2 else ""
-    source, target = units_of(expected["units"]), units_of("model")
-    data_set = open_data_set(root, side=side)
-    convert_data_set(data_set, tmp_path / "new", source=source, target=target)
-    old = data_set.episode(0)
-    new = open_data_set(tmp_path / "new", side=side).episode(0)
-    np.testing.assert_allclose(
-        target.to_model(new.action)[:, :5], source.to_model(old.action)[:, :5], atol=1e-5
-    )
 
 
 def test_a_genuine_recording_that_was_killed_before_finalize_is_named(tmp_path):

@@ -45,15 +45,6 @@ def test_the_jaw_moves_with_the_arm():
     assert thinned.aperture.tolist() == [0.0, 0.0, 0.5, 0.5]
 
 
-def test_points_are_found_in_their_order_on_a_path_that_crosses_itself():
-    corners = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [5.0, 10.0], [5.0, -10.0]])
-    where = np.linspace(0.0, 4.0, 201)
-    points = np.column_stack([np.interp(where, range(5), corners[:, i]) for i in range(2)])
-    found = along(corners, points + 0.1 * RNG.standard_normal(points.shape))
-    assert np.abs(found - where).max() < 0.06
-    assert np.all(np.diff(found) >= 0.0)
-
-
 @pytest.mark.parametrize(
     "values",
     [

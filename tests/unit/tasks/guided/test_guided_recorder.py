@@ -59,16 +59,6 @@ def test_the_jaw_is_taken_down_too(guided):
     assert len(path) > 10
 
 
-def test_it_ends_with_manual_mode_and_keeps_what_was_shown(guided):
-    recorder = recorded(guided)
-    guided.lead(CORNERS[0])
-    guided.rig.arm.set_manual(False)
-    guided.clock.advance(0.1)
-    assert recorder.future.done()
-    assert recorder.ended_by == "manual mode ended"
-    assert np.degrees(recorder.end().q[-1]) == pytest.approx(CORNERS[0], abs=1e-6)
-
-
 def test_it_ends_when_the_arm_is_let_go_of_or_lost(guided):
     recorder = recorded(guided)
     guided.rig.executor.release().result()

@@ -65,12 +65,6 @@ def test_the_result_does_not_depend_on_who_computes_in_which_order(tmp_path, who
     assert run_sweep(replace(TOY, seed=1), tmp_path / "other").sha256 != whole.sha256
 
 
-def test_a_second_run_computes_nothing_and_says_the_same(whole):
-    again = run_sweep(TOY, whole.folder)
-    assert (whole.computed, again.computed) == (TOY.shards, 0)
-    assert again.sha256 == whole.sha256 == manifest(whole.folder)["sha256"]
-
-
 def test_a_damaged_shard_is_computed_again(whole):
     file = whole.folder / "shards" / "000002.npz"
     data = bytearray(file.read_bytes())

@@ -112,15 +112,6 @@ def test_the_same_measurement_again_is_ignored(predictor):
     assert predictor.at(t) is None
 
 
-def test_a_joint_that_turns_round_is_foretold(predictor):
-    w = 2.0 * np.pi * 0.5
-    t = fed(predictor, lambda t: np.full(6, 0.5 * np.cos(w * t)), 2.01)
-    x, xd, xdd = predictor.at(t + 0.03)
-    assert xdd == pytest.approx(np.full(6, -0.5 * w * w), abs=1.5)
-    assert xd == pytest.approx(np.full(6, -0.5 * w * np.sin(w * (t + 0.03))), abs=0.06)
-    assert x == pytest.approx(np.full(6, 0.5 * np.cos(w * (t + 0.03))), abs=2.0 * TICK)
-
-
 def test_what_rests_stays_where_it_is_until_it_leaves_it(predictor):
     t = fed(predictor, lambda t: np.full(6, 0.2), 0.5)
     x, xd, xdd = predictor.at(t + 0.03)

@@ -11,7 +11,6 @@ from so101_viewer.scene.scene_edits import held, holder_of, let_go
 from so101_viewer.world.scene_user import ArmsOfCell, OneArm
 from so101_viewer.world.world_model import DRAG_PERIOD, OverlapCheck, WorldModel, in_each_other
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.files.cell_file import CellArm, CellFile, read_cell
@@ -83,25 +82,6 @@ def test_edits_without_a_selection_are_refused_in_a_sentence(world):
     ):
         with pytest.raises(ConfigError, match="select an object first"):
             edit()
-
-
-def test_a_number_that_is_typed_is_undone_in_one_go(tmp_path):
-    clock = ManualClock()
-    world = WorldModel(Scene(), file=tmp_path / "scene.json", now=clock.now)
-    world.add("box")
-    before = world.scene
-    for edge_mm in (1.0, 12.0, 120.0):
-        world.resize(size=np.array([edge_mm / 1000.0, 0.05, 0.05]))
-        clock.advance(0.2)
-    world.move_to(np.array([0.2, 0.0, 0.1]))
-    world.history.undo()
-    world.history.undo()
-    assert world.scene is before
-    world.set_floor(-0.1)
-    clock.advance(1.0)
-    world.set_floor(-0.2)
-    world.history.undo()
-    assert world.scene.floor_z == -0.1
 
 
 def test_a_drag_is_one_entry_for_undo_and_is_handed_on_now_and_then(world):
@@ -181,22 +161,6 @@ def test_a_saved_scene_is_what_a_plan_reads_and_a_file_that_cannot_be_written_is
     assert json.loads(world.as_file()) == json.loads(world.file.read_bytes())
     with pytest.raises(ConfigError, match=r"scene\.json"):  # its folder is a file
         WorldModel(Scene(), file=world.file / "scene.json").save()
-
-
-def test_a_scene_that_was_saved_over_comes_back_by_undo_of_the_files(world):
-    world.save()
-    world.add("box")
-    world.save()
-    world.saved_files.undo()
-    assert read_scene(world.file) == Scene()
-    assert world.names == ("box 1",), "the edits stay"
-    assert "Undone" in world.sentence.text
-    world.saved_files.redo()
-    assert [each.name for each in read_scene(world.file).obstacles] == ["box 1"]
-    world.saved_files.undo()
-    world.saved_files.undo()
-    assert not world.file.exists()
-    assert not world.saved_files.can_undo
 
 
 def test_an_edit_that_cannot_be_planned_with_is_taken_back_and_it_is_said_why(world):
