@@ -124,7 +124,7 @@ def parse_fault(text: str, *, ends: bool = False) -> FaultEvent:
         numbers = {key: float(form[key]) for key in ("value", "at", "duration") if form[key]}
     except ValueError:
         raise ConfigError("fault", text, "holds something that is not a number") from None
-    if kind in _SHARES and numbers["value"] > 1.0:
+    if kind in _SHARES and numbers.get("value", 0.0) > 1.0:
         raise ConfigError("fault", text, "a share must be between 0 and 1")
     return FaultEvent(
         kind=kind,

@@ -74,6 +74,7 @@ def test_faults_are_read_from_text(text, event):
 
 def test_what_ends_needs_no_value():
     assert parse_fault("hot:gripper", ends=True) == FaultEvent(kind="hot", servo="gripper")
+    assert parse_fault("loss", ends=True) == FaultEvent(kind="loss")
     with pytest.raises(ConfigError, match="needs a servo"):
         parse_fault("hot", ends=True)
 
