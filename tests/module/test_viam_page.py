@@ -4,7 +4,10 @@ import inspect
 import json
 import re
 from functools import partial
+from textwrap import dedent, indent
+from types import SimpleNamespace
 
+import pytest
 import viam.components.generic
 import viam.services.discovery
 import viam.services.generic
@@ -105,3 +108,17 @@ async def test_the_answers_are_as_shown(tmp_path):
                 )
                 differ += differences(told, answer, f"{model} {json.dumps(asked)} ")
         assert differ == []
+
+
+async def test_the_first_steps_move_the_arm(capsys):
+    (shown,) = re.findall(r"```py\n(.*?)```", PAGE, re.S)
+    steps = "async def steps(machine):\n" + indent(dedent(shown.rstrip(" ")), "    ")
+    async with running_module() as (module, _, _):
+        resources = {
+            "arm": await module.add(ARM, SIMULATED, {"speed_degs_per_sec": 180}, "arm"),
+            "gripper": await module.add(GRIPPER, SIMULATED_GRIPPER, {}, "gripper"),
+        }
+        exec(steps, known := {})
+        await known["steps"](SimpleNamespace(get_component=lambda name: resources[name.name]))
+    said = dict(re.findall(r"^([xyz]): (\S+)", capsys.readouterr().out, re.M))
+    assert [float(said[axis]) for axis in "xyz"] == pytest.approx([250.0, 100.0, 150.0], abs=0.5)
