@@ -22,10 +22,10 @@ from referee.official import refereed
 from campaign import (
     good_answers,
     interleavings,
-    lerobot_troubles,
     sessions,
     signals,
     spoilt_arms,
+    targets,
     torn_answers,
     verdicts,
 )
@@ -36,7 +36,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results" / "campaign.json"
 MOST_TOLD = 50
-LARGEST = ("slowest_s", "lines_reached", "fastest_deg_per_s", "longest_call_s")
+LARGEST = ("slowest_s", "lines_reached", "fastest_deg_per_s")
 """Of these figures the largest counts; all others add up."""
 
 
@@ -143,22 +143,17 @@ def attack_files(seed, seconds, count):
     }
 
 
-def trouble_lerobot(name, k, left, end):
-    """Actions of every kind to LeRobot's robot, a new arm for each thousand."""
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            with refereed():
-                outcome = lerobot_troubles.attack(
-                    Path(folder), seed=int(name), count=min(left, 1_000)
-                )
-        except AssertionError as error:  # the referee's
-            return {"failures": [f"seed {name}: {error}"]}
+def send_targets(name, k, left, end):
+    """Targets of every kind to an arm that follows them, a new arm for each thousand."""
+    seed, count = int(name), min(left, 1_000)
+    try:
+        with tempfile.TemporaryDirectory() as folder, refereed():
+            outcome = targets.attack(Path(folder), seed=seed, count=count, fast=k % 2 == 0)
+    except AssertionError as error:  # the referee's
+        return {"failures": [f"seed {name}: {error}"]}
     return {
-        "actions": outcome.sent.total(),
+        "targets": outcome.sent.total(),
         "each": dict(sorted(outcome.sent.items())),
-        "raised": outcome.refused,
-        "travelled_deg": round(outcome.travelled),
-        "longest_call_s": round(outcome.longest, 1),
         "failures": [f"seed {name}: {text}" for text in outcome.contacts + outcome.broken],
     }
 
@@ -178,7 +173,7 @@ PARTS = {
     "faults": (0.15, in_pieces("simulated_s", partial(interleave, faulty=True)), ENDLESS, 7_200),
     "sessions": (0.2, in_pieces("sessions", play_sessions), ENDLESS, 200),
     "signals": (0.1, send_signals, ENDLESS, 200 * len(signals.VERBS)),
-    "lerobot": (0.05, in_pieces("actions", trouble_lerobot), ENDLESS, 10_000),
+    "targets": (0.05, in_pieces("targets", send_targets), ENDLESS, 10_000),
     "spoilt arms": (0.05, spoilt_arms.run, ENDLESS, 2_000),
     "files": (0.0, attack_files, 100, 300),
 }

@@ -27,14 +27,13 @@ class Outcome:
     """What came of an attack.
 
     Attributes:
-        sent: How many targets or actions of each kind were sent.
+        sent: How many targets of each kind were sent.
         refused: How many were refused.
         contacts: What touched what.
         broken: Other laws that were broken.
         nearest: The smallest distance of two bodies, as commanded [m].
         travelled: How far the joint that moved most has gone, over all cycles [deg].
         seconds: How much time passed for the arm [s].
-        longest: The longest call, in the arm's time [s].
     """
 
     sent: Counter = field(default_factory=Counter)
@@ -44,7 +43,6 @@ class Outcome:
     nearest: float = math.inf
     travelled: float = 0.0
     seconds: float = 0.0
-    longest: float = 0.0
 
     def look(self, collision, bench, rig, kind, q_before):
         """Note how far the arm has gone, and what touches what; where it is wanted now."""

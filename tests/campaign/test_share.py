@@ -4,14 +4,13 @@ import random
 
 import pytest
 
-from campaign import interleavings, lerobot_troubles, sessions
+from campaign import interleavings, sessions
 from campaign.mutator import attack
 from campaign.readers import OURS, all_readers
 from campaign.targets import attack as attack_with_targets
 
 EXECUTIONS = 150
 TARGETS = 300
-TROUBLES = 120
 SWUNG = 12
 """The seed with which joints swung into the floor when stops were planned harder."""
 
@@ -59,9 +58,3 @@ def test_an_arm_that_follows_touches_nothing_whatever_it_is_sent(fast, fixed, se
     outcome = attack_with_targets(tmp_path, seed=seed, count=TARGETS, fast=fast)
     assert (outcome.contacts, outcome.broken) == ([], []), f"seed {seed}"
     assert outcome.refused > 0 or outcome.travelled > 0.0
-
-
-def test_lerobots_robot_breaks_no_law_whatever_actions_and_faults_it_gets(seed, tmp_path):
-    outcome = lerobot_troubles.attack(tmp_path, seed=seed, count=TROUBLES)
-    assert (outcome.contacts, outcome.broken) == ([], []), f"seed {seed}"
-    assert outcome.travelled > 0.0
