@@ -18,6 +18,7 @@ from so101_motion.planning.kinematics.geometry_from_model import (
 )
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
+from so101_motion.planning.kinematics.ik_task import check_goal, half_square
 from so101_motion.planning.kinematics.model import LINKS, RobotModel
 
 HOME = np.zeros(5)
@@ -220,6 +221,27 @@ def test_invalid_goals_are_refused_in_a_sentence(solver, goal, key, reason):
 def test_seeds_that_cannot_be_meant_are_refused(solver, q_seed):
     with pytest.raises(ConfigError, match="five finite joint angles"):
         solver.solve(PoseGoal.at_point((0.2, 0.0, 0.2)), q_seed)
+
+
+# Descents
+
+
+def task_at(model, q, metric, frame="jaw_tip"):
+    return check_goal(
+        model, PoseGoal(T_base_tool=model.frame(q, frame), metric=metric, frame=frame)
+    )
+
+
+@pytest.mark.parametrize("metric", GoalMetric)
+def test_gradient_and_curvature_are_those_of_the_value(model, metric):
+    for q, q_goal in configurations(model, 40).reshape(20, 2, 5):
+        task = task_at(model, q_goal, metric)
+        sides = [[half_square(model, task, q + s * e) for e in np.eye(5)] for s in (1e-6, -1e-6)]
+        rises = [[(a[n] - b[n]) / 2e-6 for a, b in zip(*sides, strict=True)] for n in (0, 1)]
+        _, gradient, curvature = half_square(model, task, q)
+        np.testing.assert_allclose(gradient, rises[0], atol=1e-8)
+        if metric is POSITION:
+            np.testing.assert_allclose(curvature, rises[1], atol=1e-8)
 
 
 # The nearest reachable point
@@ -468,6 +490,15 @@ def changed(tmp_path):
         return RobotModel.load(tmp_path / "changed.urdf")
 
     return make
+
+
+def test_a_roll_brings_the_jaw_tip_to_a_lateral_distance(structure):
+    offset = structure.measures.offsets["jaw_tip"]
+    for lateral in (-0.005, 0.0, 0.003):
+        for roll in offset.rolls_with_lateral(lateral):
+            assert offset.at(roll)[1] == pytest.approx(lateral, abs=1e-12)
+    reached = [offset.at(roll)[1] for roll in offset.rolls_with_lateral(0.1)]
+    assert reached == pytest.approx([offset.left[0] + math.hypot(*offset.left[1:])] * 2)
 
 
 @pytest.mark.parametrize(
