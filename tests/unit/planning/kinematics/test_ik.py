@@ -18,7 +18,7 @@ from so101_motion.planning.kinematics.geometry_from_model import (
 )
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
-from so101_motion.planning.kinematics.ik_task import check_goal, half_square
+from so101_motion.planning.kinematics.ik_task import check_goal, half_square, minimise
 from so101_motion.planning.kinematics.model import LINKS, RobotModel
 
 HOME = np.zeros(5)
@@ -259,6 +259,17 @@ def points_out_of_reach(solver, frame, n, seed):
         except Unreachable as error:
             found.append((p_base, error))
     return found
+
+
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
+def test_no_descent_from_anywhere_comes_nearer(model, solver, frame):
+    starts = np.random.default_rng(1).uniform(model.lower, model.upper, (12, 5))
+    for p_base, error in points_out_of_reach(solver, frame, 12, seed=2):
+        task = check_goal(model, PoseGoal.at_point(p_base, frame=frame))
+        for q in starts:
+            q = minimise(model, task, q)
+            away = np.linalg.norm(model.frame(q, frame).p - p_base)
+            assert error.error_position <= away + 1e-6
 
 
 @pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
