@@ -7,7 +7,6 @@ anyway, or opens a port. A file or folder that cannot be read is left out withou
 from __future__ import annotations
 
 import contextlib
-import sys
 
 import click
 from click.shell_completion import (
@@ -19,7 +18,6 @@ from click.shell_completion import (
 )
 
 from so101_motion.cli.options import argument, verb
-from so101_motion.cli.shared import aside
 from so101_motion.common.errors import So101Error
 
 _BASH = r"""%(complete_func)s() {
@@ -53,12 +51,6 @@ _COMPLETERS: dict[str, type[ShellComplete]] = {
     "fish": FishComplete,
 }
 
-_HOW = {
-    "bash": "echo 'eval \"$(so101 completion bash)\"' >> ~/.bashrc",
-    "zsh": "echo 'eval \"$(so101 completion zsh)\"' >> ~/.zshrc",
-    "fish": "so101 completion fish > ~/.config/fish/completions/so101.fish",
-}
-
 
 @verb()
 def completion(shell: str = argument(click.Choice(tuple(_COMPLETERS)))) -> None:
@@ -73,8 +65,6 @@ def completion(shell: str = argument(click.Choice(tuple(_COMPLETERS)))) -> None:
     """  # noqa: D301
     command = click.get_current_context().find_root().command
     click.echo(_COMPLETERS[shell](command, {}, "so101", "_SO101_COMPLETE").source())
-    if sys.stdout.isatty():
-        aside(f"to load it in every shell: {_HOW[shell]}")
 
 
 def completed_files(context: object, parameter: object, incomplete: str) -> list[CompletionItem]:
