@@ -1,4 +1,4 @@
-"""What hands do on the page: lead the arm, move its jaw, let it go, show it a path."""
+"""What hands do on the page: lead the arm, turn the picture, let the arm go."""
 
 from itertools import pairwise
 
@@ -7,7 +7,6 @@ import pytest
 from harness.browser_user import READY, move_to
 
 from so101_motion.common.modes import Mode
-from so101_motion.common.units import to_rad
 
 VIEW = "window.__viserMutable.camera.position.toArray()"
 
@@ -18,11 +17,6 @@ def tip(rig):
 
 def moves(rig):
     return bool(np.any(np.abs(rig.arm.state.qd_ref) > 1e-3))
-
-
-def push(rig, q):
-    """What a hand does with a soft arm."""
-    rig.executor.call(lambda driver: driver.push(q))
 
 
 @pytest.fixture
@@ -116,29 +110,3 @@ def test_a_grey_button_says_why_letting_go_asks_first_and_hold_holds_again(guest
     guest.press("Hold")
     guest.until(lambda: rig.arm.state.mode is Mode.HOLDING)
     guest.until(lambda: guest.says("The arm holds again. Set a target, then press Plan."))
-
-
-def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(guest, rig, own_files):
-    there = np.radians([20.0, -10.0, 10.0, 5.0, 0.0])
-    guest.in_front("Teach")
-    guest.fields("Path name").fill("wave")
-    guest.page.wait_for_timeout(300)
-    guest.press("Record a path")
-    guest.until(lambda: guest.says('Recording "wave", '))
-    for share in np.linspace(0.0, 1.0, 8):
-        push(rig, share * there)
-        guest.page.wait_for_timeout(60)
-    end = guest.button("End the recording")
-    guest.until(lambda: "so101-later" not in (end.get_attribute("class") or ""))
-    end.click()  # at once: what shines can be pressed
-    guest.until(lambda: guest.says("Press Plan replay to check it for collisions"))
-    guest.until(lambda: "/teach/path" in guest.nodes())
-    guest.until(lambda: guest.button("Plan replay").is_enabled())
-    guest.press("Plan replay")
-    guest.until(lambda: guest.says("Press Replay."))
-    assert not moves(rig)
-    guest.press_next("Replay")
-    guest.until(lambda: guest.says("Done. Press Plan replay to run it again."))
-    np.testing.assert_allclose(rig.arm.state.q, there, atol=to_rad(1.0))
-    assert (own_files / "paths" / "wave.json").exists()
-    guest.in_front("Move")

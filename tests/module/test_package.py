@@ -20,6 +20,8 @@ SITE = sysconfig.get_path("purelib")
 CMEEL = str(Path(pinocchio.__file__).parents[1])
 HERE = f"{SITE}:{CMEEL}"
 """The dependencies, as PYTHONPATH: that leaves out the package itself, which is in development."""
+TREE = f"{ROOT}:{HERE}"
+"""The package as it lies here, and its dependencies."""
 OFFLINE = {
     "PYTHONPATH": HERE,
     "PYTHON": sys.executable,
@@ -137,6 +139,7 @@ def test_a_first_run_that_cannot_install_does_not_hold_up_the_machine(archive, t
 # The Python package
 
 
+@pytest.mark.long  # a library is compiled
 def test_wheel_and_source_distribution_hold_the_description_and_the_types(distributions):
     sdist, wheel = distributions
     with tarfile.open(sdist) as tar:
@@ -152,6 +155,7 @@ def test_wheel_and_source_distribution_hold_the_description_and_the_types(distri
         assert {f"{name}/{source}" for source in sources(ROOT / folder)} <= in_wheel
 
 
+@pytest.mark.long  # an environment is installed
 def test_the_installed_wheel_has_the_library_the_command_and_the_module(environment, tmp_path):
     code = (
         "import so101_motion\n"
@@ -166,26 +170,26 @@ def test_the_installed_wheel_has_the_library_the_command_and_the_module(environm
     assert "so101, version" in said
 
 
-def test_importing_the_package_loads_next_to_nothing(environment, tmp_path):
+def test_importing_the_package_loads_next_to_nothing(tmp_path):
     code = (
         "import sys; before = set(sys.modules); import so101_motion\n"
         "print(*(name for name in set(sys.modules) - before\n"
         "    if name.partition('.')[0] not in sys.stdlib_module_names))\n"
         f"import so101_motion.cli.verbs; print([name for name in {HEAVY} if name in sys.modules])"
     )
-    said = run(environment, "-c", code, cwd=tmp_path, PYTHONPATH=HERE).split("\n")
+    said = run(sys.executable, "-c", code, cwd=tmp_path, PYTHONPATH=TREE).split("\n")
     assert said[:2] == ["so101_motion", "[]"]
 
 
-def test_without_the_viewer_the_preview_says_what_to_install(environment, tmp_path):
+def test_without_the_viewer_the_preview_says_what_to_install(tmp_path):
     code = (
         "import sys; sys.modules['viser'] = None\n"
         "from so101_motion.cli.verbs import main; main(['demo'], standalone_mode=False)"
     )
     done = subprocess.run(
-        [environment, "-c", code],
+        [sys.executable, "-c", code],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": HERE},
+        env={**os.environ, "PYTHONPATH": TREE},
         capture_output=True,
         text=True,
         timeout=300,
@@ -197,4 +201,5 @@ def test_without_the_viewer_the_preview_says_what_to_install(environment, tmp_pa
         for line in (ROOT / "constraints.txt").read_text().splitlines()
         if line.startswith("viser==")
     )
-    assert f"install it: {environment} -m pip install {pinned} " in done.stderr  # works anywhere
+    command = f"{sys.executable} -m pip install {pinned} "
+    assert f"install it: {command}" in done.stderr  # works anywhere

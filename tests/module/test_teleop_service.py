@@ -120,7 +120,7 @@ async def test_the_follower_does_what_the_leader_does_wherever_they_are(here):
             return np.abs(off).max() < 0.5 and abs(jaw - 60.0) < 2.0
 
         await until(is_there)
-        assert await is_in(client, "mirroring")
+        await until(lambda: is_in(client, "mirroring"))
         status = await told(client)
         assert status["running"] is True
         assert status["streaming"] is True
