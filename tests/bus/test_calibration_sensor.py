@@ -9,6 +9,7 @@ from harness.emulated_rig import ModelBench
 from harness.held_calibration import put
 from viam.components.arm import JointPositions
 
+from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
@@ -162,6 +163,29 @@ async def test_removing_the_sensor_half_way_puts_everything_back(bench, with_arm
     await sensor.close()
 
     assert held(bench) == before
+
+
+async def test_only_the_joints_it_was_given_are_saved_as_soon_as_all_of_them_answer(bench, data):
+    arm, sensor = bench.new_arm(), bench.new_sensor(servo_ids=[6.0, 3.0])
+    await bench.pass_time(0.5)
+    before, joints = held(bench), {"elbow_flex", "gripper"}
+    await record(bench, sensor, joints)
+    bench.world.disconnect("gripper")
+    says = await refused(sensor, "save_calibration")
+    assert "no reply" in says
+    now = await sensor.get_readings()
+    assert (now["last_save_error"], now["calibration_state"]) == (says, "completed")
+    assert set(now["joints"]) == joints
+    bench.world.connect("gripper")
+    await bench.pass_time(1.2)
+
+    assert (await do(sensor, "save_calibration"))["joints_calibrated"] == 2
+    assert (await sensor.get_readings())["last_save_error"] == ""
+    assert set(store.read(data / "so101_calibration.json").calibration) == joints
+    unchanged = [i for i, row in enumerate(held(bench)) if row == before[i]]
+    assert unchanged == [0, 1, 3, 4]
+    sources = (await do(arm, "get_calibration"))["source"]
+    assert (sources["elbow_flex"], sources["wrist_flex"]) == ("file", "registers")
 
 
 # When things go wrong

@@ -96,10 +96,15 @@ def test_a_port_without_an_arm_is_named_with_what_to_do(tmp_path, verb):
     assert result.stdout == "" or verb == ("arms",), "nobody gets a configuration"
 
 
-def test_the_status_names_a_hot_servo(arm):
+def test_the_status_of_a_limp_arm_is_reported_with_its_hot_servo(arm):
     arm.begin(FaultEvent(kind="hot", servo="gripper", value=72.0))
-    assert "too hot (72 degC" in told("status", "--port", arm.port)["alarms"]["gripper"]
-    assert "gripper: its servo is too hot" in run("status", "--port", arm.port).stderr
+    status = told("status", "--port", arm.port)
+    assert "too hot (72 degC" in status["alarms"]["gripper"]
+    assert status["joints_found"] == list(JOINTS)
+    assert status["q_deg"]["shoulder_pan"] == pytest.approx(0.0, abs=10.0)
+    result = run("status", "--port", arm.port)
+    assert "gripper: its servo is too hot" in result.stderr
+    assert "limp" in result.stdout
 
 
 # A configuration

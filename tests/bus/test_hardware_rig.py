@@ -133,6 +133,22 @@ def test_a_bad_joint_of_a_file_gives_way_to_its_servo_and_a_bad_file_to_all(
     assert is_unused == (from_servos == set(record.JOINTS))
 
 
+def test_a_servo_whose_limits_make_no_sense_has_the_defaults(bench):
+    for joint, limits in (("elbow_flex", (3000, 1000)), ("gripper", (0, 4095))):
+        for row, limit in zip((emu.MIN_POSITION, emu.MAX_POSITION), limits, strict=True):
+            memory(bench, joint).keep(row, limit)
+    servos = bench.open().servos
+    used = {
+        joint: (setup.calibration.range_min, setup.calibration.range_max)
+        for joint, setup in servos.setups.items()
+        if setup.source == "defaults"
+    }
+    assert used == {"elbow_flex": (500, 3500), "gripper": (2048, 3248)}
+    notes = " ".join(servos.notes)
+    assert "elbow_flex: the limits in the servo (3000 to 1000) make no sense" in notes
+    assert "gripper: the limits in the servo (0 to 4095) are wider than the jaw" in notes
+
+
 def test_what_a_file_says_now_is_taken_up_when_its_user_accepts_it(bench):
     path = filed(bench)
     rig = bench.open(calibration_file=path)
