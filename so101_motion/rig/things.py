@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import SE3
 from so101_motion.drivers.things import FRICTION, Support, Thing, Things
 from so101_motion.planning.collision.coal_shapes import held_shape, hull_points
 from so101_motion.planning.collision.scene import Obstacle, Scene
@@ -50,40 +50,26 @@ def keep_up(things: Things, before: Scene, now: Scene, *, friction: float = FRIC
 
 def _thing(item: Obstacle, friction: float) -> Thing:
     """An item as its convex hull, of one density."""
-    from scipy.spatial import ConvexHull  # slow to import
+    import trimesh  # slow to import
 
-    points = hull_points(read_shape(item.shape))
-    hull = ConvexHull(points)
-    corners = points[hull.simplices]
-    volumes = np.abs(np.linalg.det(corners - points.mean(axis=0)))
-    middles = (corners.sum(axis=1) + points.mean(axis=0)) / 4.0
-    com = volumes @ middles / volumes.sum()
-    normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
-    feet = com - (normals @ com + offsets)[:, None] * normals  # below it, when it lies on each face
-    lies = (feet @ normals.T + offsets <= 1e-6).all(axis=1)
+    hull = trimesh.convex.convex_hull(hull_points(read_shape(item.shape)))
+    com, normals = hull.center_mass, hull.face_normals
+    offsets = np.einsum("ij,ij->i", normals, hull.triangles[:, 0])
+    feet = com + (offsets - normals @ com)[:, None] * normals  # below it, when it lies on each face
+    lies = (feet @ normals.T <= offsets + 1e-6).all(axis=1)
+    spread, _ = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, _SPACING)
+    cells = (spread / (0.5 * _SPACING)).round()  # thin triangles have many points close together
+    _, apart = np.unique(cells, axis=0, return_index=True)
     assert item.mass is not None
     return Thing(
         name=item.name,
-        points=np.concatenate([points, _spread(corners)]),
+        points=np.concatenate([hull.vertices, spread[apart]]),
         com=com,
         faces=normals[lies],
         mass=item.mass,
         T_base=item.T_base_obstacle,
         friction=friction,
     )
-
-
-def _spread(triangles: Array) -> Array:
-    """Points on triangles (n, 3, 3), at most ``_SPACING`` apart."""
-    found = []
-    for a, b, c in triangles:
-        n = int(np.linalg.norm([b - a, c - a, c - b], axis=1).max() / _SPACING) + 2
-        i, j = np.meshgrid(np.arange(n), np.arange(n))
-        u, v = i[i + j < n] / (n - 1), j[i + j < n] / (n - 1)
-        found.append(a + u[:, None] * (b - a) + v[:, None] * (c - a))
-    points = np.concatenate(found)
-    cells = (points / (0.5 * _SPACING)).round()  # thin triangles have many points close together
-    return np.asarray(points[np.unique(cells, axis=0, return_index=True)[1]])
 
 
 def _support(obstacle: Obstacle) -> Support:
