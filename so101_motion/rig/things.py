@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from so101_motion.common.geometry import SE3
@@ -57,7 +59,8 @@ def _thing(item: Obstacle, friction: float) -> Thing:
     offsets = np.einsum("ij,ij->i", normals, hull.triangles[:, 0])
     feet = com + (offsets - normals @ com)[:, None] * normals  # below it, when it lies on each face
     lies = (feet @ normals.T <= offsets + 1e-6).all(axis=1)
-    spread, _ = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, _SPACING)
+    subdivide: Any = trimesh.remesh.subdivide_to_size
+    spread, _ = subdivide(hull.vertices, hull.faces, _SPACING)
     cells = (spread / (0.5 * _SPACING)).round()  # thin triangles have many points close together
     _, apart = np.unique(cells, axis=0, return_index=True)
     assert item.mass is not None

@@ -48,17 +48,6 @@ class Depth(NamedTuple):
     normal: Array  # from the body into the solid, shape (3,)
 
 
-def _spread(cells: Any, with_: Any) -> Any:
-    """Cells with those next to them, also across edges and corners, taken together."""
-    for axis in range(3):
-        here = np.moveaxis(cells, axis, 0)
-        beside = here.copy()
-        with_(beside[1:], here[:-1], out=beside[1:])
-        with_(beside[:-1], here[1:], out=beside[:-1])
-        cells = np.moveaxis(beside, 0, axis)
-    return cells
-
-
 class Inside:
     """The inside of a surface: cells of a grid, but for walls of one or two of them.
 
@@ -70,9 +59,11 @@ class Inside:
     """
 
     def __init__(self, low: Array, edge: float, full: Any, skin: float) -> None:
+        from scipy import ndimage
+
         self.edge = edge
         self._low, self._skin = low, skin
-        self._thick = _spread(_spread(full, np.logical_and), np.logical_or)
+        self._thick = ndimage.maximum_filter(ndimage.minimum_filter(full, 3), 3)
 
     def depth(self, body: Any, points: Callable[[], Array], R: Array, p: Array) -> Depth | None:
         """How deep a convex body, coal's, is in it; None if not at all, or not known.
@@ -135,8 +126,10 @@ class Inside:
 
     def bounds(self, points: Array) -> Any:
         """Which points (n, 3) [m] are at the surface of a solid, not of a wall of two cells."""
+        from scipy import ndimage
+
         at = np.floor((points - self._low) / self.edge).astype(int)
-        return _spread(self._thick, np.logical_or)[tuple(at.T)]
+        return ndimage.maximum_filter(self._thick, 3)[tuple(at.T)]
 
     @property
     def is_convex(self) -> bool:
