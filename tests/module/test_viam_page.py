@@ -1,17 +1,18 @@
-"""The real module process answers every request of docs/viam.md as the page shows."""
+"""The real module process finds an arm that another process emulates; what it found works as it is,
+and answers every request of docs/viam.md as the page shows."""
 
 import inspect
 import json
 import re
 from functools import partial
-from textwrap import dedent, indent
-from types import SimpleNamespace
 
 import pytest
 import viam.components.generic
 import viam.services.discovery
 import viam.services.generic
 import viam.services.worldstatestore  # noqa: F401  # importing registers the clients
+from google.protobuf import json_format
+from grpclib import GRPCError, Status
 from harness.emulated_port import emulated_port, patiently, works
 from harness.fake_parent import (
     ARM,
@@ -28,9 +29,12 @@ from harness.fake_parent import (
     running_module,
     until,
 )
+from harness.in_process_module import refused
 
 from so101_motion.viam.models import calibration
 from so101_motion.viam.models.module import MODELS
+
+SERVICE = "rdk:service:discovery"
 
 PAGE = (ROOT / "docs" / "viam.md").read_text()
 SECTIONS = dict(re.findall(r"^## `(devrel:so101:\S+)`\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
@@ -80,25 +84,79 @@ def test_every_command_is_documented():
     assert [name for name in sorted(commands) if name not in pages] == []
 
 
-async def test_the_answers_are_as_shown(tmp_path):
+@pytest.fixture(autouse=True)
+def places(tmp_path, monkeypatch):
+    """No calibration files but those of the test."""
+    for name, folder in (("VIAM_MODULE_DATA", "data"), ("HOME", "home"), ("VIAM_HOME", "viam")):
+        (tmp_path / folder).mkdir()
+        monkeypatch.setenv(name, str(tmp_path / folder))
+
+
+def on(port, found):
+    """What was suggested for a port, by model; this machine may have real arms as well."""
+    return {
+        one.model: one
+        for one in found
+        if one.attributes.fields["port"].string_value == port
+    }  # fmt: skip
+
+
+async def discovered(service, port, count):
+    """What was suggested for a port; looked for again while a busy machine keeps servos from being
+    heard in the short time that they get."""
+    for _ in range(10):
+        found = on(port, await service.discover_resources())
+        if len(found) == count:
+            break
+    return found
+
+
+def attributes(config):
+    return dict(config.attributes.items())
+
+
+def frame(config):
+    return json_format.MessageToDict(config.frame)
+
+
+async def nothing_to_find_is_explained_and_wrong_settings_are_refused(module, missing):
+    service = await module.add(SERVICE, DISCOVERY, {"ports": [missing]}, "nothing")
+    assert on(missing, await service.discover_resources()) == {}
+    report = await service.do_command({"command": "report"})
+    (mine,) = [one for one in report["ports"] if one["port"] == missing]
+    assert "no such port" in mine["found"]
+    assert mine["names"] == []
+    assert await service.get_status() == {"ports": [missing]}
+    with pytest.raises(GRPCError, match='did you mean "report"'):
+        await service.do_command({"command": "reprot"})
+
+    await module.validate(SERVICE, DISCOVERY, {"port": "/dev/ttyACM0"})  # the arm's: ignored
+    await refused(
+        module.validate(SERVICE, DISCOVERY, {"prts": ["/dev/ttyACM0"]}),
+        Status.INVALID_ARGUMENT,
+        'did you mean "ports"',
+    )
+    assert any("no such port" in message for _, message in module.parent.lines)
+
+
+async def test_what_is_discovered_can_be_added_as_it_is_and_answers_as_the_page_shows(tmp_path):
     async with emulated_port(tmp_path) as servos, running_module() as (module, _, _):
-        port = {"port": servos.port}
-        leader, follower = {"leader_arm": "arm"}, {"follower_arm": "simulated"}
-        machine = [
-            (HARDWARE_ARM, ARM, "arm", port),
-            (HARDWARE_GRIPPER, GRIPPER, "gripper", port),
-            (CALIBRATION, SENSOR, "calibration", port),
+        missing = str(tmp_path / "ttyACM0")
+        await nothing_to_find_is_explained_and_wrong_settings_are_refused(module, missing)
+        resources = await what_is_found_can_be_added(module, servos.port)
+        said = [line for level, line in module.parent.lines if level in ("warning", "error")]
+        assert not [line for line in said if "calibration" in line]
+
+        leader, follower = {"leader_arm": "left"}, {"follower_arm": "simulated"}
+        for model, api, name, attributes in (
             (SIMULATED, ARM, "simulated", {}),
             (SIMULATED_GRIPPER, GRIPPER, "simulated-gripper", {}),
-            (DISCOVERY, "rdk:service:discovery", "discovery", {}),
             ("devrel:so101:motion", MOTION, "motion", {"arm": "simulated"}),
             ("devrel:so101:teleop", "rdk:service:generic", "teleop", {**leader, **follower}),
-        ]
-        differ = []
-        resources = {}
-        for model, api, name, attributes in machine:
+        ):
             resources[model] = await module.add(api, model, attributes, name)
         await until(lambda: works(resources[HARDWARE_ARM].get_joint_positions))
+        differ = []
         for model, resource in resources.items():
             shown = requests_of(model)
             assert shown, model
@@ -110,15 +168,38 @@ async def test_the_answers_are_as_shown(tmp_path):
         assert differ == []
 
 
-async def test_the_first_steps_move_the_arm(capsys):
-    (shown,) = re.findall(r"```py\n(.*?)```", PAGE, re.S)
-    steps = "async def steps(machine):\n" + indent(dedent(shown.rstrip(" ")), "    ")
-    async with running_module() as (module, _, _):
-        resources = {
-            "arm": await module.add(ARM, SIMULATED, {"speed_degs_per_sec": 180}, "arm"),
-            "gripper": await module.add(GRIPPER, SIMULATED_GRIPPER, {}, "gripper"),
-        }
-        exec(steps, known := {})
-        await known["steps"](SimpleNamespace(get_component=lambda name: resources[name.name]))
-    said = dict(re.findall(r"^([xyz]): (\S+)", capsys.readouterr().out, re.M))
-    assert [float(said[axis]) for axis in "xyz"] == pytest.approx([250.0, 100.0, 150.0], abs=0.5)
+async def what_is_found_can_be_added(module, port):
+    """Add what is found on a port; the resources by model."""
+    answer = await module.validate(SERVICE, DISCOVERY)
+    assert list(answer.dependencies) == []
+    service = await module.add(SERVICE, DISCOVERY, {"ports": [port]}, "find")
+    found = await discovered(service, port, 3)
+    assert {model: (one.name, one.api) for model, one in found.items()} == {
+        HARDWARE_ARM: ("so101-arm-arm", ARM),
+        HARDWARE_GRIPPER: ("so101-gripper-arm", GRIPPER),
+        CALIBRATION: ("so101-calibration-arm", SENSOR),
+    }
+    assert attributes(found[HARDWARE_ARM]) == {"port": port}
+    assert frame(found[HARDWARE_ARM]) == {"parent": "world"}
+    assert frame(found[HARDWARE_GRIPPER]) == {"parent": "so101-arm-arm"}
+    arm = await module.add(ARM, HARDWARE_ARM, attributes(found[HARDWARE_ARM]), "left")
+    assert len((await arm.get_joint_positions()).values) == 5
+
+    # Beside the arm that is in use now
+    again = await discovered(service, port, 2)
+    assert again.keys() == {HARDWARE_GRIPPER, CALIBRATION}
+    assert frame(again[HARDWARE_GRIPPER]) == {"parent": "left"}
+    report = await service.do_command({"command": "report"})
+    (mine,) = [one for one in report["ports"] if one["port"] == port]
+    assert mine["in_use"] is True
+    assert mine["servo_ids"] == [1, 2, 3, 4, 5, 6]
+
+    resources = {HARDWARE_ARM: arm, DISCOVERY: service}
+    for model, api in ((HARDWARE_GRIPPER, GRIPPER), (CALIBRATION, SENSOR)):
+        config = again[model]
+        resources[model] = await module.add(api, model, attributes(config), config.name)
+    assert await resources[HARDWARE_GRIPPER].is_moving() is False
+    assert on(port, await service.discover_resources()) == {}
+    diagnosis = await arm.do_command({"command": "diagnose"})
+    assert not [line for line in diagnosis["findings"] if "calibration file" in line]
+    return resources
