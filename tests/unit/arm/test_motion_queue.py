@@ -86,6 +86,23 @@ def test_a_motion_begins_at_rest_and_ends_when_it_has_run(motions, told) -> None
     assert told[2:] == ["moves"], "an arm that rests is not stopped first"
 
 
+def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> None:
+    first = under_way(motions)
+    running: Future[None] = Future()
+
+    def begin(motion: Motion) -> Future[None]:
+        assert not first.future.done()
+        motion.halt = told.append
+        return running
+
+    take_over = motions.take_over(begin)
+    with pytest.raises(Interrupted, match="a newer motion"):
+        first.result(60.0)
+    running.set_result(None)
+    take_over.result(60.0)
+    assert told == ["rest"]
+
+
 def test_a_turn_that_cannot_begin_leaves_the_motion_under_way_alone(motions) -> None:
     first = motions.start(until_interrupted)
 
@@ -145,6 +162,35 @@ def test_a_newer_motion_tells_the_older_one_at_once(motions) -> None:
         waiting[-2].wait_for(Future())
     assert not first.future.done()
     gate.set()
+
+
+def test_a_motion_in_preparation_yields_to_a_newer_one(told) -> None:
+    newer: list[Motion] = []
+
+    def rest() -> Future[None]:
+        told.append("rest")
+        if len(told) == 1:
+            asking = threading.Thread(target=lambda: newer.append(motions.start(lambda _: None)))
+            asking.start()
+        return over()
+
+    motions = MotionQueue(rest)
+    gate = threading.Event()
+
+    def run(motion: Motion) -> Future[None]:
+        gate.wait(60.0)
+        with motion.begin():
+            return Future()
+
+    motion = motions.start(run)
+    while not newer:
+        threading.Event().wait(0.001)
+    gate.set()
+    with pytest.raises(Interrupted, match="a newer motion"):
+        motion.result(60.0)
+    newer[0].result(60.0)
+    motions.close()
+    assert told[0] == "rest"
 
 
 def test_an_interrupted_motion_never_begins_and_its_wait_leaves_another_alone():
