@@ -24,6 +24,10 @@ from pathlib import Path
 import numpy as np
 from bench import ROOT, Bench, Failure
 
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.simulated_rig import open_simulated
+from so101_motion.tasks.datasets.episodes import EpisodeOperation
+
 RESULTS = ROOT / "benchmarks" / "results" / "lerobot_commands.json"
 CAMERA = "{front: {type: fake, width: 96, height: 96, fps: 30}}"
 DROPPED = 8.0  # [deg] that a joint may move after the end; from rest on the forearm sinks by six
@@ -307,9 +311,39 @@ def recorded_types(bench):
     )
 
 
+def film_from_the_page(bench):
+    """The Record tab films two episodes with a camera; LeRobot loads them, the arm replays."""
+    sys.path.append(str(ROOT / "tests"))
+    from harness.web_camera import web_camera
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    folder = bench.folder / "film"
+    with open_simulated() as rig, web_camera() as address:
+        operation = EpisodeOperation(rig)
+        try:
+            for goal in (np.radians([30.0, -20.0, 20.0, 10.0, 0.0]), np.zeros(5)):
+                operation.ask(
+                    "record", data_set=str(folder), task="wave", camera=f"{address}/live", fps="30"
+                )
+                rig.arm.move(JointGoal(q=goal))
+                time.sleep(1.0)
+                kept = operation.ask("keep")
+            replayed = operation.ask("replay")
+        finally:
+            operation.close()
+    data_set = LeRobotDataset("somebody/film", root=folder)
+    frame, told = data_set[len(data_set) - 1], {"task": "wave", "episode_index": 1}
+    if data_set.num_episodes != 2 or frame["observation.images.front"].shape != (3, 24, 32):
+        raise Failure(f"it is not what was filmed: {data_set}")
+    if any(frame[key] != value for key, value in told.items()):
+        raise Failure(f"its last frame is {frame}")
+    return {"frames": len(data_set), "late": kept["late"], "off_deg": replayed["rms_deg"]}
+
+
 SCENARIOS = (
     recorded_types, setup_motors, calibrate, calibrate_leader, teleoperate, interrupted,
     terminated, killed, jog_with_keys, jog_with_a_gamepad, record, record_with_a_camera, replay,
+    film_from_the_page,
     rollout, rollout_in_chunks, rollout_of_garbage, find_joint_limits,
 )  # fmt: skip
 NEEDED = (calibrate, calibrate_leader)

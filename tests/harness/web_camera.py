@@ -1,7 +1,9 @@
 """A camera on a socket of this machine: single pictures, a stream, and what goes wrong."""
 
 import io
+import itertools
 import threading
+import time
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -18,7 +20,7 @@ def jpeg(number, size=WIDE):
 
 
 class WebCamera(BaseHTTPRequestHandler):
-    """Answers ``/picture``, ``/stream``, ``/page`` (no picture) and ``/lost``.
+    """Answers ``/picture``, ``/stream``, ``/live`` (endless), ``/page`` (no picture), ``/lost``.
 
     Attributes:
         count: How often it was asked.
@@ -33,7 +35,7 @@ class WebCamera(BaseHTTPRequestHandler):
         if self.path == "/lost":
             self.send_error(503)
             return
-        is_stream = self.path == "/stream"
+        is_stream = self.path in ("/stream", "/live")
         self.send_response(200)
         kind = "multipart/x-mixed-replace; boundary=x" if is_stream else "image/jpeg"
         self.send_header("Content-Type", kind)
@@ -41,9 +43,13 @@ class WebCamera(BaseHTTPRequestHandler):
         if self.path == "/page":
             self.wfile.write(b"<html>")
         elif is_stream:
-            for number in range(3):
+            for number in range(3) if self.path == "/stream" else itertools.count():
                 head = b"--x\r\nContent-Type: image/jpeg\r\n\r\n"
-                self.wfile.write(head + jpeg(number) + b"\r\n")
+                try:
+                    self.wfile.write(head + jpeg(number) + b"\r\n")
+                except OSError:
+                    return  # it is not watched any more
+                time.sleep(0.0 if self.path == "/stream" else 0.03)
         else:
             self.wfile.write(jpeg(WebCamera.count, WebCamera.size))
 

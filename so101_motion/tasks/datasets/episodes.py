@@ -163,7 +163,7 @@ class EpisodeOperation(LocalOperation):
                 writer.tell({"t": t, "state": measured, "wanted": wanted})
             done = due
             if rig.connection.problem is not None:
-                self._trouble = "the arm is disconnected; what came before it is recorded"
+                self._trouble = "the arm is disconnected; keep what came before, or throw it away"
             elif done > LONGEST * writer.fps:
                 self._trouble = f"no episode is longer than {LONGEST:.0f} s; keep it"
             if self._trouble or writer.problem:
