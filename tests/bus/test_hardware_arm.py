@@ -50,6 +50,7 @@ async def ask(client, models, **request):
 async def test_torque_goes_off_and_on_without_a_jump(models, client):
     assert await ask(client, models, command="set_torque", enable=False) == {"success": True}
     assert await client.get_manual_mode()
+    assert (await client.get_status())["state"] == "limp"
     assert models.world.servo("shoulder_pan").memory.raw(emu.TORQUE_ENABLE) == 0
     assert await ask(client, models, command="set_torque", enable=True) == {"success": True}
     before = models.q_deg
