@@ -26,7 +26,7 @@ class DirectPort:
         self.unplugged = False
 
     def write(self, data):
-        self._look()
+        self.check()
         replies = self._bus.feed(data, self._now(), baud=self.baud)
         self._arrived += b"".join(self.passed(data, replies))
 
@@ -35,20 +35,20 @@ class DirectPort:
         return [reply.data for reply in replies]
 
     def read(self, until):
-        self._look()
+        self.check()
         data, self._arrived = self._arrived, b""
         if not data:
             self._wait(until)
         return data
 
     def discard(self):
-        self._look()
+        self.check()
         self._arrived = b""
 
     def close(self):
         pass
 
-    def _look(self):
+    def check(self):
         if self.unplugged:
             raise PortUnavailable(self.name, "the port went away; check the USB cable")
 

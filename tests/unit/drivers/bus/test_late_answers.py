@@ -50,8 +50,8 @@ def make_loop(wired, clock, monkeypatch):
         def write(self, data):
             super().write(data)
             if self.delay and self._arrived:
-                self._coming.append((clock.now() + self.delay(), bytes(self._arrived)))
-                self._arrived.clear()
+                self._coming.append((clock.now() + self.delay(), self._arrived))
+                self._arrived = b""
 
         def read(self, until):
             due = self._coming[0][0] if self._coming else math.inf

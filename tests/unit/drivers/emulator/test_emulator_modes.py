@@ -36,20 +36,6 @@ def test_in_speed_mode_it_turns_as_fast_as_it_is_told_and_stops(bench, speed):
     assert bench.read(ROLL, reg.MOVING) == 0
 
 
-def test_a_wheel_that_was_held_up_does_not_catch_up(bench):
-    in_mode(bench, reg.SPEED_MODE)
-    shaft = bench.world.servos[ROLL - 1].drive.shaft
-    stop, shaft.upper = shaft.upper, shaft.output + 5.0
-    bench.write(ROLL, reg.GOAL_VELOCITY, 400)
-    bench.advance(1.0)
-    assert bench.read(ROLL, reg.TORQUE_ENABLE) == 1
-    assert bench.read(ROLL, reg.MOVING) == 0
-    shaft.upper = stop
-    before = position(bench)
-    bench.advance(1.0)
-    assert position(bench) - before < 400 + 250
-
-
 def test_in_pwm_mode_a_larger_duty_turns_it_faster(bench):
     in_mode(bench, reg.PWM_MODE)
     speeds = []

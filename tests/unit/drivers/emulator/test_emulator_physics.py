@@ -1,7 +1,6 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from so101_motion.drivers.emulator import registers as reg
@@ -176,17 +175,6 @@ def test_object_stops_the_jaw_and_is_felt(bench):
     bench.world.take_object()
     bench.advance(1.0)
     assert bench.read(6, reg.PRESENT_POSITION) == pytest.approx(1920, abs=3)
-
-
-def test_gravity_is_asked_with_six_angles_in_radians(make_bench):
-    seen = []
-
-    def gravity(q):
-        seen.append(q.copy())
-        return np.zeros(6)
-
-    make_bench(gravity=gravity, q_start=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
-    np.testing.assert_allclose(seen[0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
 
 
 def test_fitted_servo_rests_low_if_it_lifted_a_weight_and_close_if_it_lowered_it(

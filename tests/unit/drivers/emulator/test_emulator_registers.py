@@ -19,22 +19,6 @@ def test_defaults_lie_in_range():
 
 
 @pytest.mark.parametrize(
-    ("row", "value", "raw"),
-    [
-        (reg.GOAL_POSITION, 2048, 0x0800),
-        (reg.GOAL_POSITION, -1, 0x8001),
-        (reg.PRESENT_VELOCITY, -50, 0x8032),
-        (reg.PRESENT_LOAD, -224, 0x0400 | 224),
-        (reg.PRESENT_LOAD, 224, 224),
-        (reg.MAX_TORQUE, 1000, 1000),
-    ],
-)
-def test_signs_are_where_the_table_says(row, value, raw):
-    assert row.encode(value) == raw
-    assert row.decode(raw) == value
-
-
-@pytest.mark.parametrize(
     ("offset", "raw"), [(0, 0), (85, 85), (-85, 0x855), (2047, 0x7FF), (-2047, 0xFFF),
                         (2048, 0x1000), (-2048, 0x1800), (4095, 0x17FF), (-4095, 0x1FFF)],
 )  # fmt: skip

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.feetech.feetech_arm import JOINTS
 
 
@@ -222,7 +223,7 @@ def test_a_port_that_goes_away_ends_it(make):
     arm.arm.guide(Compliance())
     arm.look(0.5)
     arm.port.unplugged = True
-    with pytest.raises(Exception, match="unplugged"):
+    with pytest.raises(PortUnavailable, match="went away"):
         arm.arm.read()
     arm.port.unplugged = False
     arm.clock.advance(1.0)
