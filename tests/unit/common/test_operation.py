@@ -185,7 +185,7 @@ def test_it_is_a_panel_of_the_page(kettle, send, is_remote):
     host.add_parts(panel)
     host.start()
     try:
-        hand = Hand(context.server)
+        hand = Hand(host)
         hand.expect("Fill the kettle")
         assert not hand.can("Boil")
         hand.press("Pour it away")
