@@ -23,7 +23,6 @@ from so101_motion.common.modes import Mode
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.teleop import Mirror, Recorder
 from so101_motion.tasks.teleop.pilot import Phase
-from so101_motion.tasks.teleop.predictor import Predictor
 
 
 @pytest.fixture
@@ -58,22 +57,6 @@ def block(bench):
 
 
 # Setting off
-
-
-def test_a_leader_that_stands_elsewhere_is_approached_slowly_and_then_mirrored(bench):
-    at(bench, 40.0, -30.0, 20.0, 20.0, 30.0, 50.0)
-    begin = bench.clock.now()
-    bench.start()
-    assert bench.teleop.status.phase is Phase.APPROACHING
-    bench.until(lambda: mirroring(bench))
-    engaged = bench.clock.now()
-    bench.advance(1.5)
-
-    _, q, qd = setpoints(bench, begin)
-    assert engaged - begin > 1.0
-    assert np.abs(qd).max() <= 30.1
-    assert np.abs(np.diff(q, axis=0)).max() <= 0.31
-    assert bench.follower.q_deg == pytest.approx(bench.leader.q_deg, abs=1.5)
 
 
 # Following
@@ -274,25 +257,6 @@ def test_a_lost_leader_makes_the_follower_hold_within_100_ms(impatient, loss):
     bench.advance(2.5)
     assert mirroring(bench)
     assert np.abs(setpoints(bench, lost + 1.0)[2]).max() < 60.0
-
-
-def test_after_a_moment_without_news_of_the_leader_the_follower_catches_up(bench, monkeypatch):
-    bench.start()
-    bench.advance(0.3)
-    swaying(bench)
-    bench.advance(1.9)
-    lost = bench.clock.now()
-    with monkeypatch.context() as busy:
-        busy.setattr(Predictor, "take", lambda *_: None)
-        bench.advance(0.12)
-        assert waiting(bench)
-    bench.until(lambda: mirroring(bench), at_most=0.02)
-    bench.advance(0.5)
-    qd = setpoints(bench, lost)[2]
-    assert np.abs(np.diff(qd, axis=0)).max() <= 6.1, "its cap is 600 deg/s^2"
-    off = bench.leader.q_deg[:5] - bench.follower.q_deg[:5]
-    assert np.abs(off).max() <= 1.5, "it is with the leader again"
-    assert bench.teleop.status.last_error == ""
 
 
 def test_a_lost_follower_comes_to_rest_and_goes_on_only_through_the_gate(impatient):

@@ -21,21 +21,18 @@ from so101_motion.drivers.feetech.servo_setup import prepare
 from so101_motion.rig.servo_driver import ACCELERATION_CAP, SPEED_CAP
 
 SINGLE = [
-    (), ("RETURN_DELAY", 254), ("PHASE", 0), ("PHASE", 8), ("PHASE", 28), ("PHASE", 13),
-    ("PHASE", 140), ("P_GAIN", 0), ("P_GAIN", 16), ("P_GAIN", 64), ("D_GAIN", 100), ("I_GAIN", 10),
-    ("STARTUP_FORCE", 254), ("CW_DEAD_ZONE", 32), ("RESOLUTION", 3), ("MODE", 1),
-    ("STATUS_LEVEL", 0), ("MAX_TEMPERATURE", 20), ("MAX_VOLTAGE", 80), ("MIN_VOLTAGE", 130),
-    ("MAX_TORQUE", 20), ("MAX_TORQUE", 300), ("UNLOADING", 0), ("PROTECTION_CURRENT", 2),
-    ("PROTECTION_CURRENT", 250), ("OVERLOAD_TORQUE", 0), ("OVERLOAD_TORQUE", 25),
-    ("PROTECTION_TIME", 0), ("PROTECTIVE_TORQUE", 0), ("SPEED_UNIT", 1), ("MIN_SPEED", 254),
-    ("MAX_SPEED", 20), ("MAX_ACCELERATION", 1), ("BAUD", 1), ("ID", 9),
+    (), ("RETURN_DELAY", 254), ("PHASE", 0), ("PHASE", 28), ("PHASE", 13), ("PHASE", 140),
+    ("P_GAIN", 0), ("P_GAIN", 64), ("D_GAIN", 100), ("I_GAIN", 10), ("STARTUP_FORCE", 254),
+    ("CW_DEAD_ZONE", 32), ("RESOLUTION", 3), ("MODE", 1), ("MAX_TEMPERATURE", 20),
+    ("MAX_VOLTAGE", 80), ("MIN_VOLTAGE", 130), ("MAX_TORQUE", 300), ("UNLOADING", 0),
+    ("PROTECTION_CURRENT", 250), ("OVERLOAD_TORQUE", 0), ("PROTECTION_TIME", 0),
+    ("PROTECTIVE_TORQUE", 0), ("SPEED_UNIT", 1), ("MIN_SPEED", 254), ("MAX_SPEED", 20),
+    ("MAX_ACCELERATION", 1), ("BAUD", 1), ("ID", 9),
 ]  # fmt: skip
 
 PAIRS = [
-    (("PHASE", 0), ("MIN_SPEED", 254)), (("PHASE", 141), ("MODE", 3)),
-    (("P_GAIN", 4), ("STATUS_LEVEL", 0)), (("RESOLUTION", 3), ("PHASE", 28)),
-    (("CW_DEAD_ZONE", 16), ("CCW_DEAD_ZONE", 16)),
-    (("OVERLOAD_TORQUE", 0), ("PROTECTIVE_TORQUE", 0)),
+    (("PHASE", 0), ("MIN_SPEED", 254)), (("P_GAIN", 4), ("STATUS_LEVEL", 0)),
+    (("RESOLUTION", 3), ("PHASE", 28)), (("OVERLOAD_TORQUE", 0), ("PROTECTIVE_TORQUE", 0)),
     (("MIN_POSITION", 3000), ("MAX_POSITION", 1000)), (("MAX_TORQUE", 20), ("UNLOADING", 0)),
 ]  # fmt: skip
 
