@@ -382,8 +382,14 @@ class Identification:
                 for q_end, speed in _legs(sweep, self._speeds):
                     yield self._plan(_to(q_end), limits=self._limits(speed))
                     yield self._stand
-                if self._tape.silence(sweep.joint) < _GAP:
+                if (gap := self._tape.silence(sweep.joint)) < _GAP:
                     break
+            else:
+                raise MotionError(
+                    f"{sweep.joint} did not answer for {gap:.2f} s while it moved, {_TRIES} times,"
+                    " so its figures would be wrong; end what keeps the computer busy, check the"
+                    " cable, then try again"
+                )
 
     def _stand(self, motion: Motion) -> None:
         if self._rest:
@@ -434,13 +440,6 @@ class _Tape:
         return {joint: self._record(joint, tuple(states)) for joint, states in noted.items()}
 
     def _record(self, joint: str, states: Sequence[tuple[JointState, float]]) -> JointRecord:
-        gap = self.silence(joint)
-        if gap >= _GAP:
-            raise MotionError(
-                f"{joint} did not answer for {gap:.2f} s while it moved, {_TRIES} times, so its"
-                " figures would be wrong; end what keeps the computer busy, check the cable, then"
-                " try again"
-            )
         i, servos = ARM_JOINTS.index(joint), self._rig.servos
         joint_map, model = servos.setups[joint].map, servos.models[joint]
         begin, end = states[0][0].t - 0.5, states[-1][0].t
