@@ -86,18 +86,6 @@ async def test_it_shares_the_port_whoever_comes_first(bench, first):
 # Calibrating beside an arm
 
 
-async def test_nothing_is_let_go_of_while_the_arm_moves(bench):
-    arm, sensor = bench.new_arm(), bench.new_sensor()
-    await bench.pass_time(1.0)
-    goal = JointPositions(values=[30.0, *np.degrees(HOME[1:5])])
-    move = await bench.start(arm.move_to_joint_positions(goal), lambda: arm.rig.arm.is_moving)
-
-    for command in ("start", "motor_setup_scan_bus"):
-        assert "while the arm is moving" in await bench.in_time(refused(sensor, command), 0.01)
-    assert (await sensor.get_readings())["calibration_state"] == "idle"
-    await bench.in_time(move)  # to its end, undisturbed
-
-
 async def test_a_running_arm_waits_and_then_has_the_new_calibration(bench):
     arm, gripper, sensor = bench.new_arm(), bench.new_gripper(), bench.new_sensor()
     await bench.pass_time(1.0)

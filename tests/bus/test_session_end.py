@@ -43,15 +43,6 @@ def holds(bench):
     return bool(bench.world.servo("shoulder_lift").drive.torque)
 
 
-def test_by_default_it_holds_where_it_is(bench):
-    rig = bench.open()
-    rig.leave()
-    leaving(bench, rig, "hold")
-    bench.advance(1.0)
-    assert off(bench, rig, READY_DEG) < 1.0
-    assert holds(bench)
-
-
 def test_it_goes_home_around_what_is_in_the_way_and_holds(bench):
     rig = bench.open()
     box = Box(size=(0.04, 0.04, 0.1))
@@ -101,11 +92,10 @@ def test_a_stop_on_the_way_ends_it_and_the_arm_holds_there(bench):
     assert off(bench, rig, REST_DEG) > 10.0
 
 
-@pytest.mark.parametrize("how", ["home", "park"])
-def test_a_limp_arm_is_left_limp_where_it_is(bench, how):
+def test_a_limp_arm_is_left_limp_where_it_is(bench):
     rig = bench.open()
     bench.finish(rig.executor.release())
-    leaving(bench, rig, how)
+    leaving(bench, rig, "park")
     assert rig.arm.state.mode is Mode.LIMP
     assert rig.arm.newest is None, "nothing was planned"
 
