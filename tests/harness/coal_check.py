@@ -24,11 +24,11 @@ class CoalJudge(CollisionModel):
         return np.array([proof.levels[0].touches(each) for each in q], dtype=bool)
 
     def keeps_room_along(self, points, q_jaw=0.0, *, share=1.0):
-        """Whether pairs keep a share of their margins, at samples 2 mm of travel apart."""
+        """Whether pairs keep a share of their margins, at samples 4 mm of travel apart."""
         return all(
             (self.distances(q, q_jaw) >= share * self.margins).all()
             for begin, end in pairwise(points)
-            for q in np.linspace(begin, end, 2 + int(np.abs(end - begin) @ self.reach / 0.002))
+            for q in np.linspace(begin, end, 2 + int(np.abs(end - begin) @ self.reach / 0.004))
         )
 
 

@@ -292,11 +292,10 @@ def clearance(left, right, held_left, held_right):
     return min(each.distance for each in clearance_over_time(*pair, T_LEFT_RIGHT, times))
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_stick_in_a_random_pose_is_passed_on_without_contact(planner, seed):
-    random, model = np.random.default_rng(seed), Facing(0).model
+def test_a_stick_in_a_random_pose_is_passed_on_without_contact(planner):
+    random, model = np.random.default_rng(0), Facing(0).model
     jaw = JawGeometry(model)
-    for _ in range(2):
+    for _ in range(3):
         thing = stick_in_hand(random, jaw)
         plan = plan_handover(planner, request_for(thing))
         left, right = plan.approach["left"], plan.approach["right"]

@@ -141,7 +141,7 @@ def test_walls_that_cut_the_goal_off_are_named(model):
 def test_gaps_two_millimetres_wider_than_what_must_pass_are_not_taken_for_closed(model, make, seed):
     problem = make(model, seed)
     assert CollisionModel(model, problem.scene).first_blocked(problem.path) is None
-    assert closed(model, problem, 20_000) is None
+    assert closed(model, problem, 10_000) is None
 
 
 # Routes around an obstacle: compared by counted work, cut short in time, proven, and given up
