@@ -63,7 +63,11 @@ class EpisodeWriter:
         joints: dict[str, Any] = dict.fromkeys(KEYS, float)
         seen = {**joints}
         if self._camera is not None:
-            self._camera.connect()
+            try:
+                self._camera.connect()
+            except (ConnectionError, RuntimeError) as error:
+                reason = "cannot be opened; check that it is on, and that no other program has it"
+                raise ConnectionError(f"the camera {camera} {reason}") from error
             seen[CAMERA] = (self._camera.height, self._camera.width, 3)
         self._features = {
             **hw_to_dataset_features(joints, ACTION),

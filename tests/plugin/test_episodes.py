@@ -99,9 +99,9 @@ def test_an_episode_that_is_not_kept_leaves_the_data_set_as_it_was(operation, tm
 
 
 def test_what_is_missing_or_cannot_be_opened_is_said(operation, tmp_path):
-    with pytest.raises(ConfigError, match="say in a few words what the arm does"):
+    with pytest.raises(ConfigError, match="the task is missing; say in a few words"):
         begin(operation, tmp_path / "set", task=" ")
-    with pytest.raises(So101Error, match=r"Failed to open OpenCVCamera\(gone\)"):
+    with pytest.raises(So101Error, match="the camera gone cannot be opened; check that it is on"):
         begin(operation, tmp_path / "set", camera="gone")
     assert operation.view.state == "idle"
     assert not list(tmp_path.iterdir())

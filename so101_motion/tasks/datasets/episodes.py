@@ -125,12 +125,16 @@ class EpisodeOperation(LocalOperation):
 
     # Recording
 
-    def _record(self, data_set: str, task: str, camera: str = "", fps: str = RATES[0]) -> None:
+    def _record(
+        self, data_set: str = "", task: str = "", camera: str = "", fps: str = RATES[0]
+    ) -> None:
         """Begin an episode; returns when it is being recorded."""
         if self._sampler is not None:
             raise NotPossibleNow("record", "an episode is being recorded")
         if not task.strip():
-            raise ConfigError("task", task, "is missing: say in a few words what the arm does")
+            raise ConfigError("task", "", "the task is missing; say in a few words what is done")
+        if not data_set.strip():
+            raise ConfigError("data_set", "", "the data set has no name; give one, such as me/pick")
         if fps not in RATES:
             raise ConfigError("fps", fps, f"must be one of {', '.join(RATES)} frames a second")
         self._given = {"data_set": data_set, "task": task, "camera": camera, "fps": fps}
