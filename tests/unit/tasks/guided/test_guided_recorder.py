@@ -49,16 +49,6 @@ def test_a_hand_that_rests_costs_nothing_and_the_end_is_kept(guided):
     assert len(path) < 130
 
 
-def test_the_jaw_is_taken_down_too(guided):
-    recorder = recorded(guided, guided.rig.gripper)
-    motion = guided.rig.gripper.move(0.6, wait=False)
-    guided.finish(motion)
-    path = recorder.end()
-    assert path.aperture[0] == pytest.approx(0.0, abs=1e-6)
-    assert path.aperture[-1] == pytest.approx(0.6, abs=0.01)
-    assert len(path) > 10
-
-
 def test_it_ends_when_the_arm_is_let_go_of_or_lost(guided):
     recorder = recorded(guided)
     guided.rig.executor.release().result()

@@ -152,16 +152,6 @@ def test_a_servo_that_falls_silent_is_said_once():
     assert hot.joints == ("gripper",)
 
 
-def test_joints_without_calibration_or_outside_their_range_are_named():
-    reading = replace(STILL.reading, out_of_range={"wrist_flex": 1.5})
-    missing, outside = state_alarms(replace(STILL, reading=reading), ["elbow_flex"])
-    assert missing.joints == ("elbow_flex",)
-    assert "Calibrate" in missing.sentence.text
-    assert outside.joints == ("wrist_flex",)
-    assert "86°" in outside.sentence.text
-    assert state_alarms(STILL, []) == ()
-
-
 @pytest.mark.parametrize(
     ("off_deg", "then"),
     [(7.0, "The next motion brings it back slowly"), (25.0, "Move wrist_flex back by hand")],
