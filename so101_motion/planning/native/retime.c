@@ -762,22 +762,3 @@ double so101_averaging(const double *caps, int n, double deviation, double *shar
     *share *= EASED;
     return width;
 }
-
-/* The best speeds along a path before jerk is bounded, for tests: of each interval its piece of the path,
- * where it begins and ends there, and the speed where it begins. `count`: of rows; first how many fit. */
-int so101_best_speeds(int pieces, int n, const double *knots, const double *coefficients, const double *caps,
-                      double tool, int has_further, Supply supply, double *row, int *count) {
-    const Path path = {pieces, n, knots, coefficients};
-    const Caps limits = {caps, caps + n, caps + 2 * n, tool};
-    Room room = {.used = 0};
-    Grid grid;
-    int status = best_speeds(&path, &limits, has_further, 0.0, supply, &room, &grid);
-    if (!status && grid.count > *count) status = NO_MEMORY;
-    *count = status ? 0 : grid.count;
-    for (int i = 0; i < *count; i++, row += 4) {
-        const Interval *each = &grid.interval[i];
-        row[0] = each->piece, row[1] = each->from, row[2] = each->to, row[3] = grid.speed[i];
-    }
-    leave(&room);
-    return status;
-}
