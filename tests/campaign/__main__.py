@@ -3,7 +3,7 @@
     PYTHONPATH=tests python -m campaign --only readers --count 100000 --seed 3
 
 Each run has a seed of its own. The counts of all runs add up in
-``benchmarks/results/campaign.json``, part by part; ``--fresh`` begins those parts anew.
+``benchmarks/results/campaign.json``, part by part.
 """
 
 import argparse
@@ -204,11 +204,11 @@ def commit():
     return told.stdout.strip() or "unknown"
 
 
-def keep(part, figures, file, *, fresh):
+def keep(part, figures, file):
     """Add a piece to what is written down."""
     with atomic.locked(file.parent):
         known = json.loads(file.read_text()) if file.exists() else {}
-        before = {} if fresh else known.get(part, {})
+        before = known.get(part, {})
         total = added(before, figures)
         total["failure_count"] = before.get("failure_count", 0) + len(figures["failures"])
         total["failures"] = total["failures"][:MOST_TOLD]
@@ -223,7 +223,6 @@ def main():
     parser.add_argument("--full", action="store_true", help="all counts in full; two hours")
     parser.add_argument("--seed", type=int, default=int(time.time()))
     parser.add_argument("--only", choices=PARTS, action="append", help="which parts")
-    parser.add_argument("--fresh", action="store_true", help="forget earlier pieces")
     parser.add_argument("--results", type=Path, default=RESULTS, help="where to add it up")
     asked = parser.parse_args()
     logging.disable(logging.CRITICAL)
@@ -240,7 +239,7 @@ def main():
         figures |= {"seeds": [asked.seed], "minutes": round((time.monotonic() - begin) / 60.0, 1)}
         plain = {key: value for key, value in figures.items() if isinstance(value, int | float)}
         figures["pieces"] = [{"seed": asked.seed, "commit": commit(), **plain}]
-        keep(name, figures, asked.results, fresh=asked.fresh)
+        keep(name, figures, asked.results)
         print(f"{name}, seed {asked.seed}: {plain}, {len(figures['failures'])} failures")
         for text in figures["failures"]:
             print(f"  {text}")

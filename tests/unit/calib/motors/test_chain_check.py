@@ -3,7 +3,6 @@
 import pytest
 from harness.lent_bus import LentBus
 
-from so101_motion.calib.motors.single_servo import Tuner, find_first_rate
 from so101_motion.common.errors import MotorSetupError
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.servo_types import STS3215_7V4
@@ -216,19 +215,3 @@ def test_a_scan_finds_everybody_at_every_rate():
     assert "share an id" in found["status"]
     _, setup = arm(volts=0.0)
     assert "power supply" in setup.scan()["status"]
-
-
-def test_a_servo_that_is_plugged_in_meanwhile_is_heard_at_the_next_visit():
-    bus = LentBus({})
-    heard_at = []
-
-    def plug_in_once():
-        heard_at.append(bus.wire.baud)
-        if len(heard_at) == 5:
-            bus.plug(6)
-
-    bus.before = plug_in_once
-    with Tuner(bus) as tuner:
-        found = find_first_rate(tuner)
-    assert (found.baud, found.ids) == (1_000_000, (6,))
-    assert len(heard_at) <= 8
