@@ -3,7 +3,7 @@
 Runs in a process of its own, so that LeRobot, the camera and the encoder never have the interpreter
 of the control loop. It is told on standard input, a line of JSON each: ``{"begin": TASK}``,
 ``{"t": ..., "state": [...], "wanted": [...]}`` once a frame, then ``{"keep": true}`` or
-``{"discard": true}``. It answers with lines as well. The end of the input discards the episode.
+``{"discard": true}``. It answers each with a line. The end of the input discards the episode.
 
 The action of a frame is where the arm was sent by the time of the next one, as of a person who
 leads it: an action that is where the arm is already would teach a policy to stand still.
@@ -197,17 +197,17 @@ def main() -> None:
 def _serve(say: Callable[..., None]) -> None:
     writer = EpisodeWriter(**json.loads(sys.argv[1]))
     try:
-        say(ready=writer.facts)
+        say(**writer.facts)
         for line in sys.stdin:
             told = json.loads(line)
             if "begin" in told:
                 writer.begin(told["begin"])
-                say(ready=writer.facts)
+                say(**writer.facts)
             elif "keep" in told:
-                say(ready=writer.keep())
+                say(**writer.keep())
             elif "discard" in told:
                 writer.discard()
-                say(ready=writer.facts)
+                say(**writer.facts)
             else:
                 writer.add(**told)
                 say(frames=writer.frames, late=writer.late)

@@ -10,11 +10,10 @@ import json
 import subprocess
 import threading
 import time
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import IO, Any, cast
 
 import numpy as np
@@ -28,6 +27,7 @@ from so101_motion.rig.rig import Rig
 
 LONGEST = 600.0  # longest episode [s]; chosen: what a forgotten recording may take of a disk
 OPENED_WITHIN = 180.0  # how long LeRobot and the camera may take to start [s]; seen: 5 to 70
+ADDED_WITHIN = 10.0  # how long a frame may take [s]; chosen
 SAVED_WITHIN = 600.0  # how long an episode may take to be encoded and saved [s]; chosen
 RATES = ("30", "15", "60")  # frames a second that are offered
 
@@ -60,6 +60,7 @@ class EpisodeOperation(LocalOperation):
         self._sampler: threading.Thread | None = None  # while an episode is recorded
         self._ending = threading.Event()
         self._doing = self._trouble = ""
+        self._frames = self._late = 0  # of this episode
         self._kept: tuple[Path, int] | None = None  # the data set, and its newest episode
         self.commands = {
             "record": self._record,
@@ -80,19 +81,19 @@ class EpisodeOperation(LocalOperation):
         if not self._is_installed:
             return View(state="missing", text=_MISSING)
         writer, is_recording = self._writer, self._sampler is not None
-        text, frames, late = _WELCOME, 0, 0
+        text = _WELCOME
         if is_recording and writer is not None:
-            frames, late = writer.frames, writer.late
-            text = f"{_RECORDING} {frames / writer.fps:.1f} s, {_counted(frames, late)}."
+            took = f"{self._frames / writer.fps:.1f} s"
+            text = f"{_RECORDING} {took}, {_counted(self._frames, self._late)}."
         return View(
             state="recording" if is_recording else "idle",
             text=text,
-            trouble=self._trouble or ("" if writer is None or not is_recording else writer.problem),
+            trouble=self._trouble,
             doing=self._doing,
             note="" if is_recording else _NOTE,
             offers=self._offers(is_recording),
             said=self.said,
-            facts={"frames": frames, "late": late},
+            facts={"frames": self._frames, "late": self._late},
         )
 
     def _offers(self, is_recording: bool) -> tuple[Offer, ...]:
@@ -144,7 +145,8 @@ class EpisodeOperation(LocalOperation):
             if self._writer is None or self._writer.problem or self._writer.wanted != wanted:
                 self._close_writer()
                 self._writer = _Writer(wanted)
-            self._writer.ask({"begin": task.strip()}, OPENED_WITHIN)
+            self._writer.ask(OPENED_WITHIN, begin=task.strip())
+            self._frames = self._late = 0
             self._ending.clear()
             sampler = threading.Thread(target=self._sample, name="so101-episode", daemon=True)
             self._sampler = sampler
@@ -162,15 +164,19 @@ class EpisodeOperation(LocalOperation):
             now = rig.arm.state
             measured, wanted = in_numbers(now.q, now.q_jaw), in_numbers(now.q_ref, now.q_jaw_ref)
             due = int((time.monotonic() - begun) * writer.fps) + 1
-            for k in range(done, due):
-                t = begun + k / writer.fps
-                writer.tell({"t": t, "state": measured, "wanted": wanted})
+            try:
+                for k in range(done, due):
+                    t = begun + k / writer.fps
+                    so_far = writer.ask(ADDED_WITHIN, t=t, state=measured, wanted=wanted)
+                    self._frames, self._late = so_far["frames"], so_far["late"]
+            except WorkerError as error:
+                self._trouble = str(error)
             done = due
             if rig.connection.problem is not None:
                 self._trouble = "the arm is disconnected; keep what came before, or throw it away"
             elif done > LONGEST * writer.fps:
                 self._trouble = f"no episode is longer than {LONGEST:.0f} s; keep it"
-            if self._trouble or writer.problem:
+            if self._trouble:
                 return
 
     def _keep(self) -> Mapping[str, Any]:
@@ -180,7 +186,7 @@ class EpisodeOperation(LocalOperation):
             raise NotPossibleNow("keep", "no episode is being recorded")
         self._trouble, self._doing = "", "Saving the episode"
         try:
-            facts = writer.ask({"keep": True}, SAVED_WITHIN)
+            facts = writer.ask(SAVED_WITHIN, keep=True)
         finally:
             self._doing = ""
         self._kept = Path(facts["root"]), facts["episodes"] - 1
@@ -193,7 +199,7 @@ class EpisodeOperation(LocalOperation):
         writer = self._end_sampling()
         self._trouble = ""
         if writer is not None:
-            writer.ask({"discard": True}, SAVED_WITHIN)
+            writer.ask(SAVED_WITHIN, discard=True)
             self.say("the episode is thrown away; the data set is as it was")
 
     def _end_sampling(self) -> _Writer | None:
@@ -249,74 +255,53 @@ class _Numbers:
 
 
 class _Writer:
-    """The plugin's process that writes. ``frames`` and ``late`` count those of this episode.
+    """The plugin's process that writes; one thread at a time asks it.
 
-    ``WorkerError`` if it cannot start, with its own words where it has said why.
+    ``problem`` is why it has ended, in its own words if it said any; empty while it runs.
     """
 
     def __init__(self, wanted: Mapping[str, Any]) -> None:
-        self.wanted, self.fps = wanted, wanted["fps"]
-        self.frames = self.late = 0
-        self.problem = ""  # why it has ended; empty while it runs
-        self._answers: SimpleQueue[Mapping[str, Any]] = SimpleQueue()
+        self.wanted, self.fps, self.problem = wanted, wanted["fps"], ""
         self._child = spawn(
             _WRITER, json.dumps(wanted), stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
-        self._hearing = threading.Thread(target=self._hear, name="so101-episode-writer")
-        self._hearing.start()
         try:
-            self._wait(OPENED_WITHIN)
+            self.ask(OPENED_WITHIN)
         except BaseException:
             self.close()
             raise
 
-    def tell(self, told: Mapping[str, Any]) -> None:
-        """Send it a line; one that has ended says so by ``problem``."""
-        try:
-            stream = cast("IO[bytes]", self._child.stdin)
-            stream.write(json.dumps(told).encode() + b"\n")
-            stream.flush()
-        except (OSError, ValueError):
-            self._hearing.join()
+    def ask(self, within: float, **told: Any) -> Mapping[str, Any]:
+        """Send it a line, if there is one, and return its answer; ``WorkerError`` without one.
 
-    def ask(self, told: Mapping[str, Any], within: float) -> Mapping[str, Any]:
-        """Send it a line and wait for the answer; ``WorkerError`` without one."""
-        if "begin" in told:
-            self.frames = self.late = 0
-        self.tell(told)
-        return self._wait(within)
+        It is killed if it does not answer ``within`` [s].
+        """
+        told_to, heard_from = cast("IO[bytes]", self._child.stdin), self._child.stdout
+        said: dict[str, Any] = {}
+        with self._killed_after(within), suppress(OSError):
+            if told:
+                told_to.write(json.dumps(told).encode() + b"\n")
+                told_to.flush()
+            said = json.loads(cast("IO[bytes]", heard_from).readline() or "{}")
+        if not said or "error" in said:
+            ended = "LeRobot's process has ended; the log says why"
+            self.problem = self.problem or said.get("error", ended)
+            raise WorkerError(self.problem)
+        return said
 
     def close(self) -> None:
         """End it; an episode that was not kept is discarded."""
-        with suppress(OSError):  # it has ended already
-            cast("IO[bytes]", self._child.stdin).close()
+        with self._killed_after(SAVED_WITHIN), suppress(OSError), self._child:
+            pass
+
+    @contextmanager
+    def _killed_after(self, seconds: float) -> Iterator[None]:
+        timer = threading.Timer(seconds, self._child.kill)
+        timer.start()
         try:
-            self._child.wait(SAVED_WITHIN)
+            yield
         finally:
-            self._child.kill()
-            self._hearing.join()
-
-    def _wait(self, within: float) -> Mapping[str, Any]:
-        try:
-            answer = self._answers.get(timeout=within)
-        except Empty:
-            self._child.kill()
-            raise WorkerError(f"LeRobot's process did not answer within {within:.0f} s") from None
-        if "ready" not in answer:
-            raise WorkerError(self.problem)
-        return cast("Mapping[str, Any]", answer["ready"])
-
-    def _hear(self) -> None:
-        with cast("IO[bytes]", self._child.stdout) as stream:
-            for line in stream:
-                said = json.loads(line)
-                if "frames" in said:
-                    self.frames, self.late = said["frames"], said["late"]
-                else:
-                    self.problem = said.get("error", "")
-                    self._answers.put(said)
-        self.problem = self.problem or "LeRobot's process has ended; the log says why"
-        self._answers.put({})
+            timer.cancel()
 
 
 def _counted(frames: int, late: int) -> str:
