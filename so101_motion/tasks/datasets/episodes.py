@@ -29,6 +29,7 @@ LONGEST = 600.0  # longest episode [s]; chosen: what a forgotten recording may t
 OPENED_WITHIN = 180.0  # how long LeRobot and the camera may take to start [s]; seen: 5 to 70
 ADDED_WITHIN = 10.0  # how long a frame may take [s]; chosen
 SAVED_WITHIN = 600.0  # how long an episode may take to be encoded and saved [s]; chosen
+FAR_OFF_DEG = 2.0  # a joint that was farther off wants higher caps [deg]; chosen
 RATES = ("30", "15", "60")  # frames a second that are offered
 
 _WRITER = "lerobot_robot_so101_motion.episode_writer"
@@ -234,7 +235,11 @@ class EpisodeOperation(LocalOperation):
         finally:
             self._doing = ""
         off = max(outcome.differences.rms_deg.values())
-        self.say(f"replayed {planned.duration:.1f} s, {off:.1f}° off at most (RMS of a joint)")
+        hint = "; higher caps of speed and acceleration (Move) bring it closer"
+        self.say(
+            f"replayed {planned.duration:.1f} s, {off:.1f}° off at most (RMS of a joint)"
+            f"{hint if off > FAR_OFF_DEG else ''}"
+        )
         return {"duration_s": planned.duration, "rms_deg": off}
 
 
