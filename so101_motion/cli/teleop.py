@@ -114,7 +114,7 @@ def teleop(
             )
         )
         session.start(_recorder(record, fps, following))
-        _watch(session, seconds, lambda: view_of(session.status.to_json()).text)
+        _watch(session, following.clock, seconds, lambda: view_of(session.status.to_json()).text)
         last = session.status
         session.stop()
         if as_json:
@@ -140,17 +140,17 @@ def _recorder(record: Path | None, fps: float, rig: Rig) -> Recorder | None:
     return Recorder(record, epoch=time.time() - clock.now(), middles=middles_of(rig), fps=fps)
 
 
-def _watch(session: Any, seconds: float | None, text: Callable[[], str]) -> None:
+def _watch(session: Any, clock: Clock, seconds: float | None, text: Callable[[], str]) -> None:
     """Show the state until Ctrl-C, a stop of the follower, or the time limit."""
-    end = None if seconds is None else time.monotonic() + seconds
+    end = None if seconds is None else clock.now() + seconds
     shown = ""
     try:
-        while session.status.is_running and (end is None or time.monotonic() < end):
+        while session.status.is_running and (end is None or clock.now() < end):
             words = text()
             if words != shown:
                 aside(words)
                 shown = words
-            time.sleep(_EVERY if end is None else min(_EVERY, max(end - time.monotonic(), 0.0)))
+            time.sleep(_EVERY if end is None else min(_EVERY, max(end - clock.now(), 0.0)))
     except KeyboardInterrupt:
         interrupts.taken()
 
