@@ -167,14 +167,15 @@ def steps(
 
 
 def gauge(
-    name: str, value: float, lower: float, upper: float, *, unit: str = "°", warns: bool = True
+    name: str, value: float, lower: float, upper: float, *, unit: str = "°", warns: bool = True, is_old: bool = False
 ) -> str:
     """A value between its limits, in the unit that is shown.
 
-    It turns red near its limits if it ``warns``; a closed gripper is nothing to warn of.
+    It turns red near its limits if it ``warns``; a closed gripper is nothing to warn of. It is dim
+    if it ``is_old``, because its servo does not answer.
     """
     share = min(max((value - lower) / (upper - lower), 0.0), 1.0)
-    near = " near" if warns and min(share, 1.0 - share) < NEAR_LIMIT else ""
+    near = " old" if is_old else " near" if warns and min(share, 1.0 - share) < NEAR_LIMIT else ""
     least, most = math.ceil(lower - ROUNDED), math.floor(upper + ROUNDED)
     ends = f"{least} to {most} {unit}"
     return (

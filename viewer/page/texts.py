@@ -50,7 +50,7 @@ CANNOT_GUIDE = {
     Mode.GUIDING: "Guide by hand is on already.",
     Mode.MOVING: _MOVES,
     Mode.STOPPING: _MOVES,
-    Mode.FAULT: "There is a fault: press Hold first.",
+    Mode.FAULT: "The arm is in a fault: press Hold first.",
     **_IN_USE,
 }
 """Why an arm cannot be guided by hand."""
@@ -93,7 +93,7 @@ def blocked(state: JointState) -> Sentence | None:
     reasons = {
         Mode.LIMP: "The arm is limp. Press Hold before you move it.",
         Mode.GUIDING: "Guide by hand is on. Press Hold before you plan a motion.",
-        Mode.FAULT: "Fault: see above.",
+        Mode.FAULT: "The arm is in a fault, so nothing can move.",
         Mode.CALIBRATING: "The arm is being calibrated.",
     }
     reason = reasons.get(state.mode)

@@ -44,10 +44,11 @@ def notice(
     """
     if connection.problem is not None:
         port = connection.to.removeprefix("arm on ")
-        why = capital(connection.problem.removeprefix(f"{port}: "))  # it is named already
+        why = connection.problem.removeprefix(f"{port}: ")  # it is named already
+        why = capital(why.removesuffix(" and the name"))  # which was right until now
         text = (
-            f"Lost the {connection.to} at {since:%H:%M:%S}. {why}"
-            " It reconnects by itself; nothing moves."
+            f"Lost the {connection.to} at {since:%H:%M:%S}. {why} While it has power, an arm that"
+            " held goes on holding. It reconnects by itself; nothing moves."
         )
         return Sentence(text, Tone.BAD)
     if state.mode is Mode.FAULT and is_back:

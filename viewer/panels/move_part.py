@@ -45,9 +45,12 @@ class ArmPanel:
     def show(self, state: JointState, bounds: tuple[Array, Array]) -> None:
         """Show the joints between their limits, shapes (5,), [rad]."""
         angles = zip(ARM_JOINTS, to_deg(state.q), *map(to_deg, bounds), strict=True)
-        joints = [markup.gauge(name, *map(float, each)) for name, *each in angles]
+        silent = state.reading.silent
+        joints = [
+            markup.gauge(name, *map(float, each), is_old=name in silent) for name, *each in angles
+        ]
         opened = 100.0 * (state.q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED)
-        jaw = markup.gauge("gripper", opened, 0.0, 100.0, unit="%", warns=False)
+        jaw = markup.gauge("gripper", opened, 0.0, 100.0, unit="%", warns=False, is_old="gripper" in silent)
         html = "".join((*joints, jaw))
         self._joints.content = f'<div class="so101-gauges">{html}</div>'
 

@@ -122,7 +122,10 @@ def missing_servos(
             where = f"the cable between servos {first - 1} and {first}"
         else:
             where = "its cable and that it has the right id"
-        message = f"no reply from {names}; the others answer. Check {where}"
+        message = (
+            f"no reply from {names}; the others answer. A silent servo may hold nothing: support"
+            f" the arm, and check {where}"
+        )
     return NoReply(message, servo_id=first, register="present_position")
 
 

@@ -90,7 +90,8 @@ def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on():
     assert alert["tone"] == "bad"
 
 
-LOST = ArmConnection(to="arm on /dev/ttyACM0", problem="/dev/ttyACM0: the port went away")
+UNPLUGGED = "/dev/ttyACM0: there is no such port; check the USB cable and the name"
+LOST = ArmConnection(to="arm on /dev/ttyACM0", problem=UNPLUGGED)
 ARM = ArmConnection(to="arm")
 SIMULATED = ArmConnection(to="simulated arm", is_simulated=True)
 KEPT = "no reply from servo 4; check its cable. The second before is recorded in /home/a.json"
@@ -102,8 +103,8 @@ FIX = "Fix this, then press Hold."
     ("connection", "mode", "fault", "says"),
     [
         (LOST, Mode.FAULT, "the port went away",
-         "Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away."
-         " It reconnects by itself; nothing moves."),
+         "Lost the arm on /dev/ttyACM0 at 12:30:15. There is no such port; check the USB cable."
+         " While it has power, an arm that held goes on holding. It reconnects by itself; nothing moves."),
         (ARM, Mode.LIMP, None, "The arm is limp. Press Hold to keep it where it is."),
         (ARM, Mode.GUIDING, None,
          "You can move the arm by hand. Press Hold to keep it where it is."),

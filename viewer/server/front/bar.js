@@ -168,7 +168,8 @@
       }
     }
 
-    const TRYING = 'The page comes back by itself as soon as the program answers again.';
+    const TRYING =
+      'If the program has ended, start it again (so101 view): this page then comes back by itself.';
     const EXPIRED =
       'Another page runs here now. Copy its new link from the terminal.';
     let told = '';
@@ -177,7 +178,7 @@
       told = more;
       lost.replaceChildren(make('b'), make('span'));
       lost.firstChild.textContent = 'No connection: STOP does not work.';
-      lost.lastChild.textContent = `Switch off the arm's power supply to stop it. ${more}`;
+      lost.lastChild.textContent = `Switch off the arm's power supply to stop it; the arm then drops. ${more}`;
     };
     link.changed.push(show);
     show();

@@ -40,6 +40,8 @@ def test_a_bar_stands_where_its_value_is_and_is_red_near_its_limits_only():
         assert f"left:{share}%" in gauge(value)
     assert ["near" in gauge(value) for value in (80.0, 97.0, -99.0)] == [False, True, True]
     assert "near" not in gauge(-99.0, warns=False)
+    silent = markup.gauge("elbow_flex", -99.0, -100.0, 100.0, is_old=True)
+    assert 'so101-gauge old"' in silent
     assert ">0.0 °<" in gauge(-0.0123)
     assert ">12.3 °<" in gauge(12.3456)
 
