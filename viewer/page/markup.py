@@ -167,7 +167,14 @@ def steps(
 
 
 def gauge(
-    name: str, value: float, lower: float, upper: float, *, unit: str = "°", warns: bool = True, is_old: bool = False
+    name: str,
+    value: float,
+    lower: float,
+    upper: float,
+    *,
+    unit: str = "°",
+    warns: bool = True,
+    is_old: bool = False,
 ) -> str:
     """A value between its limits, in the unit that is shown.
 

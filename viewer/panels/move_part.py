@@ -50,7 +50,9 @@ class ArmPanel:
             markup.gauge(name, *map(float, each), is_old=name in silent) for name, *each in angles
         ]
         opened = 100.0 * (state.q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED)
-        jaw = markup.gauge("gripper", opened, 0.0, 100.0, unit="%", warns=False, is_old="gripper" in silent)
+        jaw = markup.gauge(
+            "gripper", opened, 0.0, 100.0, unit="%", warns=False, is_old="gripper" in silent
+        )
         html = "".join((*joints, jaw))
         self._joints.content = f'<div class="so101-gauges">{html}</div>'
 

@@ -239,7 +239,11 @@ def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(page
 
 @pytest.mark.parametrize(
     ("mode", "words"),
-    [(Mode.LIMP, "limp"), (Mode.FAULT, "in a fault, so nothing can move"), (Mode.CALIBRATING, "calibrated")],
+    [
+        (Mode.LIMP, "limp"),
+        (Mode.FAULT, "in a fault, so nothing can move"),
+        (Mode.CALIBRATING, "calibrated"),
+    ],
 )
 def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(page, arm, mode, words):
     planned(page)
