@@ -102,9 +102,10 @@ FIX = "Fix this, then press Hold."
 @pytest.mark.parametrize(
     ("connection", "mode", "fault", "says"),
     [
-        (LOST, Mode.FAULT, "the port went away",
+        (LOST, Mode.FAULT, "no such port",
          "Lost the arm on /dev/ttyACM0 at 12:30:15. There is no such port; check the USB cable."
-         " While it has power, an arm that held goes on holding. It reconnects by itself; nothing moves."),
+         " While it has power, an arm that held goes on holding."
+         " It reconnects by itself; nothing moves."),
         (ARM, Mode.LIMP, None, "The arm is limp. Press Hold to keep it where it is."),
         (ARM, Mode.GUIDING, None,
          "You can move the arm by hand. Press Hold to keep it where it is."),
