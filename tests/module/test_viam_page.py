@@ -30,6 +30,8 @@ from harness.fake_parent import (
     until,
 )
 from harness.in_process_module import refused
+from viam.robot.client import RobotClient
+from viam.rpc.dial import DialOptions
 
 from so101_motion.viam.models import calibration
 from so101_motion.viam.models.module import MODELS
@@ -82,6 +84,16 @@ def test_every_command_is_documented():
     commands |= set(calibration.COMMANDS)
     assert len(commands) > 30
     assert [name for name in sorted(commands) if name not in pages] == []
+
+
+def test_the_program_of_the_first_steps_prints_what_the_page_shows(machine, monkeypatch, capsys):
+    """With a plain connection, because the machine here has no key."""
+    (program,) = re.findall(r"```py\n(.*?)```", PAGE, re.S)
+    (shown,) = re.findall(r"```text\n(.*?)```", PAGE, re.S)
+    plain = RobotClient.Options(dial_options=DialOptions(insecure=True, disable_webrtc=True))
+    monkeypatch.setattr(RobotClient.Options, "with_api_key", lambda **_: plain)
+    exec(program.replace("my-arm-main.abc123.viam.cloud", machine.address), {})
+    assert capsys.readouterr().out == shown
 
 
 @pytest.fixture(autouse=True)
