@@ -210,7 +210,7 @@ class ViewModel(TargetEditor):
     @property
     def may_plan(self) -> bool:
         rests = self.motion is None and self.state.mode is Mode.HOLDING
-        return rests and not self.is_planned_for
+        return rests and not self.is_planned_for and texts.blocked(self.state) is None
 
     @property
     def is_at_target(self) -> bool:
@@ -232,6 +232,7 @@ class ViewModel(TargetEditor):
             self.plan_is_current
             and self.motion is None
             and self.state.mode is Mode.HOLDING
+            and texts.blocked(self.state) is None
             and Surroundings(self.arm.scene, self.arm.range).same_as(self._around)
             and self.caps == self._caps
         )
@@ -572,6 +573,7 @@ def _looks_different(state: JointState, other: JointState) -> bool:
         state.mode is not other.mode
         or state.arm_moving
         or state.fault != other.fault
+        or state.reading.let_go != other.reading.let_go
         or _apart(state.q, other.q) > SAME_PICTURE
         or abs(state.q_jaw - other.q_jaw) > SAME_PICTURE
     )

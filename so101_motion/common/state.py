@@ -5,7 +5,7 @@ The I/O thread replaces the snapshot whole; readers take the reference and never
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from so101_motion.common.geometry import Array, freeze
@@ -29,6 +29,8 @@ class JointReading:
         qd_jaw: Jaw velocity [rad/s].
         alarms: What is wrong with a joint and what to do about it, by joint name. An alarm ends the
             motion of its joint.
+        let_go: Joints whose servos have switched themselves off, because they are too hot or take
+            too much current. They sink, and move nowhere until the servo holds again by itself.
         out_of_range: Joints outside their limits, by name, with the angle [rad] at which each comes
             back inside. Such a joint gets no goal; when it is moved, it first comes in slowly.
         unanswered: Joints that did not answer this time, or with an impossible value; their angles
@@ -45,6 +47,7 @@ class JointReading:
     q_jaw: float
     qd_jaw: float
     alarms: Mapping[str, str] = field(default_factory=dict)
+    let_go: frozenset[str] = frozenset()
     out_of_range: Mapping[str, float] = field(default_factory=dict)
     unanswered: frozenset[str] = frozenset()
     silent: frozenset[str] = frozenset()
@@ -53,6 +56,10 @@ class JointReading:
 
     def __post_init__(self) -> None:
         freeze(self, q=(5,), qd=(5,))
+
+    def let_go_of(self, joints: Sequence[str]) -> str | None:
+        """The first of ``joints`` whose servo has switched itself off, or None."""
+        return next((joint for joint in joints if joint in self.let_go), None)
 
     @property
     def angles(self) -> dict[str, float]:

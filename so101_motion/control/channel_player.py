@@ -16,7 +16,7 @@ second row ``ending`` is set, the error that the motion's future will raise. Fut
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
@@ -172,12 +172,17 @@ class ChannelPlayer:
         if self._recovery and self._motion is None:
             self.reference = Setpoint.at_rest(self._recovery.inside(self.reference.q))
 
-    def yield_to_push(self, alarms: Mapping[str, str], q: Array) -> bool:
-        """Let a resting joint with an alarm stay where it was pushed; whether there is one."""
+    def yield_to_push(self, alarms: Mapping[str, str], let_go: Collection[str], q: Array) -> bool:
+        """Let a resting joint with an alarm stay where it was pushed; whether there is one.
+
+        One that has ``let_go`` is followed exactly, so that its servo holds it there later.
+        """
         if self._motion is not None:
             return False
-        pushed = np.isin(self._channel.joints, list(alarms))
-        pushed &= (np.abs(q - self.reference.q) > _PUSHED) & ~self._recovery.mask
+        names, off = self._channel.joints, np.abs(q - self.reference.q)
+        pushed = np.isin(names, list(alarms)) & (off > _PUSHED)
+        pushed |= np.isin(names, list(let_go)) & (off > 0.0)
+        pushed &= ~self._recovery.mask
         if pushed.any():
             self.reference = Setpoint.at_rest(np.where(pushed, q, self.reference.q))
         return bool(pushed.any())

@@ -337,7 +337,7 @@ class JointController:
         if reading.alarms and self.mode is Mode.HOLDING:
             missing = reading.unanswered | reading.unconfirmed
             if missing.isdisjoint(ARM_JOINTS) and self._arm.yield_to_push(
-                reading.alarms, reading.q
+                reading.alarms, reading.let_go, reading.q
             ):  # joints that were pushed until their servo gave up stay; the jaw's grip does, too
                 self._driver.write(self._arm.command, float(self._jaw.command[0]))
         self._note_events(reading, now)
@@ -441,6 +441,10 @@ class JointController:
         if can(self.mode, event):
             if event is Event.MOVE and channel is Channel.JAW:
                 self._refuse_silent_jaw()
+            if event is Event.MOVE and channel is not None and self.state is not None:
+                reading = self.state.reading
+                if (joint := reading.let_go_of(channel.joints)) is not None:
+                    raise ServoAlarm(joint, reading.alarms[joint], recent=())
             return
         self._refuse_lent()
         if self.mode is Mode.FAULT:

@@ -37,7 +37,7 @@ from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.presence import missing_servos
-from so101_motion.drivers.feetech.servo_judgement import alarms
+from so101_motion.drivers.feetech.servo_judgement import alarms, let_go
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_monitor import BusMonitor
@@ -113,6 +113,7 @@ class ServoDriver:
         self.on_command: CommandListener | None = None
         self._losses = 0  # of arms before the present one
         self._alarms: Mapping[str, str] = {}
+        self._gone: frozenset[str] = frozenset()  # joints whose servos have switched off
         self._look_due = clock.now()
         self._open_port = open_port or PortOpener(settings.port, settings.baudrate)
         self._reply_timeout, self._gravity, self._per_kg = reply_timeout, gravity, per_kg
@@ -189,8 +190,11 @@ class ServoDriver:
         now = self._clock.now()
         if now >= self._look_due:
             self._look_due = now + _LOOK_PERIOD
-            self._alarms = alarms(self.health)
-        return replace(reading, alarms=self._alarms) if self._alarms else reading
+            health = self.health
+            self._alarms, self._gone = alarms(health), let_go(health)
+        if not self._alarms:
+            return reading
+        return replace(reading, alarms=self._alarms, let_go=self._gone)
 
     def write(
         self,

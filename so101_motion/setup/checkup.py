@@ -422,7 +422,7 @@ def _temperature(seen: Findings) -> Iterator[Check]:
     if not celsius:
         return
     joint, hottest = max(celsius.items(), key=lambda item: item[1])
-    text = f"{min(celsius.values())} to {hottest} degC, {joint} is the warmest"
+    text = f"{min(celsius.values())} to {hottest} °C, {joint} is the warmest"
     for trouble in seen.facts[joint].troubles:
         if trouble.kind == "temperature":
             verdict: Verdict = "fail" if trouble.level == "stop" else "warn"

@@ -99,7 +99,7 @@ def test_a_port_without_an_arm_is_named_with_what_to_do(tmp_path, verb):
 def test_the_status_of_a_limp_arm_is_reported_with_its_hot_servo(arm):
     arm.begin(FaultEvent(kind="hot", servo="gripper", value=72.0))
     status = told("status", "--port", arm.port)
-    assert "too hot (72 degC" in status["alarms"]["gripper"]
+    assert "(72 °C, it switches off at 70)" in status["alarms"]["gripper"]
     assert status["joints_found"] == list(JOINTS)
     assert status["q_deg"]["shoulder_pan"] == pytest.approx(0.0, abs=10.0)
     result = run("status", "--port", arm.port)

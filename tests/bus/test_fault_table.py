@@ -68,7 +68,7 @@ TABLE = (
     ),
     Row(
         "hot servo", "hot:elbow_flex=68", "hot:elbow_flex=30",
-        Status.ABORTED, ("elbow_flex", "68 degC", "let it cool"),
+        Status.ABORTED, ("elbow_flex", "68 °C", "let it cool"),
     ),
     Row(
         "dead servo", "dead:wrist_roll", "end dead:wrist_roll",

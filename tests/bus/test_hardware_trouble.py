@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from harness.emulated_rig import rad
+from harness.held_calibration import filed
+from so101_viewer.page import texts
 
-from so101_motion.common.errors import (
-    PortUnavailable,
-)
+from so101_motion.common.errors import PortUnavailable, ServoAlarm
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.planning.goals import JointGoal
 
@@ -65,6 +65,37 @@ def test_an_arm_that_is_pushed_until_a_servo_gives_up_stays_where_it_was_pushed(
     assert rig.servos.health[1].latched == ("overload",)
     bench.finish(bench.go(rig, 0, 50, -60, 0, 0))
     assert bench.q_deg[1] == pytest.approx(here, abs=0.6)
+
+
+@pytest.mark.parametrize(("highest", "is_outside"), [(3350, False), (3000, True)])
+def test_a_joint_whose_servo_has_let_go_is_named_and_holds_where_it_sank_to(
+    bench, highest, is_outside
+):
+    file = filed(bench, elbow_flex=(4096 - highest, highest))
+    rig = bench.open(calibration_file=file)
+    bench.finish(bench.go(rig, 0, -45, 70, 0, 0))
+    bench.advance(0.5)
+    began = bench.q_deg[2]
+    bench.world.warm("elbow_flex", 72.0)
+    bench.advance(2.0)
+    state = rig.arm.state
+    assert bench.q_deg[2] > began + 8.0, "it sinks"
+    assert texts.mode(state) == "elbow_flex has let go"
+    assert "support the arm" in texts.blocked(state).text
+    for jogs in (False, True):
+        with pytest.raises(ServoAlarm, match=r"elbow_flex: .* has let go .* support the arm"):
+            bench.finish(rig.arm.retarget(np.zeros(5)) if jogs else bench.go(rig, 0, 0, 0, 0, 0))
+    bench.advance(2.5)  # until it lies on its stop
+    sunk = bench.q_deg
+    bench.world.warm("elbow_flex", 30.0)
+    for _ in range(10):
+        bench.advance(0.1)
+        assert bench.q_deg == pytest.approx(sunk, abs=1.5), "nothing jumps"
+    state = rig.arm.state
+    assert (texts.mode(state), texts.blocked(state)) == ("Idle, holding", None)
+    assert set(state.reading.out_of_range) == ({"elbow_flex"} if is_outside else set())
+    bench.finish(bench.go(rig, 0, -45, 70, 0, 0))
+    assert bench.q_deg[2] == pytest.approx(began, abs=0.6)
 
 
 def test_a_warm_servo_slows_the_arm_down(bench):

@@ -57,6 +57,9 @@ CANNOT_GUIDE = {
 
 CANNOT_LET_GO = {Mode.LIMP: LIMP_ALREADY, **_IN_USE}  # why joints cannot be let go of
 
+_JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
+_HOLD = (*HELD, Mode.GUIDING)  # the modes in which servos carry the arm, unless they let go
+
 _MODES = {
     Mode.LIMP: "Limp",
     Mode.GUIDING: "Guided by hand",
@@ -80,13 +83,20 @@ def capital(text: str) -> str:
 
 def mode(state: JointState, *, lost: bool = False) -> str:
     """The mode of the arm in a word or two; another sentence gives the reason of a fault."""
-    return "Arm disconnected" if lost else _MODES[state.mode]
+    if lost:
+        return "Arm disconnected"
+    gone = state.reading.let_go_of(_JOINTS) if state.mode in _HOLD else None
+    return _MODES[state.mode] if gone is None else f"{gone} has let go"
 
 
 def fault(state: JointState) -> str:
     """Why the arm is in a fault, without the file that was kept, which the Health tab names."""
-    text = (state.fault or "no reason given").partition(". The second before is recorded in ")[0]
+    text = _without_record(state.fault or "no reason given")
     return text.rstrip(".").removesuffix(", then let the arm hold again")
+
+
+def _without_record(text: str) -> str:
+    return text.partition(". The second before is recorded in ")[0]
 
 
 def blocked(state: JointState) -> Sentence | None:
@@ -96,7 +106,9 @@ def blocked(state: JointState) -> Sentence | None:
         Mode.FAULT: "The arm is in a fault, so nothing can move.",
         Mode.CALIBRATING: "The arm is being calibrated.",
     }
-    reason = reasons.get(state.mode)
+    reason, gone = reasons.get(state.mode), state.reading.let_go_of(ARM_JOINTS)
+    if reason is None and gone is not None:
+        reason = capital(f"{gone}: {state.reading.alarms.get(gone, 'its servo has let go')}")
     return None if reason is None else Sentence(reason, Tone.BAD)
 
 
@@ -120,7 +132,7 @@ def ended(error: BaseException) -> Sentence:
         by = "Stopped" if error.by == "stop" else f"Ended early by {error.by}"
         return Sentence(f"{by}. The arm holds where it is.")
     if isinstance(error, So101Error):
-        text = _refused(error) if isinstance(error, ConfigError) else str(error)
+        text = _refused(error) if isinstance(error, ConfigError) else _without_record(str(error))
         return Sentence(capital(text), Tone.BAD)
     return Sentence(f"Internal error: {quoted(error)}. See the log.", Tone.BAD)
 

@@ -196,7 +196,7 @@ def servo_alarms(servos: Collection[JointHealth]) -> tuple[Alarm, ...]:
             faults=servo.faults,
         ):
             tone = Tone.BAD if trouble.level == "stop" else Tone.WARM
-            text = str(trouble).replace(" degC", " °C")
+            text = str(trouble)
             found.setdefault(trouble.kind, []).append((servo.joint, text, tone))
     return tuple(
         _alarm(cause, cases, is_all=1 < len(servos) == len(cases)) for cause, cases in found.items()

@@ -82,7 +82,7 @@ class JogPart(Part):
     def _toggle(self) -> None:
         if self.jogging.mode is not None:
             self.jogging.close()
-        elif self._arm.state.mode is Mode.HOLDING:
+        elif self._may_start:
             self.jogging.start(self._mode)
 
     def _choose(self, mode: str) -> None:
@@ -99,7 +99,7 @@ class JogPart(Part):
         before = self._shown
         self._shown = (
             jogging.mode, jogging.speed, self._mode, jogging.is_ready, jogging.held_by,
-            jogging.outcome, state.mode is Mode.HOLDING,
+            jogging.outcome, self._may_start,
         )  # fmt: skip
         return before != self._shown
 
@@ -108,11 +108,15 @@ class JogPart(Part):
         is_on = jogging.mode is not None
         self._sentence.content = self._context.sentence(self._words())
         self._switch.label = "End jogging" if is_on else "Start jogging"
-        holds = self._arm.state.mode is Mode.HOLDING
-        self._switch.disabled = not is_on and (self._is_far or not holds)
+        self._switch.disabled = not is_on and (self._is_far or not self._may_start)
         self._buttons.content = jog_buttons(
             self._mode, jogging.speed, hand=uuid_of(self._hand) or "", is_on=jogging.is_ready
         )
+
+    @property
+    def _may_start(self) -> bool:
+        state = self._arm.state
+        return state.mode is Mode.HOLDING and texts.blocked(state) is None
 
     def _words(self) -> Sentence:
         jogging = self.jogging

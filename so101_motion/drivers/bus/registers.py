@@ -63,6 +63,11 @@ class Fault(IntFlag):
         return tuple(fault.name.lower() for fault in type(self) if fault & self and fault.name)
 
 
+LET_GO = Fault.OVERHEATED | Fault.OVERCURRENT
+"""A servo that reports one of these has switched its motor off (FT, FW). In overload it drives on
+with a fifth; at a wrong voltage it drives on as well, unless register 19 says otherwise."""
+
+
 @dataclass(frozen=True, slots=True)
 class Register:
     """One row of the table."""

@@ -34,6 +34,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus, Port
+from so101_motion.drivers.bus.registers import LET_GO
 from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.ticks import JointMap, to_acceleration_units, to_speed_ticks
 from so101_motion.drivers.command_record import CommandListener
@@ -348,11 +349,17 @@ class FeetechArm:
         found, doubted = self._at.ask(bus, count, missed, self._clock)
         self._at.look(found, self._wanted(), now)
         for servo_id, answer in found.items():
-            self._compensation.heard(self._index[servo_id], answer.faults)
+            i = self._index[servo_id]
+            self._compensation.heard(i, answer.faults)
+            if self._is_held and self._compensation.held[i] is not None:
+                has_let_go = bool(answer.faults & LET_GO)
+                if self._out_of_range.sank(bus, i, self._at.ticks(i), has_let_go=has_let_go):
+                    self._compensation.held[i] = self._at.ticks(i)
         if self._is_held and self._guide is None:
             if self._out_of_range:
                 self._out_of_range.arrive(bus, self._at.q)
-            fresh = {self._index[servo_id] for servo_id in found} - self._out_of_range.left
+            gone = self._out_of_range.left | self._compensation.weak
+            fresh = {self._index[servo_id] for servo_id in found} - gone
             self._compensation.trim.measure(self._at.q, self._at.qd, fresh, now)
         for servo_id, volts in self._health_readings.take(now, found).items():
             self._compensation.supplied(self._index[servo_id], volts)

@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 
 from so101_motion.common.units import to_rad
-from so101_motion.drivers.bus.registers import Fault
+from so101_motion.drivers.bus.registers import LET_GO, Fault
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import Gravity, Trim
 from so101_motion.drivers.feetech.lag_compensation import (
@@ -161,7 +161,7 @@ class GoalCompensation:
         self.q = [0.0] * 6
         self.held: list[Ticks | None] = [None] * 6
         self.is_set = False
-        self._overloaded: set[int] = set()
+        self.weak: set[int] = set()
         self._compensates, self._t_begin = compensates, 0.0
         self._maps, self._figures = maps, figures
         self._qd: Sequence[float] | None = None
@@ -177,7 +177,7 @@ class GoalCompensation:
 
     def found(self, i: int, servo: ServoCondition) -> None:
         self.held[i] = servo.goal_ticks if servo.torque else None
-        self._overloaded.discard(i)
+        self.weak.discard(i)
         brakes = braking(i, servo.max_acceleration)
         own = self._figures.get(i, AS_SOLD)
         self.trim.models[i] = ServoModel(servo.kind, servo.p_gain, brakes, own)
@@ -190,13 +190,13 @@ class GoalCompensation:
     def heard(self, i: int, faults: int) -> None:
         """Take in the status byte of joint ``i``'s servo.
 
-        A servo in overload does not drive again before its goal is where it stands. So nothing is
-        added to its goal until then.
+        A servo in overload does not drive again before its goal is where it stands, and one that
+        has let go must hold where it is then. So nothing is added to its goal until then.
         """
-        if faults and faults & Fault.OVERLOAD:
-            self._overloaded.add(i)
-        elif self._overloaded:
-            self._overloaded.discard(i)
+        if faults and faults & (Fault.OVERLOAD | LET_GO):
+            self.weak.add(i)
+        elif self.weak:
+            self.weak.discard(i)
 
     def begin(
         self, q: list[float], here: Sequence[float], now: float, free: Collection[int]
@@ -255,7 +255,7 @@ class GoalCompensation:
         if not self._compensates:
             left = max(1.0 - (now - self._t_begin) / _GIVEN_UP, 0.0)
             offset, lead = [left * each for each in offset], [0.0] * 6
-        for i in self._overloaded:
+        for i in self.weak:
             offset[i] = lead[i] = 0.0
         goals = self._limiter.goals(offset, self.trim.largest, lead, now)
         return self._in_ticks(goals, absent)

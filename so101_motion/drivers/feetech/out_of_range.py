@@ -40,6 +40,7 @@ class OutOfRangeJoints:
         self._maps, self._ram = maps, ram
         self._coming: set[int] = set()
         self._crawling: set[int] = set()  # whose caps are lowered
+        self._sinking: set[int] = set()  # held ones whose servos have switched themselves off
 
     def __bool__(self) -> bool:
         return bool(self.left or self._coming)
@@ -104,6 +105,23 @@ class OutOfRangeJoints:
                 self._stop(bus, i)
                 stopped[i] = here
         return stopped
+
+    def sank(self, bus: Bus, i: int, here: Ticks, *, has_let_go: bool) -> bool:
+        """Note where a held joint is whose servo has switched itself off, or drives again.
+
+        Outside its limits it gets no goal, and is held there when its servo drives again. Returns
+        whether it was made to hold at ``here``.
+        """
+        if has_let_go:
+            self._sinking.add(i)
+            (self.left.add if is_outside(self._maps[i], here) else self.left.discard)(i)
+            return False
+        if i not in self._sinking:
+            return False
+        self._sinking.discard(i)
+        if i in self.left:
+            self._stop(bus, i)
+        return i in self.left
 
     def arrive(self, bus: Bus, q: Sequence[float]) -> None:
         """Restore the caps of joints that are inside at ``q`` [rad]."""

@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from so101_motion.drivers.bus.registers import LET_GO
 from so101_motion.drivers.feetech.health import JointHealth
 
 HOT_C = 65
@@ -42,6 +43,9 @@ good bus has none, and retries make up for 7 % (``bus.RETRIES``)."""
 
 ENOUGH = 1000
 """Fewest answers for which a share is judged; half a percent of fewer is chance."""
+
+
+LETS_GO = frozenset(LET_GO.names)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,26 +81,28 @@ def judge(
     """
     reported = frozenset(faults)
     found = []
+    support = "support the arm and what it holds; " if reported & LETS_GO else ""
     if "overheated" in reported or celsius >= WARM_C:
-        too_hot = "overheated" in reported or celsius >= HOT_C
+        is_off = "overheated" in reported
+        how = "too hot and has let go" if is_off else "too hot" if celsius >= HOT_C else "hot"
         found.append(
             ServoTrouble(
                 kind="temperature",
-                level="stop" if too_hot else "note",
-                sentence=f"its servo is {'too hot' if too_hot else 'hot'} ({celsius} degC, it"
-                " switches off at 70)",
-                fix=f"let it cool below {WARM_C} degC, and do not let it press or hold up a load"
-                " for long",
+                level="stop" if celsius >= HOT_C or is_off else "note",
+                sentence=f"its servo is {how} ({celsius} °C, it switches off at 70)",
+                fix=f"{support}let it cool below {WARM_C} °C, and do not let it press or hold up a"
+                " load for long",
             )
         )
     if reported & {"overload", "overcurrent"}:
+        is_off = "overcurrent" in reported
         found.append(
             ServoTrouble(
                 kind="load",
                 level="stop",
-                sentence=f"its servo is overloaded ({100 * abs(load):.0f} % drive,"
-                f" {abs(amps):.2f} A)",
-                fix="free the joint or take weight off it, then move again",
+                sentence=f"its servo is overloaded{' and has let go' if is_off else ''}"
+                f" ({100 * abs(load):.0f} % drive, {abs(amps):.2f} A)",
+                fix=f"{support}free the joint or take weight off it, then move again",
             )
         )
     supply = judge_supply(volts, lowest_volts, highest_volts)
@@ -196,6 +202,13 @@ def alarms(health: Iterable[JointHealth]) -> dict[str, str]:
             if trouble.level == "stop":
                 found.setdefault(joint.joint, str(trouble))
     return found
+
+
+def let_go(health: Iterable[JointHealth]) -> frozenset[str]:
+    """The joints whose servos have switched themselves off."""
+    return frozenset(
+        each.joint for each in health if not each.is_silent and LETS_GO & {*each.faults}
+    )
 
 
 def share_of_speed(health: Iterable[JointHealth]) -> float:

@@ -166,7 +166,7 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
     hottest = held.get("max_temperature", 70)
     if not 60 <= hottest <= 80:
         yield OddSetting(
-            f"it switches off at {hottest} degC; a new servo at 70",
+            f"it switches off at {hottest} °C; a new servo at 70",
             {reg.MAX_TEMPERATURE: 70},
             forbids=hottest < held.get("present_temperature", 0) + 5,
         )

@@ -23,6 +23,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, JointState
 from so101_motion.common.units import to_rad
+from so101_motion.drivers.feetech.servo_judgement import LETS_GO
 from so101_motion.viam.conversion import convert
 
 AT_REST = to_rad(1.0)
@@ -135,6 +136,12 @@ def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: f
             q_jaw=q_jaw,
             qd_jaw=0.0,
             alarms={str(k): str(v) for k, v in alarms.items()} if isinstance(alarms, dict) else {},
+            let_go=frozenset(
+                joint
+                for joint, each in figures
+                if isinstance(each, Mapping) and isinstance(faults := each.get("faults"), list)
+                if LETS_GO & {*map(str, faults)}
+            ),
             out_of_range=limits,
             silent=frozenset(
                 joint for joint, each in figures if isinstance(each, Mapping) and each.get("silent")

@@ -84,8 +84,8 @@ def holding(row, value, place=3):
         (holding(emulated.FIRMWARE_MINOR, 9), "firmware", "warn", "elbow_flex 3.9"),
         (lambda arm: arm.world.power(16.0), "servos", "fail", "made for at most 14.0 V"),
         (lambda arm: arm.world.power(10.0), "speed", "warn", "must not be asked"),
-        (lambda arm: arm.world.warm("gripper", 57.0), "temperature", "warn", "57 degC, gripper"),
-        (lambda arm: arm.world.warm("gripper", 66.0), "temperature", "fail", "66 degC, gripper"),
+        (lambda arm: arm.world.warm("gripper", 57.0), "temperature", "warn", "57 °C, gripper"),
+        (lambda arm: arm.world.warm("gripper", 66.0), "temperature", "fail", "66 °C, gripper"),
     ],
 )
 def test_a_trouble_is_named_with_what_to_do(arm, trouble, name, verdict, words):

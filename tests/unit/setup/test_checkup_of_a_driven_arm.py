@@ -50,7 +50,7 @@ def test_nothing_is_wrong_with_a_healthy_arm():
         (seen(elbow_flex={"present_voltage": 50}), ["only 5.0 V", "power supply"]),
         (seen(elbow_flex={"status": 1}), ["supply", "drops under load"]),
         (seen(gripper={"status": 32, "present_load": 900}), ["gripper", "overloaded (90 %"]),
-        (seen(gripper={"present_temperature": 61}), ["gripper is the warmest", "61 degC"]),
+        (seen(gripper={"present_temperature": 61}), ["gripper is the warmest", "61 °C"]),
         (seen(elbow_flex={"status": 2}), ["broken encoder"]),
         (seen(elbow_flex={"model_number": 2825}), ["sts3250", "STS3215"]),
         (seen(elbow_flex={"operating_mode": 1}), ["mode 1"]),

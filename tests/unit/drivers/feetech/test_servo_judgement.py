@@ -21,8 +21,8 @@ def test_a_healthy_servo_alarms_nobody_and_a_silent_one_is_the_driver_s_to_repor
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"temperature_c": 65}, "65 degC"),
-        ({"faults": ("overheated",), "temperature_c": 40}, "40 degC"),
+        ({"temperature_c": 65}, "65 °C"),
+        ({"faults": ("overheated",), "temperature_c": 40}, "40 °C"),
         ({"faults": ("overload",), "load": -0.8}, "80 % drive"),
         ({"faults": ("overcurrent",), "amps": 2.1}, "2.10 A"),
         ({"faults": ("voltage",), "volts": 5.1}, "5.1 V"),

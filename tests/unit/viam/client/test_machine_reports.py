@@ -126,8 +126,14 @@ def test_a_gripper_that_tells_nothing_is_taken_for_closed():
     found = asyncio.run(ask_gripper(Machine(position={"position_percentage": 40.0}, moves=True)))
     assert found == GripperReport(aperture=pytest.approx(0.4), is_moving=True)
     assert asyncio.run(ask_gripper(Machine(), found)) == GripperReport(aperture=found.aperture)
-    health = {"gripper": {"silent": True}, "wrist_roll": {"silent": False}, "elbow_flex": None}
-    assert next_state(None, told(health=health), JAW, 1.0).reading.silent == {"gripper"}
+    health = {
+        "gripper": {"silent": True, "faults": ["overload"]},
+        "wrist_roll": {"silent": False, "faults": ["overheated"]},
+        "elbow_flex": None,
+        "wrist_flex": {"faults": 3},
+    }
+    reading = next_state(None, told(health=health), JAW, 1.0).reading
+    assert (reading.silent, reading.let_go) == ({"gripper"}, {"wrist_roll"})
 
 
 def test_a_resting_joint_that_trembles_is_wanted_where_it_was():
