@@ -347,6 +347,7 @@ class MoveModel:
         self._playback = Playback()
         self._count = 0  # plans that were shown
         self._causes = Causes(arm.arm for arm in arms.values())
+        self._had_alarms = False  # before the newest motion, which ended for them
         for name, arm in self.arms.items():
             arm.dropped = partial(self._drop_plan, name)
 
@@ -451,12 +452,19 @@ class MoveModel:
     def sweeps(self) -> bool:
         return all(each.sweeps for each in self.arms.values())
 
+    @property
+    def _have_alarms(self) -> bool:
+        return any(arm.arm.state.reading.alarms for arm in self.arms.values())
+
     def refresh(self) -> bool:
         news = [arm.refresh() for arm in self.arms.values()]
         is_blocked = any(texts.blocked(arm.state) is not None for arm in self.arms.values())
         if is_blocked and not self._motions:
             self._sentence = texts.HOLDS_AGAIN  # for later: where it arrived is no longer true
-        if self._causes.have_changed() and self._sentence.tone is Tone.BAD and not self._motions:
+        changed = self._causes.have_changed()
+        if self._had_alarms and not self._motions and not self._have_alarms:
+            self._had_alarms, changed = False, True
+        if changed and self._sentence.tone is Tone.BAD and not self._motions:
             here = all(arm.is_at_target for arm in self.arms.values())
             self._sentence = texts.ALREADY_THERE if here else texts.PRESS_PLAN
             news.append(True)
@@ -498,7 +506,7 @@ class MoveModel:
         self._sentence = texts.named(name, why)
 
     def _follow(self, motions: Mapping[str, Motion]) -> None:
-        self._motions = dict(motions)
+        self._motions, self._had_alarms = dict(motions), self._have_alarms
         for name, motion in motions.items():
             self.arms[name].follow(motion)
         self._playback.seek(np.inf)

@@ -20,7 +20,7 @@ import click
 from so101_motion import __version__
 from so101_motion.common import interrupts
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.modes import Mode
+from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
@@ -226,6 +226,9 @@ def _state_of(what: str, rig: RigLike) -> str:
         return f"the {what} is in a fault and may not hold: {state.fault}"
     if state.mode is Mode.LIMP and isinstance(rig, HardwareRig) and rig.held is not False:
         return f"the {what} " + ("holds, as it was found" if rig.held else "is as it was found")
+    gone = next(iter(sorted(state.reading.let_go)), None)
+    if gone is not None and state.mode in HELD:
+        return f"{gone} of the {what} has let go: {state.reading.alarms[gone]}"
     return f"the {what} {_DOES[state.mode]}"
 
 

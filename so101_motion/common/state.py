@@ -117,10 +117,15 @@ class JointState:
         return self.reading.q_jaw
 
 
+ANSWERS_AGAIN = "servos did not answer for a while, but all answer again"
+"""The fault of an arm whose servos answer again; it is held again only when somebody asks."""
+
+
 def in_fault(fault: str | None) -> str:
     """The message that an arm in a fault moves nothing before it is told to hold again."""
     told = (fault or "").removesuffix(", then let the arm hold again").rstrip(".")
-    then = "clear it, then let the arm hold again (set_torque, or Hold on the page)"
+    clear = "" if fault == ANSWERS_AGAIN else "clear it, then "
+    then = f"{clear}let the arm hold again (set_torque, or Hold on the page)"
     return f"the arm is in a fault: {told}; {then}"
 
 

@@ -17,6 +17,7 @@ from so101_motion.common.errors import (
     BusError,
     FollowingError,
     MotionError,
+    NoReply,
     NotHolding,
     NotReady,
     ServoAlarm,
@@ -24,6 +25,7 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.modes import HELD, Event, Mode, after, can, refusal
 from so101_motion.common.state import (
+    ANSWERS_AGAIN,
     ARM_JOINTS,
     GRIPPER_JOINT,
     JointReading,
@@ -125,6 +127,7 @@ class JointController:
         self.state: JointState | None = None
         self._driver, self._dt = driver, dt
         self._fault: str | None = None
+        self._is_silence = False  # whether the fault is that servos do not answer
         self._lent_to: str | None = None
         self._watch: Callable[[], None] | None = None
         self._rested = np.zeros(6)  # where the joints were when something happened last [rad]
@@ -340,6 +343,8 @@ class JointController:
                 reading.alarms, reading.let_go, reading.q
             ):  # joints that were pushed until their servo gave up stay; the jaw's grip does, too
                 self._driver.write(self._arm.command, float(self._jaw.command[0]))
+        if self._is_silence and self._fault is not None and not reading.unanswered:
+            self._fault = ANSWERS_AGAIN
         self._note_events(reading, now)
         self.state = self._snapshot(reading, now, late)
         self.recent.append(self.state)
@@ -366,6 +371,7 @@ class JointController:
             _log.error("the arm is in a fault: %s", error, exc_info=None if is_ours else error)
             self._enter(Event.FAIL)
         self._fault = str(error) or type(error).__name__
+        self._is_silence = isinstance(error, NoReply)
         for player in (self._arm, self._jaw):
             player.fail(error)
         self._republish()

@@ -7,6 +7,8 @@ from harness.held_calibration import filed
 from so101_viewer.page import texts
 
 from so101_motion.common.errors import PortUnavailable, ServoAlarm
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ANSWERS_AGAIN
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.planning.goals import JointGoal
 
@@ -29,6 +31,19 @@ def test_setting_up_anew_without_a_port_says_what_helps_and_succeeds_by_itself_l
     assert rig.servos.is_connected
     bench.finish(rig.executor.hold())
     assert bench.q_deg == pytest.approx(before, abs=0.5)
+
+
+def test_servos_that_answer_again_are_not_said_to_be_silent_any_more(bench):
+    rig = bench.open()
+    bench.advance(0.5)
+    bench.emulator.bus.faults.loss = 1.0
+    bench.advance(1.0)
+    assert "no servo answers" in rig.arm.state.fault
+    bench.emulator.bus.faults.loss = 0.0
+    bench.advance(1.0)
+    assert (rig.arm.state.mode, rig.arm.state.fault) == (Mode.FAULT, ANSWERS_AGAIN)
+    bench.finish(rig.executor.hold())
+    assert rig.arm.state.fault is None
 
 
 class Weight:

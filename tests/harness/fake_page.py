@@ -114,8 +114,8 @@ class FakeArm:
         self.motion = SimpleNamespace(future=Future())
         self.state = STILL
 
-    def be(self, q, *, t=0.0, mode=Mode.HOLDING):
-        reading = JointReading(q=q, qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0)
+    def be(self, q, *, t=0.0, mode=Mode.HOLDING, **trouble):
+        reading = JointReading(q=q, qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0, **trouble)
         self.state = replace(
             self.state,
             t=t,

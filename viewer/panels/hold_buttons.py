@@ -14,7 +14,7 @@ from typing import Any
 
 from so101_motion.common.errors import OtherCalibration
 from so101_motion.common.modes import HELD, Mode
-from so101_motion.common.state import JointState
+from so101_motion.common.state import ANSWERS_AGAIN, JointState
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import ArmConnection, RigLike
 from so101_motion.rig.rig import Rig
@@ -55,8 +55,8 @@ def notice(
         text = "Connected again. Nothing moves. Press Hold to go on."
         return Sentence(text, Tone.WARM)
     if state.mode is Mode.FAULT:
-        text = f"Fault: {texts.fault(state)}. Fix this, then press Hold."
-        return Sentence(text, Tone.BAD)
+        first = "Nothing moves. Press" if state.fault == ANSWERS_AGAIN else "Fix this, then press"
+        return Sentence(f"Fault: {texts.fault(state)}. {first} Hold.", Tone.BAD)
     if state.mode is Mode.LIMP:
         return Sentence("The arm is limp. Press Hold to keep it where it is.", Tone.WARM)
     if state.mode is Mode.GUIDING and connection.is_simulated:

@@ -13,6 +13,7 @@ from so101_viewer.source import Source, SourceOpener
 
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.common.modes import Mode
+from so101_motion.common.state import ANSWERS_AGAIN
 from so101_motion.rig.protocols import ArmConnection
 
 AT = datetime(2026, 5, 4, 12, 30, 15)
@@ -112,6 +113,8 @@ FIX = "Fix this, then press Hold."
         (SIMULATED, Mode.GUIDING, None,
          "A real arm could be moved by hand now; a simulated one cannot. Press Hold to go on."),
         (ARM, Mode.FAULT, KEPT, f"Fault: no reply from servo 4; check its cable. {FIX}"),
+        (ARM, Mode.FAULT, ANSWERS_AGAIN,
+         f"Fault: {ANSWERS_AGAIN}. Nothing moves. Press Hold."),
         (ARM, Mode.FAULT, RESTARTED, f"Fault: servo 4 restarted: check its cable. {FIX}"),
         *((ARM, mode, None, None)
           for mode in (Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING)),

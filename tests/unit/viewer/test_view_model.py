@@ -17,17 +17,19 @@ from harness.fake_page import (
     straight,
     wait,
 )
-from so101_viewer.page.screen_state import Tone
+from so101_viewer.page.screen_state import Sentence, Tone
 from so101_viewer.panels.plan_panel import plan_facts
 from so101_viewer.view_model import MoveModel, ViewModel
 
-from so101_motion.common.errors import ConfigError, Interrupted, NoPath
+from so101_motion.common.errors import ConfigError, Interrupted, NoPath, ServoAlarm
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.rig.cell_rigs import open_cell
+
+HOT = {"elbow_flex": "its servo is too hot and has let go; support the arm"}
 
 
 @pytest.fixture
@@ -243,15 +245,36 @@ def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(page
         (Mode.LIMP, "limp"),
         (Mode.FAULT, "in a fault, so nothing can move"),
         (Mode.CALIBRATING, "calibrated"),
+        (Mode.HOLDING, "elbow_flex: its servo is too hot and has let go; support the arm."),
     ],
 )
 def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(page, arm, mode, words):
     planned(page)
-    arm.be(np.zeros(5), mode=mode)
+    held = mode is Mode.HOLDING
+    arm.be(
+        np.zeros(5), mode=mode, alarms=HOT if held else {}, let_go=frozenset(HOT if held else ())
+    )
     page.refresh()
     assert words in page.sentence.text
     assert not page.can_plan
     assert not page.can_execute
+
+
+def test_what_an_alarm_has_refused_is_red_until_the_alarm_is_over_without_the_file_s_path(
+    page, arm
+):
+    planned(page)
+    arm.be(np.zeros(5), alarms={"elbow_flex": "it gets only 5.0 V"})
+    page.execute()
+    error = ServoAlarm("elbow_flex", "it gets only 5.0 V", recent=())
+    error.args = (f"{error}. The second before is recorded in /a/failures/b.json",)
+    arm.motion.future.set_exception(error)
+    for _ in range(3):
+        page.refresh()
+        assert page.sentence == Sentence("elbow_flex: it gets only 5.0 V.", Tone.BAD)
+    arm.be(np.zeros(5))
+    page.refresh()
+    assert page.sentence.text == "Reachable. Press Plan."
 
 
 def test_an_arm_in_contact_where_it_stands_is_offered_a_way_out_that_is_shown_first(page, arm):
