@@ -582,6 +582,7 @@ def _looks_different(state: JointState, other: JointState) -> bool:
         or state.arm_moving
         or state.fault != other.fault
         or state.reading.let_go != other.reading.let_go
+        or state.reading.silent != other.reading.silent
         or _apart(state.q, other.q) > SAME_PICTURE
         or abs(state.q_jaw - other.q_jaw) > SAME_PICTURE
     )
