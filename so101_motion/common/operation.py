@@ -102,6 +102,7 @@ class View:
     state: str  # the state, by the operation's own names
     title: str = ""
     text: str = ""  # what a person should do now
+    to_copy: str = ""  # lines for a terminal that belong to it
     columns: tuple[str, ...] = ()  # the headings of the rows' cells
     rows: tuple[Row, ...] = ()
     trouble: str = ""  # what is wrong; empty when nothing is

@@ -20,7 +20,7 @@ from so101_motion.arm.stop_order import mark_request
 from so101_motion.common.errors import So101Error
 from so101_motion.common.operation import Input, Offer, Operation, View
 
-from . import cards, texts
+from . import cards, markup, texts
 from .bar import uuid_of
 from .page_context import PageContext, Part
 from .shared_fields import AskingButton, SharedField
@@ -186,7 +186,8 @@ class OperationPanel(Part):
         self._show_buttons(view)
         self._foot.content = self._words(view)
         self._draw(view)
-        self._head.content = cards.instruction(view.title, texts.capital(view.text))
+        lines = markup.to_copy("In a terminal:", view.to_copy) if view.to_copy else ""
+        self._head.content = cards.instruction(view.title, texts.capital(view.text)) + lines
 
     def forget_trouble(self) -> None:
         """Forget why the last command failed, because its cause is gone."""

@@ -40,9 +40,18 @@ _NOTE = (
 )
 _RECORDING = "Recording. Move the arm from any tab, then keep the episode or throw it away."
 _MISSING = (
-    "LeRobot is not installed here. To record episodes, make an environment with Python 3.12, run"
-    " pip install 'lerobot[core-scripts]' '.[viewer,dataset]' ./lerobot_robot_so101_motion in this"
-    " project's folder, and start the page from there."
+    "LeRobot, which records the episodes, is not installed here. The lines below, in the folder of"
+    " this project, make an environment that has it (Python 3.12 or newer, 7 GB of disk). The last"
+    " one starts the page from there: end this program first, and give your own options."
+)
+_INSTALL = """\
+python3.12 -m venv .venv-lerobot
+.venv-lerobot/bin/pip install "lerobot[core-scripts,feetech]" ".[viewer,dataset]" \
+./lerobot_robot_so101_motion
+.venv-lerobot/bin/so101 view --port /dev/ttyACM0"""
+_FROM_WHEELS = (
+    "From a release: the two .whl files in place of the last two names, the first with"
+    " [viewer,dataset] behind it. docs/lerobot.md, Install, tells more."
 )
 
 
@@ -80,7 +89,7 @@ class EpisodeOperation(LocalOperation):
     @property
     def view(self) -> View:
         if not self._is_installed:
-            return View(state="missing", text=_MISSING)
+            return View(state="missing", text=_MISSING, to_copy=_INSTALL, note=_FROM_WHEELS)
         writer, is_recording = self._writer, self._sampler is not None
         text = _WELCOME
         if is_recording and writer is not None:
