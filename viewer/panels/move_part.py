@@ -9,7 +9,7 @@ import viser
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_deg
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.kinematics.model import RobotModel
@@ -42,16 +42,16 @@ class ArmPanel:
             self._joints = gui.add_html("")
             gui.add_html(markup.small(_KEYS))
 
-    def show(self, state: JointState, bounds: tuple[Array, Array]) -> None:
-        """Show the joints between their limits, shapes (5,), [rad]."""
+    def show(self, state: JointState, bounds: tuple[Array, Array], *, is_lost: bool) -> None:
+        """Show the joints between their limits, shapes (5,), [rad]; all dim if the arm is lost."""
         angles = zip(ARM_JOINTS, to_deg(state.q), *map(to_deg, bounds), strict=True)
-        silent = state.reading.silent
+        silent = set(state.reading.angles) if is_lost else state.reading.silent
         joints = [
             markup.gauge(name, *map(float, each), is_old=name in silent) for name, *each in angles
         ]
         opened = 100.0 * (state.q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED)
         jaw = markup.gauge(
-            "gripper", opened, 0.0, 100.0, unit="%", warns=False, is_old="gripper" in silent
+            "gripper", opened, 0.0, 100.0, unit="%", warns=False, is_old=GRIPPER_JOINT in silent
         )
         html = "".join((*joints, jaw))
         self._joints.content = f'<div class="so101-gauges">{html}</div>'
@@ -105,6 +105,7 @@ class MovePart(Part):
         self.panel = context.gui.add_panel()
         self.panel.dock_left()
         self.panel.set_width(_WIDTH)
+        self._rigs = dict(rigs)
         self._joints = {name: ArmPanel(context.gui, self.panel, name or "Arm") for name in rigs}
         poses = None
         if cell is None:
@@ -169,5 +170,6 @@ class MovePart(Part):
         moves = any(each.state.arm_moving for each in self.pages.values())
         if not moves or self._pictures % _WORDS_EVERY == 0:
             for name, each in self.pages.items():
-                self._joints[name].show(each.state, each.arm.range)
+                is_lost = self._rigs[name].connection.problem is not None
+                self._joints[name].show(each.state, each.arm.range, is_lost=is_lost)
             self._words.show()

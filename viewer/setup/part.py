@@ -335,7 +335,10 @@ class SetupPart(Part):
         if trouble is not None:
             inside = f"internal error: {trouble!r}; see the log"
             return cards.failed(str(trouble) if isinstance(trouble, So101Error) else inside)
-        return "" if reason is None else cards.note(f"{self._next.label}: {capital(reason)}")
+        operation = None if self._current is None else self._current.operation
+        if reason is None or (operation is not None and operation.view.trouble == reason):
+            return ""  # it is in red above already
+        return cards.note(f"{self._next.label}: {capital(reason)}")
 
     def close(self) -> None:
         """Leave the step and close the arm; the progress stays on disk."""
