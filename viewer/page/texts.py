@@ -108,7 +108,7 @@ def blocked(state: JointState) -> Sentence | None:
     }
     reason, gone = reasons.get(state.mode), state.reading.let_go_of(ARM_JOINTS)
     if reason is None and gone is not None:
-        reason = capital(f"{gone}: {state.reading.alarms.get(gone, 'its servo has let go')}")
+        reason = f"{gone} has let go: support the arm. Nothing moves before its servo holds again."
     return None if reason is None else Sentence(reason, Tone.BAD)
 
 

@@ -245,7 +245,7 @@ def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(page
         (Mode.LIMP, "limp"),
         (Mode.FAULT, "in a fault, so nothing can move"),
         (Mode.CALIBRATING, "calibrated"),
-        (Mode.HOLDING, "elbow_flex: its servo is too hot and has let go; support the arm."),
+        (Mode.HOLDING, "elbow_flex has let go: support the arm."),
     ],
 )
 def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(page, arm, mode, words):
