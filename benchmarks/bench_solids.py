@@ -21,6 +21,7 @@ from so101_motion.common.errors import InCollision
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Mesh, Obstacle, PointCloud, Scene, Shape
+from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.differential.targets import Twist
 from so101_motion.planning.goals import LeaveContactGoal
 from so101_motion.planning.kinematics.model import RobotModel
@@ -28,7 +29,6 @@ from so101_motion.planning.paths.start_recovery import find_departure
 from so101_motion.planning.timing.limits import MotionLimits
 
 MODEL = RobotModel.load()
-_jogged: Any = _common.from_tests("harness.jogged")
 LIMITS = MotionLimits.uniform(velocity=1.0, acceleration=4.0, jerk=60.0)
 CELL = 0.01
 PER_BLOCK = 20
@@ -147,18 +147,15 @@ def jogs(count: int, random: np.random.Generator) -> dict[str, Any]:
         ours = np.array([second == "block" for _, second in collision.pairs])
         if not (distance[ours] <= 0.0).any() or (distance[~ours] < 0.005).any():
             continue
-        closed, jog = (
-            around(Box(size=size), T),
-            _jogged.Jogged(MODEL, collision.scene, LIMITS, 0.01, q),
-        )
+        closed, servo = around(Box(size=size), T), Servo(MODEL, collision, LIMITS, 0.01, q)
         linear = random.standard_normal(3)
         turn = 0.5 * random.standard_normal(3) * random.integers(2)
         target = Twist(linear=0.12 * linear / np.linalg.norm(linear), angular=turn)
         for _ in range(100):
-            jog.step(target)
-        before, after = (np.minimum(closed.distances(each), 0.0) for each in (q, jog.q))
+            servo.step(target)
+        before, after = (np.minimum(closed.distances(each), 0.0) for each in (q, servo.q))
         deeper.append(1e3 * float((before - after).max()))
-        moved += bool(np.abs(jog.q - q).max() > 1e-3)
+        moved += bool(np.abs(servo.q - q).max() > 1e-3)
         kinds[form[0]] = kinds.get(form[0], 0) + 1
     return {
         "what": "jogs in contact with a block that is partly known",

@@ -1,6 +1,6 @@
 """Move the tool with keys or a gamepad, as a teleoperator: ``--teleop.type=so101_motion_jog``.
 
-What is held leads joint angles, the actions that the robot follows.
+The Cartesian servo turns what is held into joint angles, the actions that the robot follows.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_m, to_rad
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.differential.guard import Guard
+from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.differential.targets import STILL, Twist
-from so101_motion.planning.differential.tool_reference import ToolReference
 from so101_motion.planning.timing.limits import MotionLimits
 
 _log = logging.getLogger(__name__)
@@ -32,7 +31,7 @@ JAW_RATE = 0.6  # speed of the jaw, as share of its travel [1/s]; chosen
 CATCH_UP = 0.1  # most time that an action covers [s]; chosen, more than a period at 15 Hz
 
 AWAY = to_rad(1.0)
-"""The tool starts again if the arm rests farther than this from it [rad]; chosen."""
+"""The servo starts again if the arm rests farther than this from it [rad]; chosen."""
 
 LEFT_BEHIND = to_rad(4.0)
 """The tool stops while the arm is farther than this behind [rad]; chosen, nearer than ``GATE``,
@@ -121,14 +120,13 @@ class _ToolLead:
         )
         rig = arm.session.rig
         self._model = rig.arm.model.narrowed(*rig.arm.range)
-        collision = CollisionModel(self._model, rig.arm.scene)
-        self._guard = Guard(collision, lambda: rig.gripper.q_jaw)
+        self._collision = CollisionModel(self._model, rig.arm.scene)
         self._limits = rig.arm.effective_limits(CAPS)
         self._aperture = rig.gripper.aperture
         self._t = self._logged_at = rig.clock.now()
         self._left = 0.0  # time that is no whole step yet [s]
         self._was_held = False
-        self._led = self._begin()
+        self._servo = self._begin()
 
     def next(self, held: Array) -> dict[str, float]:
         """The next action for the held keys, shape (7,), -1 to 1."""
@@ -137,34 +135,34 @@ class _ToolLead:
         elapsed, self._t = min(now - self._t, CATCH_UP), now
         is_held = bool(held[:6].any())
         if is_held and not self._was_held and self._is_elsewhere():
-            self._led = self._begin()
+            self._servo = self._begin()
         self._was_held, is_jogged = is_held, is_held and self._off() <= LEFT_BEHIND
         steps, self._left = divmod(self._left + elapsed, dt)
         speeds = self._speed * held[:6]
         twist = Twist(linear=speeds[:3], angular=speeds[3:], in_tool=self._in_tool)
         for _ in range(int(steps)):
-            self._led.step(twist if is_jogged else STILL, self._guard)
-            if is_jogged and self._led.share < _HELD_BELOW:
+            step = self._servo.step(twist if is_jogged else STILL, rig.gripper.q_jaw)
+            if is_jogged and step.share < _HELD_BELOW:
                 self._log_holder(now)
         self._aperture = min(max(self._aperture + JAW_RATE * elapsed * held[6], 0.0), 1.0)
-        return self.arm.session.units.to_lerobot(self._led.now.q, self._aperture)
+        return self.arm.session.units.to_lerobot(self._servo.q, self._aperture)
 
-    def _begin(self) -> ToolReference:
-        session = self.arm.session
-        dt = session.rig.executor.dt
-        return ToolReference(self._model, self._limits, dt, session.state.q_ref)
+    def _begin(self) -> Servo:
+        rig = self.arm.session.rig
+        q, dt = self.arm.session.state.q_ref, rig.executor.dt
+        return Servo(self._model, self._collision, self._limits, dt, q)
 
     def _off(self) -> float:
-        """Largest joint distance between the arm and what leads it [rad]."""
-        return float(np.max(np.abs(self.arm.session.state.q_ref - self._led.now.q)))
+        """Largest joint distance between the arm and the servo [rad]."""
+        return float(np.max(np.abs(self.arm.session.state.q_ref - self._servo.q)))
 
     def _is_elsewhere(self) -> bool:
-        """Whether the arm rests elsewhere than what leads it."""
-        is_at_rest = not self._led.now.qd.any() and not self.arm.session.state.qd_ref.any()
+        """Whether arm and servo are at rest in different positions."""
+        is_at_rest = not self._servo.qd.any() and not self.arm.session.state.qd_ref.any()
         return is_at_rest and self._off() > AWAY
 
     def _log_holder(self, now: float) -> None:
-        held_by = (*self._guard.against, *self._led.slowed_by)
+        held_by = self._servo.held_by()
         if held_by and now - self._logged_at >= LOG_EVERY:
             self._logged_at = now
             _log.info("the tool is held back by %s", " and ".join(held_by))

@@ -25,10 +25,10 @@ PLANS = (
     ("program", "unwanted"),
     [
         ("import so101_motion.control.executor", "pinocchio toppra viam scipy matplotlib"),
-        ("import so101_motion.planning.differential.tool_reference", "scipy"),
+        ("import so101_motion.planning.differential.servo", "osqp scipy"),
         (PLANS, "toppra matplotlib"),
     ],
-    ids=["the control loop", "before the first jog", "planning"],
+    ids=["the control loop", "before the first servo", "planning"],
 )
 def test_what_is_not_needed_is_not_loaded(program, unwanted):
     look = f"{program}\nimport sys; print(*(set(sys.modules) & set({unwanted.split()})))"

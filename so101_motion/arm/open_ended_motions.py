@@ -14,6 +14,7 @@ from so101_motion.control.joint_group import Channel
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.differential.guard import Guard
+from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Load, Payload, Strength, carried
 
@@ -49,8 +50,8 @@ class Situation(NamedTuple):
 class OpenEndedMotions:
     """Makes the followings, streams and jogs of one arm.
 
-    They and hand guiding share a guard: only the I/O thread uses it, for one of them at a time.
-    Making it takes some hundredths of a second, so other threads do that.
+    Followings, streams and hand guiding share a guard: only the I/O thread uses it, for one of them
+    at a time. Making it takes some hundredths of a second, so other threads do that.
 
     Attributes:
         neighbours: Other arms to keep away from; None if there are none.
@@ -115,16 +116,13 @@ class OpenEndedMotions:
     def jog(self, now: Situation, limits: MotionLimits, frame: str) -> Jog:
         """A jog of one of the gripper's frames from where the arm rests."""
         executor = self._executor
-        jog = self._newest = Jog(
-            self.model.narrowed(*now.range),
-            frame=frame,
-            q_start=executor.state.q_ref,
-            limits=limits,
-            stop_limits=GUARDED_STOP,
-            dt=executor.dt,
-            guard=self._guard(now),
+        q = executor.state.q_ref
+        model, collision, load = self._checks(now)
+        servo = Servo(
+            model, collision, limits, executor.dt, q, frame=frame, load=load,
             neighbours=self.neighbours,
-        )
+        )  # fmt: skip
+        jog = self._newest = Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
         return jog
 
     def wall(self, now: Situation) -> GuidingWall:
@@ -135,14 +133,22 @@ class OpenEndedMotions:
     def renewal(self, now: Situation) -> Callable[[], None]:
         """Make a guard for this situation; the function returned takes it into use at once.
 
-        What is under way is guarded by it, too.
+        What is under way is guarded by it, too; but not a following if what is held has become so
+        much longer that it does not look often enough. Then only those after it are.
         """
         guard = self._new_guard(now)
 
         def use() -> None:
             self._made = now, guard
             newest = self._newest
-            if newest is not None and newest.guard is not None:
+            if isinstance(newest, Jog) and not newest.future.done():
+                _, collision, load = self._checks(now)  # a jog does not share its guard
+                newest.keep_off(collision, load)
+            elif isinstance(newest, Stream | GuidingWall) or (
+                isinstance(newest, Following)
+                and newest.guard is not None
+                and guard.look_every >= newest.guard.look_every
+            ):
                 newest.guard = guard
 
         return use
@@ -156,13 +162,19 @@ class OpenEndedMotions:
 
     def _new_guard(self, now: Situation) -> Guard:
         executor = self._executor
-        model = self.model.narrowed(*now.range)  # the I/O thread's own
+        _, collision, load = self._checks(now)
         return Guard(
-            CollisionModel(model, now.scene),
+            collision,
             lambda: executor.state.q_jaw_ref,
-            now.load(model, executor.state.q_ref),
+            load,
             acceleration=GUARDED_STOP.acceleration,
         )
+
+    def _checks(self, now: Situation) -> tuple[RobotModel, CollisionModel, Load]:
+        """The I/O thread's own model, and checks for contact and load."""
+        model = self.model.narrowed(*now.range)
+        load = now.load(model, self._executor.state.q_ref)
+        return model, CollisionModel(model, now.scene), load
 
 
 class GuidingWall:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 NEEDED = (
     *("click", "coal", "google.protobuf", "grpclib", "h2", "mapbox_earcut", "msgspec"),
-    *("numpy", "pinocchio", "plyfile", "rich", "ruckig", "serial", "trimesh"),
+    *("numpy", "osqp", "pinocchio", "plyfile", "rich", "ruckig", "serial", "trimesh"),
     "viam.module.module",
 )
 """Packages that the module, the library and the command line import."""

@@ -20,7 +20,7 @@ wait; the following goes on.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, TypedDict
@@ -33,7 +33,7 @@ from so101_motion.common.geometry import Array, frozen_array, is_finite, joint_a
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.motion_source import MotionSource, OpenEndedMotion, PlannedMotion
-from so101_motion.planning.collision.course import STEP, NearArms, Neighbours
+from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.pursuit import FORESIGHT, Arrival, Pursuit
@@ -284,7 +284,7 @@ class FollowingSettings(TypedDict, total=False):
     ends_there: bool
 
 
-class Aim(NamedTuple):
+class _Aim(NamedTuple):
     """A target, clipped to the range, and how far outside it was asked for; shapes (n,)."""
 
     q: Array  # [rad]
@@ -316,12 +316,10 @@ class Following(OpenEndedMotion):
     Attributes:
         now: The last setpoint.
         expected_acceleration: How the joints are expected to accelerate, for the driver.
-        guard: As given; any thread may set another one.
+        guard: As given; any thread may set another one whose ``look_every`` is no smaller.
     """
 
     can_wait = True
-    # Whether the driver hears of accelerations; and stops are so hard that servos swing past them.
-    _drives_ahead = True
 
     def __init__(
         self,
@@ -348,13 +346,15 @@ class Following(OpenEndedMotion):
         self._approach, self._share = Approach(limits, approach, gate), share
         self._stop_limits, self._dt = stop_limits, dt
         self._stale_after = math.inf if stale_after is None else stale_after
-        self._neighbours, self.guard = neighbours, guard
+        self.guard, self._neighbours = guard, neighbours
         self._each, self._ends_there = each, ends_there
-        self._pursuit = Pursuit(n, dt)
+        looks = LOOK_EVERY if neighbours is None else STEP
+        looks = looks if guard is None else min(guard.look_every, looks)
+        self._stops, self._pursuit = StopPaths(stop_limits, dt, looks), Pursuit(n, dt)
         self.expected_acceleration = ExpectedAcceleration(dt)
-        self._aimed: Aim | None = None
+        self._aimed: _Aim | None = None
         self._briefly = False
-        self._seen: Aim | None = None
+        self._seen: _Aim | None = None
         self._t = self._t_seen = self._t_nearest = 0.0
         self._nearest = math.inf
         self._held: tuple[str, ...] = ()
@@ -366,17 +366,6 @@ class Following(OpenEndedMotion):
         self._begin_at(Setpoint(q=frozen_array(q_start, (n,)), qd=self._still, qdd=self._still))
 
     # Any thread
-
-    @property
-    def guard(self) -> Guard | None:
-        return self._guard
-
-    @guard.setter
-    def guard(self, guard: Guard | None) -> None:
-        looks = LOOK_EVERY if self._neighbours is None else STEP
-        looks = looks if guard is None else min(guard.look_every, looks)
-        self._stops = StopPaths(self._stop_limits, self._dt, looks)
-        self._guard = guard  # whoever sees it finds paths that are sampled often enough
 
     def aim(self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None) -> Array:
         """Go to joint angles, from the next control cycle on; never waits.
@@ -402,7 +391,7 @@ class Following(OpenEndedMotion):
         outside = frozen_array(wanted - taken, wanted.shape)
         within = (outside == 0.0).astype(np.float64)
         change = None if qdd is None else within * self._checked("qdd", qdd)
-        self._aimed, self._briefly = Aim(taken, within * rate, change, outside), False
+        self._aimed, self._briefly = _Aim(taken, within * rate, change, outside), False
         return taken
 
     def hold(self, *, briefly: bool = False) -> None:
@@ -540,7 +529,7 @@ class Following(OpenEndedMotion):
             raise ConfigError(name, values, f"must be {len(self._lower)} finite numbers")
         return found
 
-    def _current(self) -> Aim | None:
+    def _current(self) -> _Aim | None:
         """The newest target as it is at the end of the coming period; None if there is none."""
         aimed = self._aimed
         if aimed is not self._seen:
@@ -570,7 +559,7 @@ class Following(OpenEndedMotion):
         self.expected_acceleration.braking(self.now)
         self._braked = self._stops.to_rest(self.now).after
 
-    def _lead(self, aim: Aim) -> None:
+    def _lead(self, aim: _Aim) -> None:
         """Take a step towards a target, or brake if that step is refused."""
         off = aim.q - self.now.q
         limits = self._approach.caps(self._t, off, is_held=self.is_held).eased(self._share())
@@ -583,7 +572,8 @@ class Following(OpenEndedMotion):
             qdd = np.clip(qdd, -limits.acceleration, limits.acceleration)
         self._held = ()
         if (guard := self.guard) is not None:
-            allowed = self._drawn_back(guard, q)
+            others = () if self._neighbours is None else self._neighbours.near()
+            allowed = guard.within_reach(self.now.q, q, others)
             if allowed is not q:
                 q = np.minimum(np.maximum(allowed, self._least), self._most)
                 qd, qdd, is_moving = self._still, None, False
@@ -593,17 +583,17 @@ class Following(OpenEndedMotion):
             # From rest close to things, joints that do not set off together come closer first.
             arrival = "straight" if is_gentle else "together"
         try:
-            setpoint, onward = self._next((q, qd, qdd), limits, arrival)
+            setpoint, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
             if self._bounds.too_fast(setpoint):
                 # speed up no harder than a stop can take back in time
                 limits = gentle(limits, self._stop_limits)
-                setpoint, onward = self._next((q, qd, qdd), limits, arrival)
+                setpoint, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
             setpoint, rest = self._inside(landed(setpoint, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
         path = np.concatenate((self.now.q[None], rest.path))
         ahead = qdd is not None or self.expected_acceleration.may_be_ahead
-        if guard is not None and not guard.admits(path, ahead=ahead, inexact=self._drives_ahead):
+        if guard is not None and not guard.admits(path, ahead=ahead):
             self._held = self._held or ("too little room to brake",)
             self._t_gentle = self._t + GENTLE
             return self._brake()
@@ -611,23 +601,10 @@ class Following(OpenEndedMotion):
             self._held = (*self._held, self._neighbours.against)
             return self._brake()
         self.now, self._braked = setpoint, rest.after
-        if aim.qdd is None or not self._drives_ahead:
+        if aim.qdd is None:
             self.expected_acceleration.unknown()
         else:
             self.expected_acceleration.beside(setpoint, setpoint.qdd if onward is None else onward)
-
-    def _next(
-        self, target: tuple[Array, Array, Array | None], limits: MotionLimits, arrival: Arrival
-    ) -> tuple[Setpoint, Array | None]:
-        """As ``Pursuit.step``."""
-        return self._pursuit.step(self.now, target, limits, arrival)
-
-    def _others(self) -> Sequence[NearArms]:
-        return () if self._neighbours is None else self._neighbours.near()
-
-    def _drawn_back(self, guard: Guard, q: Array) -> Array:
-        """The configuration nearest to the target ``q`` that is probably free."""
-        return guard.within_reach(self.now.q, q, self._others())
 
     def _inside(self, setpoint: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
         """``setpoint``, with joints braking that could not stop in time, and the path to rest."""
@@ -643,7 +620,7 @@ class Following(OpenEndedMotion):
         )
         return setpoint, self._stops.to_rest(setpoint)
 
-    def _refuse_short(self, aim: Aim) -> None:
+    def _refuse_short(self, aim: _Aim) -> None:
         if not self._ends_there:
             return
         off = float(np.max(np.abs(aim.q - self.now.q)))

@@ -12,12 +12,12 @@ from functools import lru_cache
 import numpy as np
 from harness.direct_port import Socket
 from harness.emulated_joints import MAPS
-from harness.jogged import Jogged
 from harness.retarget import retarget
 from referee.command import STOP_JERK, CommandCaps
 from referee.official import Referee
 
 from so101_motion.common.compliance import Compliance
+from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.executor import Channel, Executor, Tolerances
 from so101_motion.control.following import Following
 from so101_motion.control.streamed_trajectory import Stream, TimedPoint
@@ -26,6 +26,9 @@ from so101_motion.drivers.emulator.faults import FaultEvent
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.drivers.feetech import gravity_compensation
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -159,7 +162,8 @@ class Arm:
 
     def jog(self):
         here, model = self.executor.state.q_ref, _model()
-        jog = self.executor.play(Jogged(model, None, LIMITS, DT, here))
+        servo = Servo(model, CollisionModel(model, Scene()), LIMITS, DT, here)
+        jog = self.executor.play(Jog(servo, DT, lambda: self.executor.state.q_jaw_ref))
         speed = [self.rng.uniform(-0.1, 0.1) for _ in range(3)]
         if self.rng.random() < 0.5:
             jog.twist(speed)

@@ -29,7 +29,7 @@ OFFLINE = {
     "PIP_NO_DEPS": "1",
     "PIP_NO_BUILD_ISOLATION": "0",  # pip reads it that way round
 }
-HEAVY = ("scipy", "pinocchio", "coal", "toppra", "ruckig", "viam", "viser", "rich")
+HEAVY = ("scipy", "pinocchio", "coal", "toppra", "ruckig", "osqp", "viam", "viser", "rich")
 
 
 def run(*command, cwd, **environment):

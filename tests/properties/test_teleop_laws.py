@@ -91,7 +91,7 @@ def test_guarded_distances_are_kept(q_start, goals, fence):
         def within_reach(self, q, q_target, others):
             return q_target
 
-        def admits(self, way, *, ahead=False, inexact=True):
+        def admits(self, way, *, ahead=False):
             return bool(np.all(way[:, 0] <= max(fence, q_start[0])))
 
     motion = following(q_start, PACE.full, guard=Fence(), stale_after=None)

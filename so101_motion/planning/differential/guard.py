@@ -33,7 +33,7 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.batch_check import BOUND, NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
-from so101_motion.planning.collision.collision import BACK_OUT, CollisionModel
+from so101_motion.planning.collision.collision import BACK_OUT, ClosePair, CollisionModel
 from so101_motion.planning.collision.course import NearArms
 from so101_motion.planning.collision.following_apart import GAP
 from so101_motion.planning.native.library import native
@@ -49,16 +49,13 @@ class BoundedStep:
     def __init__(self) -> None:
         self._make_room(_ROOM)
 
-    def nearest(
-        self, step: Array, bounds: Sequence[Array], weights: Callable[[], Array] | None = None
-    ) -> tuple[Array | None, Sequence[int]]:
+    def nearest(self, step: Array, bounds: Sequence[Array]) -> tuple[Array | None, Sequence[int]]:
         """The step nearest to ``step`` (5,) that keeps the bounds, and which bounds are active.
 
         Each bound, a row of one of the arrays (k, 7), has five factors of the step, the smallest
         value of their product, and the room it leaves; those with the least room are used. ``step``
         itself if no bound is active; None if no step is found. Active bounds are counted through
-        all arrays. ``weights`` returns how much deviations count, (5, 5), symmetric and
-        positive.
+        all arrays.
         """
         n = sum(map(len, bounds))
         if n > len(self._bounds):
@@ -70,12 +67,6 @@ class BoundedStep:
         found = native().library.so101_nearest_within(self._address, n)
         if found == 0:
             return step, ()
-        if weights is not None:  # in coordinates in which all deviations count alike
-            root = np.linalg.cholesky(weights())
-            self._step[:] = root.T @ step
-            self._bounds[:n, :5] = np.linalg.solve(root, self._bounds[:n, :5].T).T
-            found = native().library.so101_nearest_within(self._address, n)
-            self._step[:] = np.linalg.solve(root.T, self._step)
         active = list(map(int, self._active[: abs(found)].tolist()))
         return (self._step.copy() if found > 0 else None), active
 
@@ -173,6 +164,12 @@ class Guard:
         """The smallest distance that any two bodies must keep [m]."""
         return float(self._collision.margins.min(initial=self._collision.margin))
 
+    def look(self, q: Array) -> list[ClosePair | TorqueReserve]:
+        """Joints near their torque limit at ``q``, shape (5,), [rad], then near bodies by room."""
+        heavy = self._see(q)
+        order = np.lexsort((self._rows[:, 1], self._bounds[:, -1]))
+        return [*heavy, *map(self._collision.described, self._rows[order])]
+
     def _see(self, q: Array) -> list[TorqueReserve]:
         """Find near bodies at ``q``; return the joints near their torque limit."""
         self._find_near(q, GAP)
@@ -191,17 +188,11 @@ class Guard:
             called = map(self._called, pairs[self._stuck_in])
             self.stuck = tuple(f"{a} in contact with {b}: {BACK_OUT}" for a, b in called)
 
-    def within_reach(
-        self,
-        q: Array,
-        q_target: Array,
-        others: Sequence[NearArms] = (),
-        weights: Callable[[], Array] | None = None,
-    ) -> Array:
+    def within_reach(self, q: Array, q_target: Array, others: Sequence[NearArms] = ()) -> Array:
         """The configuration nearest to a target that is probably free, shape (5,), [rad].
 
         ``q_target`` itself if nothing is in its way; ``q``, the present one, if none is found.
-        ``others``: near bodies of other arms; ``weights``: as of ``BoundedStep``.
+        ``others``: near bodies of other arms.
         """
         heavy = self._see(q)
         if self.stuck:
@@ -211,7 +202,7 @@ class Guard:
         if heavy:
             rows = [[*each.gradient, min(0.0, GAP - each.left), -np.inf] for each in heavy]
             bounds.append(np.array(rows))
-        nearest, active = self._step.nearest(q_target - q, bounds, weights)
+        nearest, active = self._step.nearest(q_target - q, bounds)
         self.against = tuple(self._named(i, others, heavy) for i in active)
         if nearest is None:
             return q
@@ -241,26 +232,22 @@ class Guard:
         if k < len(self._rows):
             pair = int(self._rows[k, 0])
             if pair not in self._words:
-                self._words[pair] = " close to ".join(self._called(pair))
+                self._words[pair] = self.words(self._collision.described(self._rows[k]))
             return self._words[pair]
         k -= len(self._rows)
         for each in others:
             if k < len(each.bounds):
                 return each.words(k)
             k -= len(each.bounds)
-        return f"{heavy[k].joint} at its torque limit"
+        return self.words(heavy[k])
 
-    def admits(self, path: Array, *, ahead: bool = False, inexact: bool = True) -> bool:
-        """Whether a path is proven free and bearable; arguments as for ``is_free``.
-
-        ``inexact``: whether servos may swing past the end of a long one; ``ahead``: whether they
-        are driven ahead of it.
-        """
+    def admits(self, path: Array, *, ahead: bool = False) -> bool:
+        """Whether a path is proven free and bearable; arguments as for ``is_free``."""
         low, high = np.minimum.reduce(path).tolist(), np.maximum.reduce(path).tolist()
         load = self._load
         if load is not None and not (load.surely_admits(low, high) or load.admits(path)):
             return False
-        return self._is_free(path, low, high, ahead=ahead, inexact=inexact)
+        return self._is_free(path, low, high, ahead=ahead)
 
     def is_free(self, path: Array) -> bool:
         """Whether a path (m, 5) [rad], m >= 2, with straight lines between, is proven free.
@@ -268,22 +255,14 @@ class Guard:
         The load is not checked.
         """
         low, high = np.minimum.reduce(path).tolist(), np.maximum.reduce(path).tolist()
-        return self._is_free(path, low, high)
+        return self._is_free(path, low, high, ahead=False)
 
-    def _is_free(
-        self,
-        path: Array,
-        low: list[float],
-        high: list[float],
-        *,
-        ahead: bool = False,
-        inexact: bool = True,
-    ) -> bool:
+    def _is_free(self, path: Array, low: list[float], high: list[float], *, ahead: bool) -> bool:
         extra = 0.0
         if self._looked is not None:
             spans = zip(low, high, self._looked.tolist(), self._reach, strict=True)
             travel = sum([max(most - at, at - least) * reach for least, most, at, reach in spans])
-            if travel > FAST and self._bend and inexact:
+            if travel > FAST and self._bend:
                 extra = INEXACT
                 if ahead:  # in steps, because a check is built and kept for each value
                     extra += min(AHEAD_STEP * math.ceil(AHEAD_SHARE * travel / AHEAD_STEP), AHEAD)
@@ -355,3 +334,17 @@ class Guard:
         if self._looked is None or not seen or not np.array_equal(q, self._looked):
             return self._collision.lacking(q, q_jaw, margins)
         return self._collision.lack_in(self._rows, margins)
+
+    def words(self, each: ClosePair | TorqueReserve | str) -> str:
+        """Words for an obstacle or load, such as ``"the jaw close to the floor"``."""
+        if isinstance(each, str):
+            return each
+        if isinstance(each, TorqueReserve):
+            return f"{each.joint} at its torque limit"
+        called = self._collision.scene.called
+        return f"{called(each.first)} close to {called(each.second)}"
+
+
+def room_of(each: ClosePair | TorqueReserve) -> float:
+    """How much nearer two bodies may come [m], or a joint's torque reserve as a share."""
+    return each.distance - each.margin if isinstance(each, ClosePair) else each.left

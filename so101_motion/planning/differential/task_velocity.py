@@ -53,7 +53,7 @@ class TaskControl:
 
     def __init__(self, model: RobotModel, limits: MotionLimits, dt: float, frame: str) -> None:
         self._model, self._dt, self._frame = model, dt, frame
-        self._most, self._top = limits.acceleration, limits.velocity
+        self._bend, self._top = BRAKING * limits.acceleration, limits.velocity
         self._twist: Twist | None = None
         self._R, self._p = np.eye(3), np.zeros(3)  # the reference of a twist
 
@@ -107,18 +107,14 @@ class TaskControl:
 
     def _approach(self, dq: Array) -> Array:
         """Joint velocities along ``dq`` [rad] that can come to rest at its end."""
-        distance = np.abs(dq)
+        distance, bend = np.abs(dq), self._bend
         if distance.max() < SAME:
             return np.zeros(5)
-        fastest = np.minimum(braking_speed(distance, self._most, self._dt), self._top)
+        # In steps of dt, from this speed on, the joint stops within its path.
+        braking = bend * (np.sqrt(self._dt**2 + 2.0 * distance / bend) - self._dt)
+        fastest = np.minimum(braking, self._top)
         moves = distance > SAME
         return np.asarray(dq * (fastest[moves] / distance[moves]).min())
-
-
-def braking_speed(distance: Array, most: Array, dt: float) -> Array:
-    """From which speed on [rad/s] joints that brake by ``most`` stop within a distance [rad]."""
-    bend = BRAKING * most
-    return np.asarray(bend * (np.sqrt(dt**2 + 2.0 * distance / bend) - dt))
 
 
 def _least_squares(

@@ -2,12 +2,9 @@
 
 import logging
 import math
-from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from harness.jogged import Jogged
 
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.errors import (
@@ -29,6 +26,7 @@ from so101_motion.control.following_check import FollowingCheck
 from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing import online
@@ -67,7 +65,7 @@ class Fence:
     def within_reach(self, q, q_target, others):
         return q_target
 
-    def admits(self, way, *, ahead=False, inexact=True):
+    def admits(self, way, *, ahead=False):
         return bool(np.all(way[:, 0] <= self.at))
 
 
@@ -138,7 +136,7 @@ def test_an_obstacle_holds_the_joints_until_the_target_comes_back(sim):
 class Narrow(Fence):
     """A guard that has room for short paths only: how far they may lead a joint [rad]."""
 
-    def admits(self, way, *, ahead=False, inexact=True):
+    def admits(self, way, *, ahead=False):
         return bool(np.ptp(way, axis=0).max() <= self.at)
 
 
@@ -362,7 +360,7 @@ def test_the_guard_hears_when_the_servos_may_be_ahead_of_the_setpoint(sim):
     class Heard(Fence):
         ahead = ()
 
-        def admits(self, way, *, ahead=False, inexact=True):
+        def admits(self, way, *, ahead=False):
             self.ahead = (*self.ahead, ahead)
             return True
 
@@ -654,8 +652,12 @@ def led(make_sim, taped_arm, clock):
     return led
 
 
-def lead(led, made=Jogged) -> Jog:
-    return led.executor.play(made(MODEL, None, LIMITS, led.dt, led.state.q_ref))
+def servo_of(led) -> Servo:
+    return Servo(MODEL, CollisionModel(MODEL), LIMITS, led.dt, led.state.q_ref)
+
+
+def lead(led, servo: Servo | None = None) -> Jog:
+    return led.executor.play(Jog(servo or servo_of(led), led.dt, lambda: 0.0))
 
 
 def repeat(led, jog: Jog, seconds: float, linear, **more) -> None:
@@ -712,10 +714,10 @@ def test_a_pose_or_point_is_reached_and_held_without_being_repeated(led) -> None
 
 
 def test_stop_ends_a_jog_along_its_path_and_harder_than_it_would(led) -> None:
-    jog = lead(led)
+    servo = servo_of(led)
+    jog = lead(led, servo=servo)
     repeat(led, jog, 0.6, [0.0, 0.15, 0.05])
-    ahead = jog.brake(jog.now, LIMITS).q
-    ahead = np.concatenate([np.linspace(*each, 20) for each in pairwise(ahead)])
+    ahead = servo.path_to_rest()[1:]
     stopped = led.executor.stop()
     led.after(2.0, stopped)
     assert isinstance(jog.future.exception(), Interrupted)
@@ -723,20 +725,8 @@ def test_stop_ends_a_jog_along_its_path_and_harder_than_it_would(led) -> None:
     assert np.abs(ahead - rest).max(axis=1).min() < 1e-3
     assert np.abs(rest - ahead[0]).max() < np.abs(ahead[-1] - ahead[0]).max()
     assert_within_limits(led.arm.goals, led.dt, led.stop_limits.acceleration[0])
-    for ask in (partial(jog.twist, [0.1, 0.0, 0.0]), jog.hold):
-        with pytest.raises(Interrupted):
-            ask()
-
-
-def test_a_jog_waits_when_it_is_told_to_and_takes_no_joint_targets(led) -> None:
-    jog, p = lead(led), tool(READY).p
-    jog.to_point(p + np.array([0.0, 0.1, 0.0]))
-    led.clock.advance(0.3)
-    jog.hold()
-    led.clock.advance(2.0)
-    assert 0.02 < tool(led.state.q).p[1] - p[1] < 0.08
-    with pytest.raises(MotionError, match="open a following"):
-        jog.aim(READY)
+    with pytest.raises(Interrupted):
+        jog.twist([0.1, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -778,7 +768,7 @@ def test_the_arm_is_jogged_no_further_than_it_can_hold_what_it_carries(clock) ->
             arm.plan(PoseGoal.at_point(further))
 
 
-class Unbraked(Jogged):
+class Unbraked(Jog):
     """A jog whose way to rest cannot be computed."""
 
     def brake(self, now, limits):
@@ -786,7 +776,7 @@ class Unbraked(Jogged):
 
 
 def test_a_stop_that_fails_leaves_nobody_waiting_and_nothing_moving(led, caplog) -> None:
-    jog = lead(led, Unbraked)
+    jog = led.executor.play(Unbraked(servo_of(led), led.dt, lambda: 0.0))
     repeat(led, jog, 0.5, [0.05, 0.0, 0.0])
     caplog.set_level(logging.CRITICAL, logger="so101_motion.control.joint_controller")
     here = led.state.q_ref

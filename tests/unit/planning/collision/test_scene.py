@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import trimesh
 from harness.coal_check import CoalJudge
-from harness.jogged import Jogged
 
 from so101_motion.common.errors import ConfigError, InCollision
 from so101_motion.common.geometry import SE3
@@ -42,6 +41,7 @@ from so101_motion.planning.collision.shape_files import (
     welded,
 )
 from so101_motion.planning.differential.guard import Guard
+from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.differential.targets import Twist
 from so101_motion.planning.goals import JointGoal, LeaveContactGoal
 from so101_motion.planning.kinematics.model import RobotModel
@@ -250,15 +250,15 @@ def front_of_a_block(form):
 @pytest.mark.parametrize("form", ["mesh", "cloud"])
 def test_an_arm_in_a_surface_is_not_moved_by_jogs_followings_or_streams(form):
     collision, q = CollisionModel(MODEL, front_of_a_block(form)), np.zeros(5)
-    servo = Jogged(MODEL, collision.scene, LIMITS, 0.01, q)
+    servo = Servo(MODEL, collision, LIMITS, 0.01, q)
     for direction in np.vstack((np.eye(3), -np.eye(3))):
         for _ in range(20):
             servo.step(Twist(linear=0.1 * direction, angular=np.zeros(3)))
         np.testing.assert_array_equal(servo.q, q)
-    assert "in contact with 'block': how deep is not known" in servo.held_by[0]
+    assert "in contact with 'block': how deep is not known" in servo.held_by()[0]
     guard = Guard(collision, lambda: 0.0, acceleration=np.full(5, 10.5))
     assert guard.within_reach(q, q + 0.1) is q
-    assert guard.against == servo.held_by
+    assert guard.against == servo.held_by()
     out = np.linspace(q, q - 0.002, 5)
     assert not guard.admits(out)
     assert guard.contact(out)[1] == "'block'"
@@ -282,7 +282,7 @@ def test_an_arm_in_the_wall_of_a_channel_is_jogged_out_but_not_in():
         before = collision.clearance(np.zeros(5)).distance
         assert -depth - 0.002 < before < 0.0
         for away, out in ((-1.0, True), (1.0, False)):
-            servo = Jogged(MODEL, collision.scene, LIMITS, 0.01, np.zeros(5))
+            servo = Servo(MODEL, collision, LIMITS, 0.01, np.zeros(5))
             for _ in range(60):
                 servo.step(Twist(linear=(0.08 * away, 0.0, 0.0), angular=np.zeros(3)))
             assert (MODEL.frame(servo.q).p[0] < tip[0] - 0.02) == out

@@ -1,29 +1,30 @@
-from functools import partial
-
 import numpy as np
 import pytest
 import qpsolvers
-from harness.jogged import Jogged
 from harness.random_scenes import obstacle
 from scipy import sparse
 from scipy.optimize import minimize
 
+from benchmarks.bench_servo import as_problem
 from so101_motion.common.geometry import SE3, rotation_angle, rotation_by
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.differential.guard import (
     AHEAD,
     FAST,
+    GAP,
     INEXACT,
     MOST,
     BoundedStep,
     Guard,
+    room_of,
 )
-from so101_motion.planning.differential.targets import STILL, Twist
+from so101_motion.planning.differential.servo import Servo, Step
+from so101_motion.planning.differential.servo_qp import ROWS, WORTH, ServoQp
+from so101_motion.planning.differential.targets import Twist
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Load, Payload, Strength
-from so101_motion.planning.timing.trajectory import Setpoint
 
 MODEL = RobotModel.load()
 DT = 0.01
@@ -39,9 +40,9 @@ def servo(
     scene: Scene | None = None,
     limits: MotionLimits = LIMITS,
     held: Payload | None = None,
-) -> Jogged:
+) -> Servo:
     load = Load.of(MODEL, Strength.of_servos(7.4), q_start, held) if held else None
-    return Jogged(MODEL, scene, limits, DT, q_start, load)
+    return Servo(MODEL, CollisionModel(MODEL, scene), limits, DT, q_start, load=load)
 
 
 def shares(steps, held: Payload = HELD) -> np.ndarray:
@@ -55,7 +56,7 @@ def twist(x=0.0, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0), in_tool=False) -> Twist:
     return Twist(linear=np.array([x, y, z]), angular=np.array(turn), in_tool=in_tool)
 
 
-def run(moving: Jogged, target, steps: int):
+def run(moving: Servo, target, steps: int):
     return [moving.step(target) for _ in range(steps)]
 
 
@@ -72,7 +73,7 @@ def test_a_twist_moves_the_tool_straight_at_its_speed(along) -> None:
     direction = np.array(along) / speed
     across = offset - np.outer(offset @ direction, direction)
     assert np.linalg.norm(across, axis=1).max() < 5e-4
-    assert moving.share == 1.0
+    assert steps[-1].share == 1.0
     gained = (offset[-1] - offset[-11]) @ direction / 0.1
     assert gained == pytest.approx(speed, rel=0.02)
 
@@ -95,7 +96,7 @@ def test_a_turn_about_the_approach_axis_leaves_the_tool_where_it_is() -> None:
 def test_a_point_is_reached_whatever_the_orientation() -> None:
     goal = tool(READY).p + np.array([-0.05, 0.1, -0.03])
     moving = servo()
-    run(moving, goal, 170)
+    run(moving, goal, 150)
     assert np.linalg.norm(tool(moving.q).p - goal) < 1e-6
 
 
@@ -110,7 +111,7 @@ def test_an_orientation_that_five_joints_cannot_have_costs_no_position() -> None
 def test_a_tool_that_is_let_go_of_stops_on_its_line() -> None:
     moving, start = servo(limits=AS_SET), tool(READY).p
     run(moving, twist(0.0, 0.08, 0.0), 100)
-    offsets = np.array([tool(step.q).p for step in run(moving, STILL, 150)]) - start
+    offsets = np.array([tool(q).p for q in moving.path_to_rest()]) - start
     assert np.abs(offsets[:, [0, 2]]).max() < 1e-3
     assert 0.07 < offsets[-1, 1] < 0.08 * (1.0 + 0.15)
 
@@ -122,9 +123,9 @@ def test_what_is_not_granted_slows_the_tool_down_and_keeps_it_on_its_line() -> N
     )
     steps = run(moving, twist(0.0, 0.15, 0.15), 60)
     offset = tool(steps[-1].q).p - start
-    assert moving.share < 0.9
+    assert steps[-1].share < 0.9
     assert np.linalg.norm(np.cross(offset, [0.0, 0.7071, 0.7071])) < 2e-3
-    assert any("at its top speed" in word for word in moving.held_by)
+    assert any("at its top speed" in word for word in moving.held_by())
 
 
 def test_it_stops_in_front_of_an_obstacle_and_says_which() -> None:
@@ -136,7 +137,7 @@ def test_it_stops_in_front_of_an_obstacle_and_says_which() -> None:
     closest = min(judge.clearance(step.q).distance for step in steps)
     assert 0.003 <= closest < 0.008
     assert np.abs(steps[-1].qd).max() < 0.02
-    assert any("'wall'" in word for word in moving.held_by)
+    assert any("'wall'" in word for word in moving.held_by())
 
 
 def test_it_slides_along_the_floor_when_it_is_pushed_into_it_at_a_slant() -> None:
@@ -156,7 +157,7 @@ def test_a_joint_limit_is_approached_gently_and_named() -> None:
     limit = MODEL.upper[4] if end > 0.0 else MODEL.lower[4]
     assert abs(end - limit) < 1e-3
     assert np.all((steps[-1].q >= MODEL.lower) & (steps[-1].q <= MODEL.upper))
-    assert any("wrist_roll at its" in word for word in moving.held_by)
+    assert any("wrist_roll at its" in word for word in moving.held_by())
 
 
 def test_full_stretch_is_approached_without_haste_and_named() -> None:
@@ -164,7 +165,7 @@ def test_full_stretch_is_approached_without_haste_and_named() -> None:
     steps = run(moving, twist(x=0.1), 500)
     assert max(np.abs(step.qd).max() for step in steps) <= 1.5 + 1e-9
     assert np.linalg.norm(tool(steps[-1].q).p - tool(steps[-40].q).p) < 0.01
-    assert "the arm stretched out" in moving.held_by
+    assert "the arm stretched out" in moving.held_by()
 
 
 def test_a_start_outside_the_limits_may_come_in_and_not_go_further_out() -> None:
@@ -182,23 +183,70 @@ def test_it_stops_where_what_it_carries_becomes_too_heavy_and_says_so() -> None:
     steps = run(moving, twist(x=0.08), 600)
     assert 0.99 < shares(steps).max() <= 1.001
     assert np.abs(steps[-1].qd).max() < 5e-3
-    assert "shoulder_lift at its torque limit" in moving.held_by
+    assert "shoulder_lift at its torque limit" in moving.held_by()
     bare = run(servo(limits=AS_SET), twist(x=0.08), 600)
     assert tool(bare[-1].q).p[0] > tool(moving.q).p[0] + 0.02
     before = tool(moving.q).p
     run(moving, twist(x=-0.05), 60)
     assert tool(moving.q).p[0] < before[0] - 0.01
-    assert moving.held_by == ()
+    assert moving.held_by() == ()
 
 
 def test_what_is_too_heavy_at_the_start_may_only_get_lighter() -> None:
     heavy = np.radians([0.0, 50.0, -60.0, 0.0, 0.0])
-    begin = shares([Setpoint.at_rest(heavy)])[0]
+    begin = shares([Step(q=heavy, qd=heavy, qdd=heavy, share=1.0)])[0]
     assert begin.max() > 1.1
     pressed = run(servo(heavy, held=HELD), twist(x=0.05), 100)
     assert np.all(shares(pressed) <= np.maximum(begin, 1.001) + 1e-6)
     back = run(servo(heavy, held=HELD), twist(x=-0.06, z=0.02), 200)
     assert shares(back)[-1].max() < 1.0
+
+
+# Its programs
+
+
+def a_program(rng: np.random.Generator):
+    """Jacobian, wish, bounds that hold zero, rows that zero keeps."""
+    J = np.vstack([0.2 * rng.normal(size=(3, 5)), rng.normal(size=(3, 5))])
+    wish = rng.normal(size=5) * rng.choice([0.01, 0.3, 2.0])
+    lower, upper = -rng.uniform(0.0, 1.0, 5), rng.uniform(0.0, 1.0, 5)
+    rows = rng.integers(0, ROWS + 1)
+    return J, wish, lower, upper, 0.2 * rng.normal(size=(rows, 5)), -rng.uniform(0.0, 0.1, rows)
+
+
+def cost(program, qd: np.ndarray, share: float) -> float:
+    P, q, *_ = as_problem(*program)
+    x = np.append(qd / np.abs(program[1]).max(), share)
+    return float(0.5 * x @ P @ x + q @ x)
+
+
+@pytest.mark.filterwarnings("ignore:The default value of raise_error")  # qpsolvers' call of OSQP
+@pytest.mark.parametrize("seed", range(2))
+def test_it_solves_the_program_as_qpsolvers_does_with_osqp(seed: int) -> None:
+    rng, qp = np.random.default_rng(seed), ServoQp()
+    for _ in range(20):
+        program = a_program(rng)
+        P, q, G, h, lb, ub = as_problem(*program)
+        exact = qpsolvers.solve_qp(
+            sparse.csc_matrix(P),
+            q,
+            sparse.csc_matrix(G) if len(G) else None,
+            h if len(G) else None,
+            lb=lb,
+            ub=ub,
+            solver="osqp",
+            eps_abs=1e-9,
+            eps_rel=1e-9,
+            max_iter=100000,
+        )
+        qd, share = qp.solve(*program)
+        size = np.abs(program[1]).max()
+        assert np.all((qd >= program[2]) & (qd <= program[3]))
+        assert 0.0 <= share <= 1.0
+        assert np.all(program[4] @ qd >= program[5] - 5e-3 * size)
+        assert cost(program, qd, share) == pytest.approx(
+            cost(program, size * exact[:5], exact[5]), abs=1e-2 * WORTH
+        )
 
 
 # How far a jogged arm may move near the table
@@ -264,10 +312,10 @@ def test_a_short_step_may_go_nearer_than_a_long_one(guard, collision):
     while collision.distances(q, 0.3).min() > collision.margin + 0.005:
         q += 0.1 * DOWN
     slow, fast = np.array([0.002, 0.0, 0.0, 0.0, 0.0]), np.array([0.3, 0.0, 0.0, 0.0, 0.0])
-    guard.within_reach(q, q)
+    guard.look(q)
     assert guard.admits(path(q, slow))
     assert fast @ collision.reach > FAST
-    guard.within_reach(q, q)
+    guard.look(q)
     assert not guard.admits(path(q, fast + 0.05 * DOWN))
 
 
@@ -275,7 +323,7 @@ def test_a_long_step_keeps_clearer_for_servos_that_are_driven_ahead_of_it(guard,
     q, pan = LOW - 2.0 * DOWN, np.array([0.3, 0.0, 0.0, 0.0, 0.0])
     while collision.distances(q, 0.3).min() < collision.margin + INEXACT + 0.5 * AHEAD:
         q -= 0.1 * DOWN
-    guard.within_reach(q, q)
+    guard.look(q)
     assert guard.admits(path(q, pan + 0.05 * DOWN))
     assert not guard.admits(path(q, pan + 0.05 * DOWN), ahead=True)
     assert guard.admits(path(q, 0.01 * pan), ahead=True)
@@ -286,9 +334,9 @@ def test_bodies_that_are_too_close_may_part_but_come_no_closer(collision):
     guard = Guard(wide, lambda: 0.3, acceleration=ACCELERATION)
     q = LOW
     assert not wide.is_free(q, 0.3)
-    guard.within_reach(q, q)
+    assert room_of(guard.look(q)[0]) < GAP
     assert guard.admits(path(q, -1.0 * DOWN))
-    guard.within_reach(q, q)
+    guard.look(q)
     assert not guard.admits(path(q, 1.0 * DOWN))
 
 
@@ -335,25 +383,6 @@ def test_it_is_the_nearest_of_all_that_keep_the_bounds():
         held.append(len(active))
     assert len(held) > 50
     assert max(held) > 1
-
-
-@pytest.mark.filterwarnings("ignore:The default value of raise_error")  # qpsolvers' call of OSQP
-def test_it_is_the_nearest_by_weights_as_osqp_finds_it():
-    random, held = np.random.default_rng(2), 0
-    for _ in range(40):
-        step, bounds = drawn(random)
-        root = np.eye(5) + 0.3 * random.normal(size=(5, 5))
-        x, active = nearest(step, [bounds], partial(np.matmul, root, root.T))
-        if x is None:
-            continue
-        P = sparse.csc_matrix(root @ root.T)
-        best = qpsolvers.solve_qp(
-            P, -P @ step, sparse.csc_matrix(-bounds[:, :5]), -bounds[:, 5], solver="osqp",
-            eps_abs=1e-9, eps_rel=1e-9, max_iter=100000,
-        )  # fmt: skip
-        assert x == pytest.approx(best, abs=1e-5)
-        held += len(active) > 0
-    assert held > 25
 
 
 def test_a_step_that_nothing_stands_against_is_itself():
