@@ -37,7 +37,7 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import SE3, Array, joint_angles
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import JointState, in_fault, lent_out
+from so101_motion.common.state import ARM_JOINTS, JointState, in_fault, lent_out
 from so101_motion.common.units import in_mm, to_deg
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import APPROACH, GATE, STALE_AFTER, Following, FollowingSettings
@@ -688,6 +688,7 @@ class Arm(CappedJoints):
 
     def _execute(self, motion: Motion, plan: Plan) -> None:
         self._leave_manual(motion)
+        self.state.reading.check_held(ARM_JOINTS)  # rather than that it is not where it was
         off = float(np.max(np.abs(plan.q_start - self.state.q_ref)))
         if off > START_TOLERANCE:
             raise MotionError(

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from so101_motion.common.errors import ServoAlarm
 from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.modes import Mode
 
@@ -60,6 +61,12 @@ class JointReading:
     def let_go_of(self, joints: Sequence[str]) -> str | None:
         """The first of ``joints`` whose servo has switched itself off, or None."""
         return next((joint for joint in joints if joint in self.let_go), None)
+
+    def check_held(self, joints: Sequence[str]) -> None:
+        """``ServoAlarm`` if the servo of one of ``joints`` has switched itself off."""
+        if (joint := self.let_go_of(joints)) is not None:
+            reason = self.alarms.get(joint, "its servo has let go; support the arm")
+            raise ServoAlarm(joint, reason, recent=())
 
     @property
     def angles(self) -> dict[str, float]:

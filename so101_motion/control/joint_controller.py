@@ -448,9 +448,7 @@ class JointController:
             if event is Event.MOVE and channel is Channel.JAW:
                 self._refuse_silent_jaw()
             if event is Event.MOVE and channel is not None and self.state is not None:
-                reading = self.state.reading
-                if (joint := reading.let_go_of(channel.joints)) is not None:
-                    raise ServoAlarm(joint, reading.alarms[joint], recent=())
+                self.state.reading.check_held(channel.joints)
             return
         self._refuse_lent()
         if self.mode is Mode.FAULT:

@@ -109,6 +109,8 @@ def test_a_joint_whose_servo_has_let_go_is_named_and_holds_where_it_sank_to(
     state = rig.arm.state
     assert (texts.mode(state), texts.blocked(state)) == ("Idle, holding", None)
     assert set(state.reading.out_of_range) == ({"elbow_flex"} if is_outside else set())
+    bench.finish(bench.go(rig, 0, -45, 70, 0, 0))
+    assert bench.q_deg[2] == pytest.approx(began, abs=0.6)
 
 
 def test_a_warm_servo_slows_the_arm_down(bench):
