@@ -178,9 +178,7 @@ def guest(own_windows, rig):
         rig.arm.scene = Scene()
         move_to(rig, HOME)
         guest.resize(LAPTOP)
-        # The plots lie over what a test clicks on; they may go by themselves at any moment.
-        plots = guest.page.get_by_label("Minimize panel").filter(visible=True)
-        plots.evaluate_all("panels => panels.forEach(each => each.click())")
+        guest.fold_plots()  # they lie over what a test clicks on
         guest.in_front("Move")
         guest.press("ready")
         ready_mm = to_mm(rig.arm.model.frame(READY, "jaw_tip").p)

@@ -142,6 +142,7 @@ def test_plots_are_folded_or_not_as_they_were_before_the_window_was_narrow(watch
         page.wait_for_timeout(500)  # for what comes late
         watcher.comes_to(wanted, strip)
 
+    watcher.fold_plots()
     rests_at(True, 12.0)
     watcher.in_front("Velocity")
     for between, is_folded in ((PHONE, False), (TABLET, True)):

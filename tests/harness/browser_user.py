@@ -115,6 +115,11 @@ class Guest:
         docked = 8 if size[0] >= 1100 else 0
         self.until(lambda: min(self.page.locator("[data-dock-tab]").count(), 8) == docked)
 
+    def fold_plots(self):
+        """Fold the plots if they are open; they may go by themselves at any moment."""
+        plots = self.page.get_by_label("Minimize panel").filter(visible=True)
+        plots.evaluate_all("panels => panels.forEach(each => each.click())")
+
     def in_front(self, tab):
         self.page.get_by_role("tab", name=tab, exact=True).filter(visible=True).first.click()
 
