@@ -10,6 +10,7 @@ import pytest
 from harness import lanes
 from harness.clocks import pace_simulated_arms
 from harness.heard_port import hear_terminals_of_this_process
+from harness.setpoints import TapedArm
 from hypothesis import settings
 from hypothesis.internal.conjecture import providers
 from referee.official import refereed
@@ -17,7 +18,6 @@ from referee.official import refereed
 from so101_motion.common.clock import ManualClock
 from so101_motion.control.executor import Executor
 from so101_motion.control.streamed_trajectory import Stream
-from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -167,49 +167,6 @@ def planning_process():
 @pytest.fixture
 def clock():
     return ManualClock()
-
-
-class TapedArm(SimArm):
-    """A simulated arm that keeps what it was told.
-
-    Attributes:
-        tape: Every goal as (time, arm joints, jaw).
-        torques: Every torque command as (on, goal written before it or None).
-    """
-
-    def __init__(self, clock, **settings):
-        super().__init__(clock, **settings)
-        self.tape = []
-        self.torques = []
-        self.is_closed = False
-
-    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
-        self.tape.append((self._clock.now(), np.array(q_cmd), q_jaw_cmd))
-
-    def set_torque(self, on):
-        super().set_torque(on)
-        self.torques.append((on, self.tape[-1][1] if self.tape else None))
-
-    def count_anew(self, by):
-        """From now on all angles read ``by`` [rad] more, as after a calibration."""
-        self._q, self._inner, self._goal = self._q + by, self._inner + by, self._goal + by
-
-    def close(self):
-        super().close()
-        self.is_closed = True
-
-    @property
-    def times(self):
-        return np.array([t for t, _, _ in self.tape])
-
-    @property
-    def goals(self):
-        return np.array([q for _, q, _ in self.tape])
-
-    @property
-    def jaw_goals(self):
-        return np.array([q_jaw for _, _, q_jaw in self.tape])
 
 
 LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=5.0, jerk=50.0)

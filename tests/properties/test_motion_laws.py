@@ -2,13 +2,13 @@
 
 import numpy as np
 from harness.retarget import retarget
+from harness.setpoints import TapedArm, shares
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.modes import Mode
 from so101_motion.control.executor import Executor
-from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 
@@ -18,27 +18,6 @@ STOP_LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=200.0)
 
 angles = st.floats(-1.5, 1.5).map(lambda angle: round(angle, 3))
 goals = st.lists(angles, min_size=5, max_size=5).map(np.array)
-
-
-class TapedArm(SimArm):
-    """Keeps the goals it was given."""
-
-    def __init__(self, clock):
-        super().__init__(clock)
-        self.goals = []
-
-    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
-        self.goals.append(np.array(q_cmd))
-
-
-def assert_smooth(goals_sent):
-    q = np.array(goals_sent)
-    for limit, order in (("velocity", 1), ("acceleration", 2), ("jerk", 3)):
-        cap = max(getattr(LIMITS, limit)[0], getattr(STOP_LIMITS, limit)[0])
-        if len(q) > order:
-            figure = np.max(np.abs(np.diff(q, order, axis=0))) / DT**order
-            assert figure <= cap * 1.02, f"{limit}: {figure:.2f} of {cap}"
 
 
 @settings(max_examples=20)
@@ -53,7 +32,7 @@ def test_a_stop_at_any_instant_is_smooth_and_ends_at_rest_on_the_path(goal, when
         clock.advance(2.0)
         assert stopped.result(timeout=0) is None
         assert executor.state.mode is Mode.HOLDING
-        assert_smooth(arm.goals)
+        assert max(shares(arm.goals, DT, STOP_LIMITS)) <= 1.02
         for q in arm.goals:
             share = q @ goal / max(goal @ goal, 1e-12)
             np.testing.assert_allclose(q, share * goal, atol=1e-6)
@@ -84,4 +63,4 @@ def test_whatever_is_asked_nothing_jumps_and_every_future_ends(requests):
         clock.advance(10.0)
         assert all(future.done() for future in futures)
         assert executor.state.mode is Mode.HOLDING
-        assert_smooth(arm.goals)
+        assert max(shares(arm.goals, DT, STOP_LIMITS)) <= 1.02

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from harness.setpoints import shares
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,6 +19,7 @@ DT = 0.01
 LOWER, UPPER = np.full(5, -1.6), np.full(5, 1.7)
 STOP = MotionLimits.uniform(velocity=np.pi, acceleration=10.5, jerk=200.0)
 PACE = Pace()
+HIGHEST = MotionLimits.uniform(velocity=np.pi, acceleration=10.5, jerk=500.0)
 
 angles = st.lists(st.floats(-4.0, 4.0), min_size=5, max_size=5).map(np.array)
 rates = st.lists(st.floats(-9.0, 9.0), min_size=5, max_size=5).map(np.array)
@@ -30,15 +32,6 @@ caps = st.builds(
 )
 wild = st.lists(st.floats(), min_size=5, max_size=5).map(np.array)
 wishes = st.one_of(st.none(), st.tuples(angles, rates), st.tuples(wild, rates))
-
-
-def bounded(steps, *, velocity, acceleration, jerk):
-    """That setpoints, shape (n, 5), keep these caps by finite differences."""
-    qd = np.diff(steps, axis=0) / DT
-    qdd = np.diff(qd, axis=0) / DT
-    assert np.abs(qd).max(initial=0.0) <= velocity * 1.001 + 1e-9
-    assert np.abs(qdd).max(initial=0.0) <= acceleration * 1.01 + 1e-6
-    assert np.abs(np.diff(qdd, axis=0)).max(initial=0.0) / DT <= jerk * 1.01 + 1e-3
 
 
 def following(q_start, limits, **settings):
@@ -72,7 +65,7 @@ def test_a_following_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target
     steps = np.array(steps)
     assert np.all(steps >= np.minimum(LOWER, q_start) - 5e-4)
     assert np.all(steps <= np.maximum(UPPER, q_start) + 5e-4)
-    bounded(steps, velocity=np.pi, acceleration=10.5, jerk=500.0)
+    assert max(shares(steps, DT, HIGHEST)) <= 1.01
 
 
 @settings(max_examples=20)
@@ -175,7 +168,7 @@ def test_a_follower_never_steps_and_sets_off_only_near_its_leader(script, q_star
             phases.append(phase)
             clock.advance(DT)
     steps = np.array(steps)
-    bounded(steps, velocity=np.pi, acceleration=10.5, jerk=500.0)
+    assert max(shares(steps, DT, HIGHEST)) <= 1.01
     approaching = [i for i, phase in enumerate(phases) if phase is Phase.APPROACHING]
     speeds = np.abs(np.diff(steps[1:], axis=0)).max(axis=1) / DT
     assert all(speeds[i - 1] <= PACE.approach.velocity[0] * 1.001 for i in approaching if i > 0)

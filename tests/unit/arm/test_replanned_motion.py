@@ -4,6 +4,7 @@ from concurrent.futures import Future
 
 import numpy as np
 import pytest
+from harness.setpoints import shares
 
 from so101_motion.common.errors import (
     ConfigError,
@@ -96,11 +97,6 @@ def under_way(rig, clock, to=-LEFT):
     return motion
 
 
-def assert_within(tape, limits, share=1.001):
-    for n, most in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
-        assert np.abs(np.diff(np.array(tape), n, axis=0)).max() / TICK**n <= share * most.min()
-
-
 def is_free(tape, scene):
     collision = CollisionModel(RobotModel.load(), scene)
     return collision.first_blocked(np.array(tape), tolerance=0.2) is None
@@ -116,7 +112,7 @@ def test_an_obstacle_in_the_way_is_gone_around_without_a_stop(rig, clock, tape):
     assert is_free(tape[before:], ball(AHEAD))
     moved = np.abs(np.diff(np.array(tape), axis=0)).max(axis=1) > 0.0
     assert moved[np.flatnonzero(moved)[0] : np.flatnonzero(moved)[-1]].all()
-    assert_within(tape, rig.arm.effective_limits(None))
+    assert max(shares(tape, TICK, rig.arm.effective_limits(None))) <= 1.001
 
 
 def test_a_scene_that_leaves_the_way_free_changes_nothing(rig, clock, planner):
@@ -136,7 +132,7 @@ def test_without_an_answer_the_arm_stops_before_the_obstacle(rig, clock, planner
         if len(planner.asked) > 1 and rig.arm.state.qd.any():
             assert planner.asked[0][1].cancelled()  # it was late
     assert is_free(tape, ball(AHEAD))
-    assert_within(tape, HARD_STOP, 1.02)
+    assert max(shares(tape, TICK, HARD_STOP)) <= 1.02
     finish(clock, motion)  # it is planned from rest
     np.testing.assert_allclose(rig.arm.state.q, -LEFT, atol=1e-3)
 
@@ -188,7 +184,7 @@ def test_a_new_goal_is_gone_to_without_a_stop(rig, clock, tape):
     with pytest.raises(Interrupted, match="a newer motion"):
         first.result()
     np.testing.assert_allclose(rig.arm.state.q, 0.3 * LEFT, atol=1e-3)
-    assert_within(tape, rig.arm.effective_limits(None))
+    assert max(shares(tape, TICK, rig.arm.effective_limits(None))) <= 1.001
 
 
 def test_goals_that_change_all_the_time(rig, clock, tape):

@@ -1,0 +1,56 @@
+"""A simulated arm that keeps its setpoints, and what setpoints use of the caps of their joints."""
+
+import numpy as np
+
+from so101_motion.drivers.simulated import SimArm
+
+
+def shares(q, dt, limits):
+    """The largest share of the velocity, acceleration and jerk caps, by differences of ``q``."""
+    return [
+        np.max(np.abs(np.diff(q, order, axis=0)) / dt**order / getattr(limits, cap), initial=0.0)
+        for order, cap in enumerate(("velocity", "acceleration", "jerk"), start=1)
+    ]
+
+
+class TapedArm(SimArm):
+    """A simulated arm that keeps what it was told.
+
+    Attributes:
+        tape: Every goal as (time, arm joints, jaw).
+        torques: Every torque command as (on, goal written before it or None).
+    """
+
+    def __init__(self, clock, **settings):
+        super().__init__(clock, **settings)
+        self.tape = []
+        self.torques = []
+        self.is_closed = False
+
+    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
+        self.tape.append((self._clock.now(), np.array(q_cmd), q_jaw_cmd))
+
+    def set_torque(self, on):
+        super().set_torque(on)
+        self.torques.append((on, self.tape[-1][1] if self.tape else None))
+
+    def count_anew(self, by):
+        """From now on all angles read ``by`` [rad] more, as after a calibration."""
+        self._q, self._inner, self._goal = self._q + by, self._inner + by, self._goal + by
+
+    def close(self):
+        super().close()
+        self.is_closed = True
+
+    @property
+    def times(self):
+        return np.array([t for t, _, _ in self.tape])
+
+    @property
+    def goals(self):
+        return np.array([q for _, q, _ in self.tape])
+
+    @property
+    def jaw_goals(self):
+        return np.array([q_jaw for _, _, q_jaw in self.tape])
