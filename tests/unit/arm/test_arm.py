@@ -1,17 +1,15 @@
 """The arm on simulated joints, planned for by the real worker, on a clock the test drives."""
 
 import threading
-from functools import partial
 
 import numpy as np
 import pytest
+from harness import endless_plan
 from harness.facing_arms import in_time
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import InCollision, Interrupted, MotionError
-from so101_motion.common.geometry import SE3
+from so101_motion.common.errors import Interrupted, MotionError
 from so101_motion.common.modes import Mode
-from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.request import Search
 from so101_motion.rig.simulated_rig import open_simulated
@@ -58,22 +56,6 @@ def test_a_retarget_into_the_table_stops_short_of_it_and_says_what_it_was(arm, c
     assert arm.T_base("jaw_tip").p[2] < 0.0
 
 
-def test_an_unguarded_following_goes_where_it_is_sent(arm, clock):
-    following = in_time(clock, partial(arm.follow, guard=None))
-    for _ in range(400):
-        following.aim(np.radians([0.0, 60.0, 0.0, 40.0, 0.0]))
-        clock.advance(0.01)
-    assert arm.T_base("jaw_tip").p[2] < 0.0
-    run_until(clock, following.close().done)
-
-
-def test_a_limp_arm_is_held_and_moved_from_where_it_is(arm, clock):
-    in_time(clock, lambda: arm.set_torque(False))
-    finish(clock, arm.move(JointGoal(q=READY), wait=False))
-    assert arm.state.mode is Mode.HOLDING
-    np.testing.assert_allclose(arm.state.q, READY, atol=1e-3)
-
-
 def test_a_point_is_reached_with_the_joints_of_this_very_arm(arm):
     p = np.array([0.25, 0.0, 0.12])
     assert np.degrees(arm.plan(PoseGoal.at_point(p)).q_goal[2]) > 30.0
@@ -85,31 +67,10 @@ def test_a_point_is_reached_with_the_joints_of_this_very_arm(arm):
     assert arm.model.frame(plan.q_goal).p == pytest.approx(p, abs=1e-4)
 
 
-def test_plans_avoid_obstacles_around_the_arm(arm):
-    aside = np.radians([60.0, -45.0, 45.0, 60.0, 0.0])
-    goal = JointGoal(q=[-1.0, 1.0, 1.0, 1.0, 1.0] * aside)
-    before = arm.plan(JointGoal(q=aside))
-    here = SE3.from_translation((0.24, 0.0, 0.1))
-    box = Obstacle(name="box", shape=Box(size=(0.1, 0.06, 0.2)), T_base_obstacle=here)
-    arm.scene = Scene(obstacles=(box,))
-    assert before.report.straight
-    with pytest.raises(InCollision, match="'box'"):
-        arm.plan(JointGoal(q=READY))
-    assert arm.plan(goal) is not None
-
-
-def shut_in():
-    """A goal on the other side of a wall, looked for in vain for a minute; and where to start."""
-    q = np.radians([60.0, 0.0, 0.0, 0.0, 0.0])
-    around = tuple(
-        Obstacle(name=name, shape=Box(size=size), T_base_obstacle=SE3.from_translation(at))
-        for name, size, at in (
-            ("wall", (0.6, 0.02, 1.2), (0.39, 0.0, 0.6)),
-            ("roof", (1.0, 1.0, 0.02), (0.0, 0.0, 0.3)),
-        )
-    )
-    search = Search(scene=Scene(obstacles=around), time_budget=60.0)
-    return {"goal": JointGoal(q=-q), "q_start": q, "search": search}
+def plan_in_vain(arm):
+    """Plan for a minute."""
+    search = Search(scene=endless_plan.SCENE, time_budget=60.0)
+    arm.plan(JointGoal(q=endless_plan.Q_GOAL), q_start=endless_plan.Q_START, search=search)
 
 
 def test_a_step_that_plans_in_vain_ends_with_its_motion(arm, clock):
@@ -117,7 +78,7 @@ def test_a_step_that_plans_in_vain_ends_with_its_motion(arm, clock):
 
     def step(motion):
         planning.set()
-        arm.plan(**shut_in())
+        plan_in_vain(arm)
 
     motion = arm.start_series([step])
     run_until(clock, planning.is_set)
@@ -132,7 +93,7 @@ def test_closing_an_arm_ends_what_it_plans_and_then_refuses_to_move(clock):
 
         def step(motion):
             planning.set()
-            rig.arm.plan(**shut_in())
+            plan_in_vain(rig.arm)
 
         motion = rig.arm.start_series([step])
         run_until(clock, planning.is_set)

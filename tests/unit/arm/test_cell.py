@@ -11,7 +11,7 @@ import pytest
 from harness.facing_arms import FAST, T_LEFT_RIGHT, Facing, FacingArms, crossing_task, in_time
 from harness.random_scenes import obstacle
 
-from benchmarks.bench_crowd import LAYOUTS, Crowd, by_themselves, follow_targets, together
+from benchmarks.bench_crowd import LAYOUTS, Crowd, follow_targets
 from so101_motion.arm import cell_member as member_module
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import CellMember
@@ -37,7 +37,6 @@ from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
-from so101_motion.planning.differential.guard import INEXACT
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import DEPARTURE_SPEED
@@ -193,11 +192,12 @@ def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of):
         np.testing.assert_allclose(pair.arms[name].state.q_ref, goal.q, atol=1e-6)
 
 
-def start_with_a_late_arm(pair_of, monkeypatch, seconds, *, overslept=0.0):
-    """Begin a common motion for which the left arm's thread, on a busy computer, comes late.
-
-    It comes by so many seconds late to wait for the begin, or oversleeps it by so many.
-    """
+@pytest.mark.parametrize(("seconds", "overslept"), [(0.3, 0.0), (0.0, 0.3)])
+def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(
+    pair_of, monkeypatch, seconds, overslept
+):
+    """Its thread, on a busy computer, comes late to wait for the begin, or oversleeps it."""
+    monkeypatch.setattr(member_module, "LATEST", 0.01)  # here a later begin would do, too
     own = CellMember.entered
 
     def late(member, trajectory, pause):
@@ -208,29 +208,7 @@ def start_with_a_late_arm(pair_of, monkeypatch, seconds, *, overslept=0.0):
 
     monkeypatch.setattr(CellMember, "entered", late)
     pair, _, wanted = task_of(pair_of, 33)
-    return pair, pair.cell.start_together(wanted)
-
-
-def test_an_arm_that_is_ready_late_begins_with_the_other(pair_of, monkeypatch):
-    pair, motions = start_with_a_late_arm(pair_of, monkeypatch, 0.04)
-    began = {}
-    while len(began) < 2:
-        assert not any(motion.future.done() for motion in motions.values())
-        wait([motion.future for motion in motions.values()], timeout=0.001)
-        pair.advance(0.0002)
-        for name, arm in (("left", pair.left), ("right", pair.right)):
-            if arm.is_moving:
-                began.setdefault(name, pair.clock.now())
-    assert abs(began["left"] - began["right"]) < 0.011, "one cycle"
-    pair.arrive(*motions.values())
-
-
-@pytest.mark.parametrize(("seconds", "overslept"), [(0.3, 0.0), (0.0, 0.3)])
-def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(
-    pair_of, monkeypatch, seconds, overslept
-):
-    monkeypatch.setattr(member_module, "LATEST", 0.01)  # here a later begin would do, too
-    pair, motions = start_with_a_late_arm(pair_of, monkeypatch, seconds, overslept=overslept)
+    motions = pair.cell.start_together(wanted)
     before = pair.left.state.q_ref
     while not motions["left"].future.done():  # slowly: the threads are to come in time
         wait([motions["left"].future], timeout=0.001)
@@ -315,33 +293,12 @@ def test_a_stop_while_arms_are_planned_for_together_leaves_all_where_they_are(pa
 # Four arms, crowded: a share of benchmarks/bench_crowd.py
 
 
-@pytest.fixture
-def crowd(layout):
-    with Crowd(LAYOUTS[layout], seed=11).opened() as crowd:
-        yield crowd
-
-
-@pytest.mark.parametrize("layout", ["ring"])
-def test_four_arms_that_follow_targets_into_the_middle_keep_apart(crowd):
-    ends = follow_targets(crowd, 150)
+def test_four_arms_that_follow_targets_into_the_middle_keep_apart():
+    with Crowd(LAYOUTS["ring"], seed=11).opened() as crowd:
+        ends = follow_targets(crowd, 150)
     assert crowd.touching == 0
     assert ends["held by another [arm ticks]"] > 150
     assert 0.5 * GUARDED < crowd.solids.nearest_hulls < 2.0 * GUARDED
-
-
-@pytest.mark.parametrize("layout", ["ring"])
-def test_four_arms_that_are_sent_together_arrive_together(crowd):
-    assert together(crowd, 1) == {"arrived": 1}
-    assert crowd.touching == 0
-    assert crowd.solids.nearest_hulls > 0.8 * ROOM
-
-
-@pytest.mark.parametrize("layout", ["square"])
-def test_four_arms_that_are_sent_while_the_others_move_arrive_or_are_told_why_not(crowd):
-    ends = by_themselves(crowd, 1)
-    assert crowd.touching == 0
-    assert ends["hangs"] == 0
-    assert ends["arrived"] > 0
 
 
 # Handing over an object
@@ -446,13 +403,6 @@ def test_an_object_that_was_lost_is_not_passed_on(bench):
 # Followings, jogs and streams
 
 
-@pytest.fixture
-def pair_in_the_way(pair_of):
-    """The right arm reaches to the middle; the left one is turned aside."""
-    left, right = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
-    return pair_of(Facing(0), left, right)
-
-
 def test_an_arm_with_a_following_that_has_no_target_yet_is_seen_where_it_stands(pair_of, clock):
     before, there = np.radians([[100.0, -90.0, 80.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
     beside, beyond = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -60.0, 50.0, 60.0, 0.0]])
@@ -491,8 +441,9 @@ def test_two_jogs_towards_each_other_hold_and_part_again(pair_of, clock):
     assert pair.gap() > 2.0 * GUARDED
 
 
-def test_a_stream_into_another_arm_ends_before_it(pair_in_the_way, clock):
-    pair = pair_in_the_way
+def test_a_stream_into_another_arm_ends_before_it(pair_of, clock):
+    starts = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
+    pair = pair_of(Facing(0), *starts)
     stream = in_time(clock, pair.left.stream)
     q, share = pair.left.state.q_ref, np.linspace(0.0, 1.0, 301)
     turn = np.radians(-80.0) * (10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5)
@@ -756,17 +707,6 @@ def test_it_stops_before_contact_within_its_limits_and_names_what_is_there(
     dt = 0.01
     for order, most in ((2, np.radians(600.0)), (3, 200.0)):
         assert np.abs(np.diff(played.q, order, axis=0)).max() / dt**order < 1.05 * most
-
-
-def test_a_fast_one_stops_farther_away_because_servos_swing_past_a_stop(swift, clock):
-    far = np.radians([105.0, -45.0, 45.0, 60.0, 0.0])
-    to_far = swing(LEFT, far, 3.0)
-    assert Played(swift, clock, to_far).error is None
-    swift.scene = swift.scene.with_obstacles([CRATE])
-    played = Played(swift, clock, swing(far, RIGHT, 2.5))
-    assert "'crate'" in str(played.error)
-    assert np.abs(np.diff(played.q, axis=0)).max() > 0.01 * np.radians(60.0)
-    assert INEXACT < played.nearest < 0.05
 
 
 NEAR = 0.002

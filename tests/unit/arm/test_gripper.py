@@ -2,7 +2,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from harness.retarget import retarget
 
 from so101_motion.arm import gripper as gripper_module
 from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
@@ -134,23 +133,6 @@ def test_a_grip_presses_as_gently_as_it_is_told_also_while_it_holds(rig, gripper
             gripper.set_force(force)
 
 
-def test_an_opening_jaw_holds_nothing(rig, gripper):
-    rig.after(3.0, meet(rig, gripper, grab(gripper)).future)
-    assert gripper.is_holding
-    gripper.move(0.6, wait=False)
-    assert not gripper.is_holding
-
-
-def test_a_newer_motion_is_not_undone_by_the_grip_of_the_older(rig, gripper):
-    rig.after(3.0, gripper.move(0.5, wait=False).future)
-    grab = gripper.grab(wait=False)
-    rig.clock.advance(0.1)
-    rig.after(3.0, gripper.move(0.9, wait=False).future)
-
-    assert isinstance(grab.future.exception(timeout=0), Interrupted)
-    assert gripper.aperture == pytest.approx(0.9, abs=1e-3)
-
-
 def test_a_limp_jaw_cannot_be_moved(rig, gripper):
     rig.after(0.1, rig.executor.release())
 
@@ -169,17 +151,6 @@ def test_an_alarm_of_the_jaw_ends_its_motion_and_not_the_arm_s(rig, gripper):
     assert (error.joint, error.reason) == ("gripper", "71 degC")
     assert error.recent
     rig.after(3.0, arm)
-
-
-def test_new_angles_for_old_places_move_nothing(rig):
-    rig.after(3.0, retarget(rig.executor, [0.4, 0, 0, 0, 0], rig.limits))
-    written = len(rig.arm.tape)
-
-    rig.after(0.1, rig.executor.call_and_rehold(lambda arm: arm.count_anew(0.2)))
-
-    assert rig.state.q_ref == pytest.approx([0.6, 0.2, 0.2, 0.2, 0.2], abs=1e-3)
-    assert len(rig.arm.tape) == written + 1, "the goal was seeded, once"
-    assert rig.arm.goals[-1] == pytest.approx(rig.state.q_ref, abs=1e-6)
 
 
 def test_a_stop_of_a_grab_that_has_just_met_something_presses_no_further(rig, gripper):

@@ -164,35 +164,6 @@ def test_a_newer_motion_tells_the_older_one_at_once(motions) -> None:
     gate.set()
 
 
-def test_a_motion_in_preparation_yields_to_a_newer_one(told) -> None:
-    newer: list[Motion] = []
-
-    def rest() -> Future[None]:
-        told.append("rest")
-        if len(told) == 1:
-            asking = threading.Thread(target=lambda: newer.append(motions.start(lambda _: None)))
-            asking.start()
-        return over()
-
-    motions = MotionQueue(rest)
-    gate = threading.Event()
-
-    def run(motion: Motion) -> Future[None]:
-        gate.wait(60.0)
-        with motion.begin():
-            return Future()
-
-    motion = motions.start(run)
-    while not newer:
-        threading.Event().wait(0.001)
-    gate.set()
-    with pytest.raises(Interrupted, match="a newer motion"):
-        motion.result(60.0)
-    newer[0].result(60.0)
-    motions.close()
-    assert told[0] == "rest"
-
-
 def test_an_interrupted_motion_never_begins_and_its_wait_leaves_another_alone():
     motion, other = Motion(), Motion()
     motion.interrupt("cancelled")

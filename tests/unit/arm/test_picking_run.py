@@ -11,9 +11,8 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import Interrupted, MotionError, NoPath
 from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
-from so101_motion.planning.collision.scene import FLOOR_Z, Attached, Box, Obstacle, Scene, Tool
+from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.tasks.picking import PickOperation
 
 pytestmark = pytest.mark.usefixtures("planning_process")
 
@@ -63,18 +62,6 @@ def test_a_cube_is_picked_held_and_placed_where_it_was_asked_for(rig):
     np.testing.assert_allclose(rig.things.where("cube").p, believed.p, atol=2e-3)
     assert not rig.arm.scene.attached
     assert said == ["'cube' is held"]
-
-
-def test_a_tool_on_the_gripper_is_not_what_it_holds(rig):
-    mount = Attached(
-        name="camera",
-        shape=Box(size=(0.02, 0.02, 0.02)),
-        T_tool_object=SE3.from_translation((0.05, 0.0, 0.03)),
-        fixed=True,
-    )
-    rig.arm.set_tool(Tool(name="camera", parts=(mount,), frames={}))
-    finish(rig, rig.picker.start("cube"))
-    assert [each.name for each in rig.arm.scene.attached] == ["camera", "cube"]
 
 
 def test_where_nothing_is_the_jaw_closes_on_nothing_and_says_so_each_time(rig):
@@ -130,24 +117,3 @@ def test_what_cannot_be_picked_moves_nothing(rig):
     with pytest.raises(NoPath, match="planning: 'cube' is 20 mm too wide"):
         finish(rig, rig.picker.start("cube"))
     np.testing.assert_array_equal(rig.arm.q, q)
-
-
-def test_one_operation_plans_shows_and_carries_out(rig):
-    operation = PickOperation(rig.picker)
-    plan = operation.view.offer("plan_pick")
-    assert plan.arguments == {"item": "cube", "place": ""}
-    assert operation.view.offer("run").why_not == "plan it first"
-    facts = operation.ask("plan_pick", item="cube", place="150,-150,0")
-    assert facts["thickness_mm"] == pytest.approx(30.0, abs=0.1)
-    view = operation.view
-    assert view.state == "planned"
-    assert [row.label for row in view.rows] == list(facts["stages_s"])
-    assert len(view.picture.ghosts) == len(view.rows)
-    started = operation.begin("run")
-    until(rig, started.future.done)
-    started.future.result()
-    assert started.answer()["held"] == []
-    assert [said.text for said in operation.view.said][-1] == "'cube' is put down"
-    assert {row.mark for row in operation.view.rows} <= {"✓", "•"}
-    (item,) = operation.ask("list_items")["items"]
-    np.testing.assert_allclose(item["position_mm"][:2], (150.0, -150.0), atol=2.0)

@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from harness import endless_plan
 
 from so101_motion.arm.plan_messages import Scenes, packed, unpacked
 from so101_motion.arm.planning_worker import SHARE, PlanningWorker
 from so101_motion.common.errors import ConfigError, NoPath, OutsideLimits, WorkerError
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.collision.scene import Box, Obstacle, PointCloud, Scene
+from so101_motion.planning.collision.scene import Obstacle, PointCloud, Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
@@ -75,23 +76,13 @@ def test_an_error_comes_back_with_its_fields(worker):
     assert caught.value.value == pytest.approx(math.radians(95.0))
 
 
-def _box(name, size, at):
-    box = Box(size=np.array(size))
-    return Obstacle(name=name, shape=box, T_base_obstacle=SE3.from_translation(at))
-
-
 def endless_request():
-    """A plan that is searched in vain for a minute: a wall and a roof are in the way."""
-    q = np.radians([60.0, 0.0, 0.0, 0.0, 0.0])
-    around = (
-        _box("wall", (0.6, 0.02, 1.2), (0.39, 0.0, 0.6)),
-        _box("roof", (1.0, 1.0, 0.02), (0.0, 0.0, 0.3)),
-    )
+    """A plan that is searched in vain for a minute."""
     return PlanRequest(
-        q_start=q,
-        goal=JointGoal(q=-q),
+        q_start=endless_plan.Q_START,
+        goal=JointGoal(q=endless_plan.Q_GOAL),
         limits=LIMITS,
-        scene=Scene(obstacles=around),
+        scene=endless_plan.SCENE,
         time_budget=60.0,
     )
 
@@ -217,7 +208,7 @@ def test_a_child_that_computes_for_long_does_not_hang(impatient):
 
 PARENT = """
 import sys, time
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = sys.argv[1].split()
 from test_planning_worker import endless_request, pid_of
 from so101_motion.arm.planning_worker import PlanningWorker
 worker = PlanningWorker(copies=sys.argv[2] == "copied")
@@ -251,8 +242,8 @@ def is_alive(pid):
 
 @pytest.mark.parametrize(("busy", "count"), [("starting", 1), ("copied", 4)])
 def test_all_children_end_when_their_parent_is_killed(busy, count):
-    folder = str(Path(__file__).parent)
-    command = [sys.executable, "-c", PARENT, folder, busy]
+    folders = f"{Path(__file__).parent} {Path(__file__).parents[2]}"
+    command = [sys.executable, "-c", PARENT, folders, busy]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
         pids = [int(each) for each in parent.stdout.readline().split()]
         assert len(pids) == count

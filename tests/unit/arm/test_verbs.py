@@ -133,13 +133,6 @@ def test_a_prompt_shows_what_there_is(rig):
     assert "simulated arm" in repr(rig)
 
 
-def test_the_jaw_moves_and_grabs(rig):
-    rig.gripper.move(0.5)
-    assert rig.gripper.aperture == pytest.approx(0.5, abs=1e-3)
-    rig.gripper.grab()
-    assert rig.gripper.aperture == pytest.approx(0.0, abs=1e-2)
-
-
 @pytest.mark.parametrize("opened", ["follow", "jog", "stream"])
 def test_leaving_the_block_brings_the_arm_to_rest(rig, opened):
     with getattr(rig.arm, opened)() as source:

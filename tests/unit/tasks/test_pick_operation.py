@@ -40,7 +40,10 @@ def test_one_command_moves_the_cube_onto_the_tray(planning_process):
 def test_what_was_planned_in_another_scene_is_not_carried_out(planning_process):
     with open_simulated(scene=cube_and_tray(), clock=ManualClock()) as rig:
         operation = PickOperation(rig.picker)
-        operation.begin("plan_pick", item="cube")
+        assert operation.view.offer("run").why_not == "plan it first"
+        facts = operation.ask("plan_pick", item="cube")
+        assert [row.label for row in operation.view.rows] == list(facts["stages_s"])
+        assert len(operation.view.picture.ghosts) == len(operation.view.rows)
         assert {offer.command: offer.why_not for offer in operation.view.offers}["run"] is None
         at = SE3.from_translation([0.2, 0.0, 0.1])
         wall = Obstacle(name="wall", shape=Box(size=[0.02, 0.4, 0.2]), T_base_obstacle=at)
