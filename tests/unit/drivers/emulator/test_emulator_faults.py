@@ -88,8 +88,3 @@ def test_nonsense_is_refused_with_the_text_in_the_message(text):
     with pytest.raises(ConfigError) as caught:
         parse_fault(text)
     assert repr(text) in str(caught.value)
-
-
-def test_share_outside_zero_to_one_is_refused():
-    with pytest.raises(ConfigError, match="corrupt"):
-        WireFaults(corrupt=2.0)

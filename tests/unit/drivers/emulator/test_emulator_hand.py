@@ -8,7 +8,6 @@ from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.drivers.emulator.hand import (
-    STRENGTH,
     Hand,
     Waypoint,
     jaw_angle_for_gap,
@@ -63,13 +62,6 @@ def test_hand_gives_in_at_a_stop_and_cannot_overpower_a_servo_that_holds(bench):
     assert math.degrees(bench.world.q[2]) == pytest.approx(90.8, abs=2.0)
 
 
-def test_pull_is_limited():
-    hand = Hand((Waypoint(t=0.0, joint="gripper"), Waypoint(t=1.0, joint="gripper", q=9.0)))
-    assert hand.torque("gripper", 0.0, 0.0, 0.0) == 0.0
-    assert hand.torque("gripper", 1.5, 0.0, 0.0) == STRENGTH
-    assert hand.torque("wrist_roll", 1.5, 0.0, 0.0) == 0.0
-
-
 def test_jaw_angle_follows_the_table_of_gaps():
     assert math.degrees(jaw_angle_for_gap(0.0)) == pytest.approx(-11.5)
     assert math.degrees(jaw_angle_for_gap(0.0158)) == pytest.approx(0.0)
@@ -104,12 +96,6 @@ def pass_time(kit, clock, seconds):
 
 def plugged_in(kit):
     return [servo.joint.name for servo in kit.world.servos if servo.connected]
-
-
-def test_a_new_kit_has_six_servos_with_the_same_id_and_none_plugged_in(make_kit):
-    kit, _ = make_kit(ids=dict.fromkeys(range(1, 7), 1), loose=True, calibrated=False)
-    assert plugged_in(kit) == []
-    assert {servo.memory.bytes[5] for servo in kit.world.servos} == {1}
 
 
 def test_one_servo_alone_is_plugged_in_and_in_the_end_all(make_kit):

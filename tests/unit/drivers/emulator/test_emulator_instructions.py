@@ -47,18 +47,6 @@ def test_every_register_can_be_read(bench):
     assert whole[:6] == bytes((3, 10, 0, 9, 3, 3))  # firmware 3.10, model 777, id 3
 
 
-def test_arm_is_configured_as_lerobot_does_it(bench):
-    writes = (
-        (reg.TORQUE_ENABLE, 0), (reg.LOCK, 0), (reg.RETURN_DELAY, 0), (reg.MAX_ACCELERATION, 254),
-        (reg.ACCELERATION, 254), (reg.MODE, 0), (reg.P_GAIN, 16), (reg.I_GAIN, 0),
-        (reg.D_GAIN, 32), (reg.TORQUE_ENABLE, 1), (reg.LOCK, 1),
-    )  # fmt: skip
-    for servo_id in range(1, 7):
-        assert {bench.write(servo_id, row, value) for row, value in writes} == {0}
-        kept = dict(writes)
-        assert {row: bench.read(servo_id, row) for row in kept} == kept
-
-
 def test_unknown_instruction_is_acknowledged(bench):
     assert bench.ask_one(1, 0x63).data == b""
 
@@ -74,14 +62,6 @@ def test_id_change_is_acknowledged_under_the_old_id(bench):
     assert bench.ask_one(6, Code.WRITE, bytes((reg.ID.address, 17))).servo_id == 6
     assert bench.ask(6, Code.PING) == []
     assert bench.ask_one(17, Code.PING).servo_id == 17
-
-
-def test_baud_change_is_acknowledged_at_the_old_rate(bench):
-    assert bench.ask_one(1, Code.WRITE, bytes((reg.BAUD.address, 4))).servo_id == 1
-    assert bench.ask(1, Code.PING) == []
-    (reply,) = bench.raw(frame(1, Code.PING), baud=115_200)
-    assert reply.after == pytest.approx(120 / 115_200 + TURNAROUND)
-    assert bench.raw(frame(2, Code.PING), baud=115_200) == []
 
 
 def test_registered_write_waits_for_action(bench):
@@ -113,21 +93,6 @@ def test_broadcast_ping_is_answered_in_slots_by_id(bench):
     assert [reply.data[2] for reply in replies] == [1, 2, 3, 4, 5, 6]
     gaps = {round((b.after - a.after) / BYTE, 6) for a, b in pairwise(replies)}
     assert gaps == {9.0}
-
-
-def test_sync_write_reaches_each_with_its_own_share(bench):
-    shares = b"".join(bytes((i,)) + word(2000 + i) for i in (1, 2, 3, 4, 5, 6))
-    assert bench.ask(BROADCAST, Code.SYNC_WRITE, bytes((42, 2)) + shares) == []
-    assert [bench.read(i, reg.GOAL_POSITION) for i in range(1, 7)] == list(range(2001, 2007))
-
-
-def test_two_servos_with_one_id_garble_what_differs(bench):
-    bench.world.servo(2).memory.set(reg.ID, 1)
-    (ping,) = bench.raw(frame(1, Code.PING))
-    assert ping.data == bytes.fromhex("FF FF 01 02 00 FC")  # the same from both
-    bench.world.servo(2).drive.shaft.put(1234)
-    (position,) = bench.raw(frame(1, Code.READ, bytes((56, 2))))
-    assert position.data[-3:-1] == bytes((0x00 & 0xD2, 0x08 & 0x04))
 
 
 def test_reboot_is_silent_for_most_of_a_second_and_forgets_ram(bench):
@@ -169,13 +134,6 @@ def test_offset_moves_the_position_frame_from_the_next_control_period_on(bench):
     assert bench.read(1, reg.PRESENT_POSITION) == 1
 
 
-def test_offset_change_under_torque_does_not_move_the_joint(bench):
-    bench.write(1, reg.TORQUE_ENABLE, 1)
-    bench.write(1, reg.OFFSET, 300)
-    bench.advance(1.0)
-    assert bench.world.q[0] == pytest.approx(0.0, abs=1e-3)
-
-
 def test_turns_are_counted_until_cleared(bench):
     drive = bench.world.servo(5).drive
     drive.shaft.lower, drive.shaft.upper = -1e6, 1e6
@@ -187,23 +145,6 @@ def test_turns_are_counted_until_cleared(bench):
     assert bench.read(5, reg.PRESENT_POSITION) == 5548 - 4096
     bench.write(5, reg.PHASE, 12)
     assert bench.read(5, reg.PRESENT_POSITION) == 5548 - 4096
-
-
-def test_joint_pushed_over_the_seam_unwinds_a_whole_turn(bench):
-    drive = bench.world.servo(5).drive
-    drive.shaft.lower, drive.shaft.upper = -1e6, 1e6
-    drive.shaft.put(4200.0)  # by hand; reads as 104
-    assert bench.read(5, reg.PRESENT_POSITION) == 104
-    bench.write(5, reg.GOAL_POSITION, 200)
-    bench.advance(0.1)
-    assert drive.shaft.velocity < 0
-
-
-def test_encoder_may_count_backwards(bench):
-    bench.world.servo(1).drive.shaft.put(1000.0)
-    bench.write(1, reg.PHASE, 12 | reg.PHASE_ENCODER_REVERSED)
-    bench.write(1, reg.OFFSET, 0)
-    assert bench.read(1, reg.PRESENT_POSITION) == 3095
 
 
 def test_defaults_or_a_saved_backup_come_back_except_the_id(bench):
@@ -254,10 +195,3 @@ def test_a_goal_switches_torque_on_unless_told_otherwise(make_bench):
         assert bench.read(1, reg.PRESENT_POSITION) == (
             pytest.approx(2300, abs=3) if is_firmware else 2048
         )
-
-
-def test_equal_answers_of_two_servos_with_one_id_collide_now_and_then(make_bench):
-    bench = make_bench(ids={1: 1, 2: 1})
-    alone = make_bench().raw(frame(1, Code.PING))[0].data
-    answers = [bench.raw(frame(1, Code.PING))[0].data for _ in range(100)]
-    assert 10 < sum(answer != alone for answer in answers) < 60

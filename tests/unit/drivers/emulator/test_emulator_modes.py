@@ -49,16 +49,6 @@ def test_in_pwm_mode_a_larger_duty_turns_it_faster(bench):
     assert bench.read(ROLL, reg.PRESENT_VELOCITY) > 0
 
 
-@pytest.mark.parametrize("wait", [0.05, 0.2, 0.203])
-def test_a_duty_turns_the_servo_however_long_it_stood(bench, wait):
-    in_mode(bench, reg.PWM_MODE)
-    bench.advance(wait)
-    before = position(bench)
-    bench.write(ROLL, reg.GOAL_TIME, 400)
-    bench.advance(0.3)
-    assert position(bench) < before - 100
-
-
 def test_the_homing_offset_applies_in_position_and_step_mode_only(bench):
     bench.write(ROLL, reg.OFFSET, reg.encode_offset(500))
     read, at_once, setpoints = [], [], []
@@ -84,14 +74,3 @@ def test_in_step_mode_a_goal_is_so_much_farther(bench):
     bench.write(ROLL, reg.GOAL_POSITION, 100)
     bench.advance(1.0)
     assert position(bench) - begin == pytest.approx(250, abs=10), "clamped like any goal"
-
-
-def test_torque_off_ends_it(bench):
-    in_mode(bench, reg.SPEED_MODE)
-    bench.write(ROLL, reg.GOAL_VELOCITY, 400)
-    bench.advance(0.5)
-    bench.write(ROLL, reg.TORQUE_ENABLE, 0)
-    bench.advance(1.0)
-    stopped = position(bench)
-    bench.advance(0.5)
-    assert position(bench) == pytest.approx(stopped, abs=1)

@@ -145,15 +145,6 @@ def test_loop_is_proportional_beyond_the_dead_zone_plus_startup_force():
     ]  # fmt: skip
 
 
-def test_loop_answers_the_same_error_by_its_present_gains():
-    loop = Loop(GAINS)
-    assert [loop.step(26, integrate=True) for _ in range(3)] == [100 + 16] * 3
-    loop.gains = replace(GAINS, startup=0)
-    assert loop.step(26, integrate=True) == 100
-    loop.reset()
-    assert loop.step(26, integrate=True) == 100
-
-
 def test_loop_damps_what_changed_in_the_last_window():
     loop = Loop(replace(GAINS, p=0, d=32, startup=0))
     outputs = [loop.step(11 if step else 0, integrate=True) for step in range(21)]

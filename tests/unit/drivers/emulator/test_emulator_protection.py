@@ -133,17 +133,6 @@ def test_voltage_is_reported_but_not_acted_upon_by_default(bench):
     assert bench.read(1, reg.STATUS) == 0
 
 
-def test_voltage_fault_that_is_masked_in_stops_the_motor(bench):
-    bench.write(1, reg.UNLOADING, 45)
-    bench.write(1, reg.MIN_VOLTAGE, 110)
-    bench.world.power(10.0)
-    bench.advance(0.1)
-    bench.write(1, reg.GOAL_POSITION, 2300)
-    bench.advance(1.0)
-    assert bench.read(1, reg.STATUS) == reg.VOLTAGE_FAULT
-    assert bench.read(1, reg.PRESENT_POSITION) == 2048
-
-
 def test_low_voltage_servos_on_twelve_volts_complain(make_bench):
     bench = make_bench(kind=STS3215_7V4, volts=12.1)
     bench.advance(0.1)
@@ -152,47 +141,6 @@ def test_low_voltage_servos_on_twelve_volts_complain(make_bench):
 
 
 # Supply, heat and current
-
-
-def test_supply_sags_while_many_joints_pull(make_bench, constant_load):
-    bench = make_bench(gravity=constant_load(**{f"j{n}": 4.5 for n in range(1, 7)}))
-    resting = bench.read(1, reg.PRESENT_VOLTAGE)
-    for servo_id in range(1, 7):
-        bench.write(servo_id, reg.TORQUE_ENABLE, 1)
-    bench.advance(0.4)
-    assert resting == 120
-    assert 105 <= bench.read(1, reg.PRESENT_VOLTAGE) <= 116
-
-
-def test_brown_out_reboots_every_servo(bench):
-    for servo_id in range(1, 7):
-        bench.write(servo_id, reg.TORQUE_ENABLE, 1)
-    bench.world.power(3.0)
-    bench.advance(0.1)
-    assert all(bench.ask(i, Code.PING) == [] for i in range(1, 7))
-    bench.world.power(12.0)
-    bench.advance(0.5)
-    assert bench.ask(1, Code.PING) == []
-    bench.advance(0.5)
-    assert [bench.read(i, reg.TORQUE_ENABLE) for i in range(1, 7)] == [0] * 6
-
-
-def test_weak_supply_is_shown_and_slows_the_arm(bench):
-    bench.world.power(6.0)
-    bench.write(1, reg.GOAL_POSITION, 3400)
-    bench.advance(0.6)
-    assert bench.read(1, reg.PRESENT_VOLTAGE) in (58, 59, 60)
-    assert bench.read(1, reg.PRESENT_VELOCITY) < 1600
-
-
-def test_unplugged_servo_is_silent_and_limp_and_comes_back_rebooted(bench):
-    bench.write(3, reg.TORQUE_ENABLE, 1)
-    bench.world.disconnect("elbow_flex")
-    assert bench.ask(3, Code.PING) == []
-    assert len(bench.ask(4, Code.PING)) == 1
-    bench.world.connect("elbow_flex")
-    bench.advance(1.0)
-    assert bench.read(3, reg.TORQUE_ENABLE) == 0
 
 
 def test_a_torque_of_one_and_a_half_newton_metres_is_held_at_forty_eight_degrees():

@@ -4,7 +4,7 @@ import pytest
 
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.memory import Memory
-from so101_motion.drivers.emulator.registers import REGISTERS, Keep
+from so101_motion.drivers.emulator.registers import REGISTERS
 
 
 def test_rows_do_not_overlap_and_stay_inside_the_map():
@@ -55,18 +55,3 @@ def test_torque_limit_follows_its_maximum_at_power_up_only():
     assert memory.value(reg.TORQUE_LIMIT) == 1000
     memory.boot()
     assert memory.value(reg.TORQUE_LIMIT) == 500
-
-
-def test_reading_over_the_end_is_cut_there():
-    memory = Memory()
-    assert memory.read(85, 10) == bytes((100, 1))
-    assert memory.read(87, 1) is None
-
-
-def test_ram_starts_from_zero_whatever_it_was():
-    memory = Memory()
-    rows = [row for row in REGISTERS.values() if row.keep is Keep.RAM and row is not reg.LOCK]
-    for row in rows:
-        memory.set(row, 1)
-    memory.boot()
-    assert {memory.raw(row) for row in rows} == {0, 1000}  # 1000: the torque limit
