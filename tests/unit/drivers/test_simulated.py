@@ -33,12 +33,6 @@ def test_joints_come_to_the_goal_and_rest_there(clock, arm):
     assert reading.q_jaw == pytest.approx(0.4, abs=1e-9)
 
 
-def test_after_a_small_step_a_joint_is_within_a_hundredth_degree_in_a_fifth_of_a_second(clock, arm):
-    arm.write(np.full(5, np.radians(1.0)), 0.0)
-    clock.advance(0.2)
-    assert np.max(np.abs(np.degrees(arm.read().q) - 1.0)) < 0.01
-
-
 def test_a_joint_never_overshoots_and_never_exceeds_its_speed(clock, arm):
     set_off(arm, Q, 0.4)
     seen = []
@@ -49,14 +43,6 @@ def test_a_joint_never_overshoots_and_never_exceeds_its_speed(clock, arm):
     assert np.all(np.diff(q * np.sign(Q), axis=0) >= -1e-12)
     assert np.max(np.abs(qd)) <= MAX_SPEED
     assert np.max(np.abs(qd)) > 0.95 * MAX_SPEED
-
-
-def test_a_steady_ramp_is_followed_two_time_constants_behind(clock, arm):
-    for k in range(200):
-        arm.write(np.full(5, 0.005 * k), 0.0)
-        clock.advance(0.01)
-    # 0.5 rad/s for 40 ms, and half a period for holding each goal until the next
-    assert arm.read().q[0] == pytest.approx(0.005 * 200 - 0.5 * (0.04 + 0.005), abs=2e-3)
 
 
 @given(
@@ -78,16 +64,6 @@ def test_motion_does_not_depend_on_how_often_it_is_looked_at(goals, cuts):
     np.testing.assert_allclose(one.q, other.q, atol=1e-9)
     np.testing.assert_allclose(one.qd, other.qd, atol=1e-7)
     assert one.q_jaw == pytest.approx(other.q_jaw, abs=1e-9)
-
-
-def test_velocity_is_the_slope_of_the_position(clock, arm):
-    set_off(arm, Q)
-    for _ in range(100):
-        clock.advance(0.005)
-        before = arm.read()
-        clock.advance(1e-6)
-        after = arm.read()
-        np.testing.assert_allclose((after.q - before.q) / 1e-6, before.qd, atol=2e-3)
 
 
 def test_limp_joints_stay_where_they_are_pushed(clock):
@@ -144,12 +120,6 @@ def test_a_broken_connection_raises_and_the_joints_go_on(clock, arm):
     clock.advance(1.0)
     arm.reconnect()
     np.testing.assert_allclose(arm.read().q, Q, atol=1e-9)
-
-
-def test_a_closed_arm_cannot_be_talked_to(arm):
-    arm.close()
-    with pytest.raises(ConnectionError, match="closed"):
-        arm.read()
 
 
 def test_driven_joints_refuse_a_goal_that_is_further_away_than_their_caps_allow(clock, arm):

@@ -193,10 +193,3 @@ def test_two_servos_with_one_id_are_noticed_as_garbage(port, bus):
     port.world.servo(2).drive.shaft.output += 700.0
     with pytest.raises(CorruptReply, match="other servo has the id 1"):
         bus.read(1, POSITION)
-
-
-def test_counters_go_on_with_the_next_bus(port, bus):
-    bus.ping(1)
-    following = Bus(port, counters=bus.counters, reply_timeout=0.0)
-    following.ping(1)
-    assert bus.counters[1].answers == 2

@@ -216,16 +216,3 @@ def test_no_goal_is_sent_to_a_joint_outside_its_limits(make_stand, is_guided):
 
 
 # Health
-
-
-def test_a_fault_is_reported_by_name_and_costs_no_reading(stand):
-    stand.hold()
-    stand.port.world.warm(ELBOW, 75.0)
-    stand.follow(0.5, np.zeros(5))
-    hot = stand.arm.health[2]
-    assert hot.faults == hot.latched == ("overheated",)
-    stand.port.world.servo(ELBOW).drive.motor.temperature = 40.0
-    stand.port.world.cool(ELBOW)
-    stand.follow(0.5)
-    assert stand.arm.health[2].faults == ()
-    assert stand.arm.health[2].latched == ("overheated",)

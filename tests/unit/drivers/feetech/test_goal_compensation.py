@@ -20,7 +20,7 @@ from so101_motion.drivers.feetech.lag_compensation import (
 )
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.goal_limiter import GoalLimiter
-from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoFigures
+from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 
 NAMES = tuple(MAPS)
 LIFT = NAMES.index("shoulder_lift")
@@ -171,15 +171,6 @@ def test_friction_changes_sides_before_the_joint_turns_and_is_done_soon_after():
     assert ways[50] == -1.0
 
 
-def test_friction_changes_sides_earlier_the_farther_the_goal_has_to_step():
-    def begins(kind, weight):  # [s] before the turn, beyond the delay of a goal
-        ways, _ = turned(TURNS, weights=np.full(120, weight), kind=kind)
-        return 0.5 - kind.goal_delay - DT * np.argmax(ways[20:] < 1.0) - 20 * DT
-
-    assert begins(STS3215_7V4, 1.0) > begins(STS3215_12V, 1.0) + 0.015
-    assert begins(STS3215_12V, 1.0) > begins(STS3215_12V, 0.0) + 0.015
-
-
 def test_the_motor_goes_through_all_of_the_play_and_no_further():
     _, crossing = turned(TURNS)
     assert DT * crossing[crossing < 0.0].sum() == pytest.approx(-PLAY)
@@ -194,10 +185,6 @@ def test_a_joint_that_comes_to_rest_keeps_its_friction_where_it_is():
     assert ways[20:].min() == 1.0
 
 
-def test_nothing_crosses_a_play_that_nobody_knows():
-    assert not turned(TURNS, play=None)[1].any()
-
-
 def test_a_joint_under_load_does_not_cross_its_play_when_it_turns():
     _, crossing = turned(TURNS, weights=np.full(120, 0.5))
     assert not crossing[10:].any()
@@ -208,22 +195,6 @@ def test_a_load_that_changes_sides_has_the_motor_bring_the_joint_back():
     _, crossing = turned(-speeds, weights=np.linspace(-0.5, 0.5, 120))
     assert DT * crossing[20:].sum() == pytest.approx(PLAY)
     assert crossing.max() < math.radians(4.0), "or it would stand if the load were another"
-
-
-def test_of_a_joint_that_creeps_nothing_is_foreseen():
-    trim = SimpleNamespace(models=[ServoModel()] * 5, ways=[1.0] * 5, weights=[0.0] * 5)
-    slow = [-math.radians(0.5)] * 5
-    assert Reversals(trim).foresee(slow, [0.0] * 5, DT) == [None] * 5
-
-
-def test_a_second_command_at_the_same_time_drives_no_motor_through_its_play():
-    trim = SimpleNamespace(
-        models=[ServoModel(figures=ServoFigures(play=PLAY))] * 5, ways=[0.0] * 5, weights=[0.0] * 5
-    )
-    reversals = Reversals(trim)
-    reversals.foresee([0.5] * 5, [0.0] * 5, DT)
-    reversals.foresee([0.5] * 5, [0.0] * 5, 0.0)
-    assert reversals.crossing == [0.0] * 5
 
 
 # Braking, and what the firmware drops
@@ -257,7 +228,3 @@ def test_what_the_firmware_drops_of_a_set_point_on_its_way_is_known(speed):
         profile.step()
         dropped.append(profile.position - int(profile.position))
     assert cut_off(speed) == pytest.approx(RAD_PER_TICK * sum(dropped) / 300.0, rel=0.05)
-
-
-def test_nothing_is_dropped_of_a_set_point_at_rest_and_it_is_sent_where_the_joint_is():
-    assert cut_off(0.0) == stopping_distance(0.0, BRAKING[0]) == 0.0

@@ -91,16 +91,6 @@ def test_weight_beyond_all_measure_is_not_believed():
     np.testing.assert_allclose(trim.offset, [ServoModel().error_for(LARGEST_SAG)] * 5 + [0.0])
 
 
-def test_a_weaker_servo_may_sag_as_much_as_the_load_of_a_stronger_one_makes_it():
-    def offset(kind):
-        trim = Trim(lambda q: np.full(6, 2.2))
-        trim.models = [ServoModel(kind) for _ in range(6)]
-        start(trim, GOAL, (None,) * 6)
-        return trim.offset[0] / ServoModel(kind).distance(2.2)
-
-    assert offset(STS3215_7V4) == offset(STS3215_12V) == 1.0
-
-
 def test_half_a_second_after_a_motion_what_is_within_the_tolerance_is_left_alone():
     trim = Trim(weightless)
     start(trim, GOAL)
@@ -229,9 +219,3 @@ def test_a_weaker_supply_takes_a_larger_error(kind, volts):
     assert duty**kind.duty_shape * volts * kind.torque_per_volt == pytest.approx(0.8)
     assert servo.distance(-0.8) == -servo.distance(0.8)
     assert servo.distance(0.8, 1.0) > servo.distance(0.8)
-
-
-def test_friction_grows_with_the_load_and_is_least_for_one_that_is_lowered_fast():
-    servo = ServoModel()
-    assert servo.friction(0.0, 1.0) < servo.friction(1.0, -1.0) < servo.friction(1.0, 1.0)
-    assert servo.friction(1.0, 1.0, 3.0) < servo.friction(1.0, 1.0)

@@ -176,19 +176,6 @@ def test_answers_that_are_lost_as_it_ends_put_no_joint_elsewhere(make):
     assert np.degrees(reading.q) == pytest.approx(arm.q_deg[:5], abs=0.5)
 
 
-def test_a_jaw_that_is_not_heard_while_it_moves_is_taken_to_follow(make):
-    arm = make()
-    arm.arm.guide(Compliance())
-    arm.look(0.5)
-    before = arm.arm.read().q_jaw
-    arm.port.faults.loss = 1.0
-    arm.arm.write(np.zeros(5), 0.4)
-    reading = arm.arm.read()
-    arm.port.faults.loss = 0.0
-
-    assert reading.q_jaw == pytest.approx(before + 0.1, abs=0.02)
-
-
 def test_letting_go_and_holding_again_end_it_too_and_only_a_held_arm_is_guided(make):
     arm = make()
     for on in (True, False):

@@ -175,10 +175,6 @@ def test_ports_of_the_user_come_first_under_his_names_and_once(machine):
 # Why a port cannot be used
 
 
-def test_a_missing_port_is_reported(machine):
-    assert "no such port; check the USB cable" in port_problem(str(machine.folder / "ttyACM0"))
-
-
 def test_a_port_somebody_has_open_is_reported_without_opening_it(machine):
     device = machine.plug("ttyACM0", **KIT)
     assert port_problem(device) is None
