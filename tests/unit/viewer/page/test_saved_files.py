@@ -107,21 +107,6 @@ def names(poses):
     return [pose.name for pose in poses.poses]
 
 
-def test_arm_and_target_can_be_saved_and_aimed_at(poses, page):
-    poses.call("mine")
-    poses.save_arm()
-    poses.call("ghost")
-    poses.save_target()
-    assert names(poses) == ["mine", "ghost"]
-    assert poses.chosen == "ghost"
-    poses.choose("mine")
-    poses.use()
-    np.testing.assert_allclose(page.aimed[-1], 0.1, atol=1e-6)
-    poses.choose("ghost")
-    poses.use()
-    np.testing.assert_allclose(page.aimed[-1], 0.2, atol=1e-6)
-
-
 def test_a_pose_can_be_renamed_and_deleted_and_without_one_there_is_nothing_to_use(poses, page):
     poses.call("mine")
     poses.save_arm()

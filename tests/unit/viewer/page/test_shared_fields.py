@@ -43,14 +43,6 @@ def make():
     return widget, SharedField(widget, done.append, context, units.Unit(round)), commands, done
 
 
-def test_a_field_shows_what_the_page_says_once():
-    widget, field, _, _ = make()
-    field.show(5.2)
-    field.show(5.3)
-    field.show(7.0)
-    assert widget.written == [5, 7]
-
-
 def test_a_field_without_a_value_stays_in_its_place_and_is_grey():
     widget, field, _, _ = make()
     for value, disabled in ((5, False), (None, True), (6, False)):
@@ -134,11 +126,3 @@ def test_a_drop_waits_for_the_command_under_way_and_forgets_the_rest():
     page.join(60.0)
     stopping.join(60.0)
     assert done == ["start", "stop"]
-
-
-def test_who_waits_for_a_command_goes_on_when_one_was_posted():
-    commands = Commands(lambda _error: None)
-    commands.post(lambda: None)
-    commands.wait(timeout=1000.0)
-    commands.wait(timeout=0.0)
-    assert commands.run(), "waiting takes no command away"

@@ -1,9 +1,8 @@
 import json
-from types import SimpleNamespace
 
 import pytest
 from so101_viewer.page import cards, markup, texts
-from so101_viewer.page.bar import Bar, BarButton
+from so101_viewer.page.bar import Bar
 from so101_viewer.page.screen_state import Sentence, Tone
 
 from so101_motion.common.errors import ConfigError, Interrupted
@@ -46,12 +45,6 @@ def test_a_bar_stands_where_its_value_is_and_is_red_near_its_limits_only():
     assert ">12.3 °<" in gauge(12.3456)
 
 
-def test_no_line_ends_within_an_option_that_is_to_be_typed():
-    said = markup.warning("sudo usermod -aG video, log in")
-    assert "sudo usermod <span>-aG</span> video" in said
-    assert "<b>" not in markup.warning("<b> -<b>")
-
-
 def test_every_mode_has_words():
     assert set(texts._MODES) == set(Mode)
 
@@ -73,23 +66,6 @@ def test_an_end_before_the_goal_is_reported_in_one_sentence(error, text):
     said = texts.ended(error)
     assert said.text == text
     assert (said.tone is Tone.BAD) is isinstance(error, ConfigError)
-
-
-def widget(uuid):
-    return SimpleNamespace(_impl=SimpleNamespace(uuid=uuid))
-
-
-def test_the_bar_names_its_buttons_by_their_widgets():
-    bar = Bar()
-    bar.state, bar.title, bar.stop = "Idle, holding", "Arm on X", widget("s")
-    why = "The joints are held already."
-    bar.buttons = (BarButton(label="Hold", button=widget("h"), why_not=why),)
-    told = json.loads(bar.text())
-    assert told["so101"] == "bar"
-    assert (told["state"], told["title"], told["stop"], told["plan"]) == (
-        "Idle, holding", "Arm on X", "s", None,
-    )  # fmt: skip
-    assert told["buttons"] == [{"label": "Hold", "press": "h", "why_not": why, "asks": None}]
 
 
 def test_a_fault_is_said_first_what_only_warns_last_and_all_until_its_source_takes_it_back():

@@ -1,6 +1,5 @@
 import json
 import re
-from contextlib import nullcontext
 from dataclasses import replace
 from datetime import datetime
 from types import SimpleNamespace
@@ -17,7 +16,7 @@ from so101_viewer.panels.film import (
     recording,
     write_recording,
 )
-from so101_viewer.panels.share_panel import FILM, KINDS, RUN, SharePart, content, file_name
+from so101_viewer.panels.share_panel import FILM, KINDS, content, file_name
 from so101_viewer.scene.scene_edits import holder_of
 
 from so101_motion.common.errors import ConfigError
@@ -143,33 +142,3 @@ def test_names_of_files_tell_kinds_plans_and_arms_apart(arm):
     name = "so101-plan-20261121-193005-arm-2-b.json"
     assert file_name(arm, kind, NOW, chosen="arm 2/b") == name
     assert file_name(arm, FILM, NOW, chosen="arm 2/b") == "so101-plan-20261121-193005.html"
-
-
-def test_there_is_no_download_before_a_plan_and_of_the_run_none_before_it_has_run():
-    def widget(_label, options=(), **looks):
-        return SimpleNamespace(value=next(iter(options), None), **looks)
-
-    gui = SimpleNamespace(
-        add_html=lambda html: SimpleNamespace(content=html), add_dropdown=widget, add_button=widget
-    )
-    context = SimpleNamespace(
-        gui=gui,
-        tabs=SimpleNamespace(add_tab=lambda _label: nullcontext()),
-        on_asked=lambda _button, _order: None,
-        leave_open=lambda *_widgets: None,
-    )
-    page = SimpleNamespace(plan_view=None, ran=None, plan_is_current=False)
-    part = SharePart(context, {"": page}, {"": SE3.identity()}, title="Arm")
-
-    def offered():
-        assert part.refresh()
-        part.show()
-        return not part._download.disabled, not part._what.disabled
-
-    assert offered() == (False, False)
-    page.plan_view = SimpleNamespace(name="Plan 1")
-    assert offered() == (True, False)
-    page.ran = (page.plan_view, SimpleNamespace(run=RUN_OF_TWO))
-    part._what.value = RUN
-    assert offered() == (True, True)
-    assert "The last run, of Plan 1." in part._sentence.content

@@ -559,18 +559,3 @@ def test_arms_that_are_guided_by_hand_are_recorded_where_they_stand(bench):
     arm.set_manual(False)
     model.refresh()
     assert model.can_plan
-
-
-def test_a_saved_program_is_among_those_of_several_arms(bench):
-    model = bench.model
-    bench.record(first=aside(55.0), second=aside(50.0))
-    model.call("wave")
-    model.save()
-    assert files.names() == ()
-    model.clear()
-    model.load("wave")
-    np.testing.assert_allclose(model.program.steps[0][SECOND].q, aside(50.0), atol=1e-6)
-    assert bench.says("Loaded wave, 1 step.")
-    model.clear()
-    with pytest.raises(ConfigError, match="record a step first"):
-        model.save()

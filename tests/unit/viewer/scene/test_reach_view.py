@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from so101_viewer.scene.reach_view import Reach, mesh
+from so101_viewer.scene.reach_view import Reach
 
 from so101_motion.common.errors import Unreachable
 from so101_motion.planning.goals import PoseGoal
@@ -31,16 +31,3 @@ def test_the_reachable_area_is_shaded(frame, height):
         p = np.array([*(reach.axis + away), height])
         shaded = any(inner <= radius <= outer for inner, outer in rings)
         assert shaded == can_reach(solver, p, frame), radius
-
-
-def test_the_shade_is_a_flat_ring_between_the_limits_of_the_base():
-    reach = Reach(MODEL, "tool")
-    rings = [(0.1, 0.2)]
-    vertices, faces = mesh(reach, rings, 0.05)
-    away = vertices[:, :2] - reach.axis
-    np.testing.assert_allclose(vertices[:, 2], 0.05)
-    assert set(np.round(np.hypot(*away.T), 6)) == {0.1, 0.2}
-    angles = np.arctan2(away[:, 1], away[:, 0])
-    np.testing.assert_allclose([angles.min(), angles.max()], reach.pan)
-    assert faces.max() == len(vertices) - 1
-    assert reach.rings(2.0) == []

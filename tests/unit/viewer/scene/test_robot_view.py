@@ -76,17 +76,6 @@ def test_a_ghost_is_of_one_colour_and_changes_it_as_a_whole(scene):
     assert {mesh.opacity for mesh in meshes(scene, "/other")} == {0.35}
 
 
-def test_the_arm_is_orange_white_and_black_and_light_enough_to_be_drawn_without_a_gpu(scene):
-    view = RobotView(scene, "/colours")
-    view.move(placed())
-    colours = np.array([mesh.color for mesh in meshes(scene, "/colours")], dtype=int)
-    red, _green, blue = colours.T
-    assert np.any((red > 180) & (blue < 100))
-    assert np.any(colours.min(axis=1) > 200)
-    assert np.any(colours.max(axis=1) < 70)
-    assert 20_000 < sum(len(mesh.faces) for mesh in meshes(scene, "/colours")) < 40_000
-
-
 def test_a_link_is_sent_when_it_is_to_be_seen_for_the_first_time(scene):
     view = RobotView(scene, "/late")
     assert not sent(scene, "/late")

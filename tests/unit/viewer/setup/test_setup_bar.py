@@ -90,18 +90,6 @@ def bench(*, connected: bool = True, holds: bool | None = False) -> SetupTarget:
     return cast(SetupTarget, SimpleNamespace(situation=situation, rig=None))
 
 
-def test_limp_held_and_unknown_are_three_different_sentences() -> None:
-    told = [
-        torque(None),
-        torque(bench(connected=False)),
-        torque(bench(holds=None)),
-        torque(bench(holds=True)),
-        torque(bench(holds=False)),
-    ]
-    assert len({each.text for each in told}) == len(told)
-    assert [each.is_on for each in told] == [None, None, None, True, False]
-
-
 def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     now = [0.0]
     watch = TorqueWatch(lambda: now[0])
@@ -123,22 +111,6 @@ def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     assert watch.shown == torque(bench(holds=None))
     assert watch.look(None, is_blind=False)
     assert watch.shown == torque(None)
-
-
-def test_motors_that_answer_are_shown_although_answers_are_lost_again_and_again() -> None:
-    now = [0.0]
-    watch = TorqueWatch(lambda: now[0])
-    silent, held, limp = bench(holds=None), bench(holds=True), bench(holds=False)
-    assert watch.look(silent, is_blind=False)
-    assert watch.look(held, is_blind=True)
-    assert watch.shown == torque(held)
-    told = set()
-    for k in range(40):  # the joints are let go of, and every other answer is lost
-        now[0] += 0.3 * SETTLED
-        watch.look(silent if k % 2 else limp, is_blind=False)
-        told.add(watch.shown.text)
-    assert watch.shown == torque(limp)
-    assert torque(silent).text not in told
 
 
 def begun(folder: Path) -> StepWizard:

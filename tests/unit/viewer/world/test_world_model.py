@@ -8,7 +8,7 @@ import trimesh
 from so101_viewer.page.screen_state import Tone
 from so101_viewer.scene import scene_edits
 from so101_viewer.scene.scene_edits import held, holder_of, let_go
-from so101_viewer.world.scene_user import ArmsOfCell, OneArm
+from so101_viewer.world.scene_user import ArmsOfCell
 from so101_viewer.world.world_model import DRAG_PERIOD, OverlapCheck, WorldModel, in_each_other
 
 from so101_motion.common.errors import ConfigError
@@ -110,17 +110,6 @@ def test_a_hold_without_a_move_is_no_edit_and_a_thing_that_went_away_is_let_alon
     world.remove()
     world.drag(SE3.identity(), TOOL)
     assert world.names == ()
-
-
-def test_a_new_thing_keeps_clear_of_one_that_is_held(world):
-    world.add("box")
-    at = world.thing.T_base_obstacle.p
-    world.hold(TOOL)
-    world.add("box")
-    np.testing.assert_array_equal(world.thing.T_base_obstacle.p, at)
-    world.history.undo()
-    world.add("box", [at])
-    assert np.linalg.norm(world.thing.T_base_obstacle.p - at) > 0.1
 
 
 def test_what_one_of_several_arms_holds_outlasts_a_loaded_scene_and_is_not_in_its_file(world):
@@ -346,12 +335,3 @@ def test_what_an_arm_of_a_cell_holds_is_passed_on_put_down_and_taken_by_another(
     user.use(let_go(user.scene, "ball", tools["left"]))
     assert [each.name for each in right.arm.scene.obstacles] == ["ball"]
     assert left.arm.scene.attached == ()
-
-
-def test_a_single_arm_has_the_scene_as_it_is(tmp_path):
-    only = rig()
-    user = OneArm(only)
-    user.use(SCENE)
-    assert only.arm.scene is user.scene is SCENE
-    user.write(SCENE, tmp_path / "scene.json")
-    assert read_scene(tmp_path / "scene.json") == SCENE
