@@ -17,11 +17,9 @@ from so101_motion.planning.cell.team_requests import HandoverRequest, TeamMember
 from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision import apart
 from so101_motion.planning.collision.apart import (
-    PARTING,
     ROOM,
     clearance_over_time,
     first_meeting,
-    nearness,
 )
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
@@ -204,28 +202,6 @@ def test_a_plan_keeps_off_an_arm_that_moves_and_the_earlier_of_two_paths_is_take
         elif not report.waits_for:
             assert report.for_others == ""
     assert waited
-
-
-def test_an_arm_too_near_to_a_moving_one_leaves_and_never_comes_nearer(planner):
-    facing = Facing(14)
-    while True:
-        (q_left, q_right), goals = (facing.near(), facing.near()), facing.task()[1]
-        is_near = not facing.are_apart(q_left, q_right, 0.018)
-        can_go = facing.are_apart(q_left, goals[1], 0.03)
-        if is_near and can_go and facing.are_apart(q_left, q_right, 0.008):
-            break
-    away = planner.plan(request(q_right, goals[1], left(Course.resting(q_left, 0.0))))
-    course = Course.along(away.trajectory, 0.0)
-    plan = planner.plan(request(q_left, goals[0], right(course)))
-    own = Course.along(plan.trajectory, 0.0)
-    pair = (facing.bodies, own), (facing.bodies, course)
-    gaps = [
-        nearness(*pair, T_LEFT_RIGHT, at=t, room=ROOM) or ROOM
-        for t in np.arange(0.0, max(own.end, course.end) + 0.02, 0.02)
-    ]
-    assert min(gaps) > gaps[0] - 2.0 * PARTING
-    assert gaps[-1] == ROOM
-    assert min(gaps[gaps.index(ROOM) + 15 :]) > 0.75 * ROOM
 
 
 def test_an_arm_that_stands_blocks_like_its_bodies_do(planner):
@@ -421,31 +397,6 @@ def test_an_arm_that_follows_a_target_and_is_pushed_towards_another_may_only_par
     assert beside.gained == pytest.approx(far - apart.PARTING, abs=2e-4)
 
 
-def stop_from(q, qd):
-    """A stop from a velocity, within 0.3 s."""
-    passed = np.linspace(0.0, 0.3, 16)
-    path = q + np.outer(passed - passed**2 / 0.6, qd)
-    return Course(t=0.0, dt=0.02, q=np.column_stack([path, np.zeros(16)]))
-
-
-def test_what_is_known_from_the_cycle_before_changes_no_verdict():
-    facing, verdicts = Facing(12), []
-    for _ in range(3):
-        beside, known = Beside(), [facing.near(), facing.near()]
-        qd = facing.random.uniform(-1.0, 1.0, (2, 5))
-        for _ in range(60):
-            known = [q + 0.01 * v for q, v in zip(known, qd, strict=True)]
-            pair = [(facing.bodies, stop_from(q, v)) for q, v in zip(known, qd, strict=True)]
-            fresh = Beside()
-            fresh.gained = beside.gained
-            met = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
-            same = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=fresh)
-            assert (met is None) == (same is None)
-            assert beside.gained == pytest.approx(fresh.gained, abs=2e-4)
-            verdicts.append(met is None)
-    assert 0.1 < np.mean(verdicts) < 0.9
-
-
 def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_nearer():
     facing, seen = Facing(13), 0
     steps = 1e-4 * np.vstack([np.zeros(5), np.eye(5)])
@@ -473,27 +424,6 @@ def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_neare
             assert near.bounds[k, 5] == pytest.approx(max(min(0.0, GAP - room), -room), abs=4e-4)
             assert near.bounds[k, :5] == pytest.approx(rates, abs=0.02)
         seen += 1
-
-
-def test_a_look_without_a_proof_finds_the_same_near_bodies_also_after_contact():
-    facing, rooms, parted = Facing(14), [], 0
-    for _ in range(4):
-        looking, proving = Beside(), Beside()
-        looking.gained = 0.009
-        q, qd = [facing.near(), facing.near()], facing.random.uniform(-1.0, 1.0, (2, 5))
-        for _ in range(60):
-            q = [each + 0.02 * v for each, v in zip(q, qd, strict=True)]
-            pair = [(facing.bodies, stop_from(each, v)) for each, v in zip(q, qd, strict=True)]
-            looking.look(*pair, T_LEFT_RIGHT, 0.0)
-            following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=proving)
-            rooms.append(distance(facing.bodies, *(course.q[0] for _, course in pair)))
-            if rooms[-1] > 1e-4:
-                each = [beside.near("right").bounds[:, 6] for beside in (looking, proving)]
-                assert np.sort(each[0]) == pytest.approx(np.sort(each[1]), abs=2e-4)
-                parted += len(rooms) > 1 and rooms[-2] <= 1e-4
-        assert looking.gained == 0.009
-    assert parted
-    assert min(rooms) < -0.02
 
 
 @pytest.mark.parametrize("periods", [1.0, 2.0, 4.0, 8.0])

@@ -1,5 +1,4 @@
 import io
-import pickle
 import struct
 import sys
 import time
@@ -22,7 +21,6 @@ from so101_motion.planning.collision.scene import (
     Obstacle,
     PointCloud,
     Scene,
-    ShapeFile,
     Sphere,
     StandingArm,
 )
@@ -141,16 +139,6 @@ def test_scenes_are_equal_if_and_only_if_all_in_them_is(other):
     assert other != Scene(attached=(held(mass=0.1),))
 
 
-def test_a_scene_survives_a_process_boundary():
-    scene = Scene(
-        obstacles=(obstacle(), obstacle("rag", CLOUD), obstacle("part", MESH)),
-        attached=(held(may_touch=frozenset({"floor", "mug"})),),
-    )
-    again = pickle.loads(pickle.dumps(scene))
-    assert again == scene
-    assert again.digest == scene.digest
-
-
 # Meshes and clouds are as solid as a box, and what they do not enclose has no depth
 
 
@@ -264,50 +252,6 @@ def test_an_arm_in_a_surface_is_not_moved_by_jogs_followings_or_streams(form):
     assert guard.contact(out)[1] == "'block'"
     assert guard.contact(np.zeros((5, 5))) is None, "it may stay"
     assert guard.guided_to(q, q + 0.02) == pytest.approx(q + 0.02), "a hand may lead it"
-
-
-def test_an_arm_in_the_wall_of_a_channel_is_jogged_out_but_not_in():
-    parts = [trimesh.creation.box(extents=(0.2, 0.3, 0.04))]
-    parts += [
-        trimesh.creation.box(extents=(0.04, 0.3, 0.2)).apply_translation((x, 0, 0.08))
-        for x in (-0.08, 0.08)
-    ]
-    channel = mesh(trimesh.boolean.union(parts))
-    tip = MODEL.frame(np.zeros(5)).p
-    ahead = tip + np.array([0.25, 0.0, -0.05])
-    gap = CollisionModel(MODEL, scene(channel, ahead)).clearance(np.zeros(5)).distance
-    for depth in (0.003, 0.030):
-        around = scene(channel, ahead - np.array([gap + depth, 0.0, 0.0]))
-        collision = CollisionModel(MODEL, around)
-        before = collision.clearance(np.zeros(5)).distance
-        assert -depth - 0.002 < before < 0.0
-        for away, out in ((-1.0, True), (1.0, False)):
-            servo = Servo(MODEL, collision, LIMITS, 0.01, np.zeros(5))
-            for _ in range(60):
-                servo.step(Twist(linear=(0.08 * away, 0.0, 0.0), angular=np.zeros(3)))
-            assert (MODEL.frame(servo.q).p[0] < tip[0] - 0.02) == out
-            assert collision.clearance(servo.q).distance > before - 1e-4
-
-
-def test_a_sheet_that_belongs_to_a_solid_has_no_depth_while_the_solid_has():
-    solid = trimesh.creation.box(extents=(0.1, 0.1, 0.1)).difference(
-        trimesh.creation.box(extents=(0.06, 0.06, 0.06)).apply_translation((0.04, 0, 0))
-    )
-    sheet = trimesh.creation.box(extents=(0.001, 0.3, 0.3)).apply_translation((0.0, 0.3, 0.0))
-    sheet.update_faces(sheet.face_normals[:, 0] < -0.9)
-    both = mesh(trimesh.util.concatenate([solid, sheet]))
-    for y, known in ((0.0, True), (-0.3, False)):
-        around = scene(both, MODEL.frame(np.zeros(5)).p + np.array([0.02, y, 0.0]))
-        assert (CollisionModel(MODEL, around).clearance(np.zeros(5)).distance < 0.0) == known
-
-
-def test_a_cylinder_of_many_sides_is_like_one_of_few():
-    tip, q = MODEL.frame(np.zeros(5)).p, np.zeros(5)
-    few, many = (
-        CollisionModel(MODEL, scene(mesh(trimesh.creation.cylinder(0.05, 0.2, sections=n)), tip))
-        for n in (100, 1500)
-    )
-    assert many.clearance(q).distance == pytest.approx(few.clearance(q).distance, abs=1e-4)
 
 
 def test_a_fine_ball_in_the_hand_is_a_ball():
@@ -449,15 +393,6 @@ def test_invalid_coordinates_are_refused_with_the_name(far):
     for file in (cloud, shape_file("ply", mesh, name="seen")):
         with pytest.raises(ConfigError, match=r"\(of seen\)"):
             read_shape(file)
-
-
-def test_a_file_is_the_same_scene_again_and_another_one_is_not():
-    def scene(data):
-        file = ShapeFile(kind="stl", data=np.frombuffer(data, np.uint8), name="part")
-        return Scene(obstacles=(Obstacle(name="part", shape=file, T_base_obstacle=SE3.identity()),))
-
-    assert scene(stl(TETRAHEDRON[FACES])) == scene(stl(TETRAHEDRON[FACES]))
-    assert scene(stl(TETRAHEDRON[FACES])) != scene(stl(2 * TETRAHEDRON[FACES]))
 
 
 def test_a_coarse_mesh_joins_the_vertices_of_a_cell_and_drops_what_collapses():

@@ -1,6 +1,5 @@
 import itertools
 import math
-import re
 import xml.etree.ElementTree as ET
 from dataclasses import fields
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 from so101_description import URDF_PATH
 
-from so101_motion.arm.joint_caps import JointRange
 from so101_motion.common.errors import ConfigError, OutsideLimits, Unreachable
 from so101_motion.common.geometry import SE3, rot_x, rot_y, rot_z, rotation_angle
 from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
@@ -114,15 +112,6 @@ def test_a_wide_tolerance_turns_the_refusal_into_a_solution(model, solver):
     assert solver.solve(wide, Q).error_angle == pytest.approx(caught.value.error_angle, abs=1e-6)
 
 
-def test_a_full_pose_out_of_reach_names_point_and_turn(solver):
-    goal = PoseGoal(T_base_tool=SE3(np.eye(3), np.array([0.6, 0.0, 0.2])), metric=FULL)
-    with pytest.raises(Unreachable, match=r"225\.2 mm out of reach") as caught:
-        solver.solve(goal, HOME)
-    assert caught.value.error_angle > 0.5
-    with pytest.raises(Unreachable):
-        solver.candidates(goal, HOME)
-
-
 def test_candidates_come_nearest_first_and_no_two_are_alike(model, solver):
     for metric in GoalMetric:
         for frame in ("tool", "jaw_tip"):
@@ -137,18 +126,6 @@ def test_candidates_come_nearest_first_and_no_two_are_alike(model, solver):
                 qs = np.array([solution.q for solution in found])
                 apart = np.linalg.norm(qs[:, None] - qs[None], axis=2)
                 assert np.all(apart[~np.eye(len(qs), dtype=bool)] > 1e-6)
-
-
-def test_candidates_for_a_point_are_spread_over_pitch_roll_and_branches(model, solver):
-    found = list(solver.candidates(goal_at(model, Q), HOME))
-    assert len(found) > 30
-    assert len({round(solution.q[4], 3) for solution in found}) > 5
-    pitches = sorted({round(float(solution.q[1:4].sum()), 2) for solution in found})
-    assert pitches[-1] - pitches[0] > 1.5
-    assert max(b - a for a, b in itertools.pairwise(pitches)) < 0.45
-    sideways = np.array([1.5, -0.9, 0.2, 0.3, 0.0])
-    branches = {each.branch for each in solver.candidates(goal_at(model, sideways), HOME)}
-    assert any(branch.startswith("front") for branch in branches)
 
 
 def test_both_elbows_are_candidates_near_the_straight_arm(model, solver):
@@ -262,25 +239,16 @@ def points_out_of_reach(solver, frame, n, seed):
 
 
 @pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
-def test_no_descent_from_anywhere_comes_nearer(model, solver, frame):
-    starts = np.random.default_rng(1).uniform(model.lower, model.upper, (12, 5))
-    for p_base, error in points_out_of_reach(solver, frame, 12, seed=2):
-        task = check_goal(model, PoseGoal.at_point(p_base, frame=frame))
-        for q in starts:
-            q = minimise(model, task, q)
-            away = np.linalg.norm(model.frame(q, frame).p - p_base)
-            assert error.error_position <= away + 1e-6
-
-
-@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
 def test_the_point_named_is_reachable_as_far_off_as_said_and_none_is_nearer(model, solver, frame):
-    sample = np.random.default_rng(3).uniform(model.lower, model.upper, (20_000, 5))
-    within_reach = np.array([model.rotation_and_position(q, frame)[1].copy() for q in sample])
-    for p_base, error in points_out_of_reach(solver, frame, 60, seed=5):
+    starts = np.random.default_rng(1).uniform(model.lower, model.upper, (12, 5))
+    for p_base, error in points_out_of_reach(solver, frame, 20, seed=5):
         reached = model.frame(error.q_nearest, frame).p
         np.testing.assert_allclose(error.p_base_nearest, reached, atol=1e-12)
         assert np.linalg.norm(reached - p_base) == pytest.approx(error.error_position, abs=1e-12)
-        assert error.error_position <= np.linalg.norm(within_reach - p_base, axis=1).min() + 1e-9
+        task = check_goal(model, PoseGoal.at_point(p_base, frame=frame))
+        descents = (minimise(model, task, q) for q in starts)
+        ends = [np.linalg.norm(model.frame(q, frame).p - p_base) for q in descents]
+        assert error.error_position <= min(ends) + 1e-6
         assert model.outside(error.q_nearest, tolerance=0.0) is None
         assert error.limit
         goal = PoseGoal.at_point(error.p_base_nearest, frame=frame)
@@ -371,15 +339,6 @@ def test_every_solution_is_in_the_cloud_and_no_two_are_alike(model, solver, fram
     assert apart[~np.eye(len(found), dtype=bool)].min(initial=1.0) > 0.1
 
 
-@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
-def test_without_tolerances_the_cloud_is_the_pose(model, solver, frame):
-    for q in configurations(model, 5):
-        goal = PoseGoal(T_base_tool=model.frame(q, frame), frame=frame, cloud=PoseCloud())
-        solution = solver.solve(goal, HOME)
-        assert_inside(model, goal, solution.q)
-        assert solution.error_position < 1e-4
-
-
 @pytest.mark.parametrize(
     ("T_goal_reached", "is_inside"),
     [
@@ -452,16 +411,6 @@ def test_a_point_out_of_reach_is_met_where_the_cloud_reaches_in(model, solver, a
             solver.solve(goal, HOME)
 
 
-def test_an_exact_approach_is_had_by_moving_aside(model, solver):
-    # Five joints face a point one path only; beside it there is room for this approach.
-    T = model.frame(np.radians([0, -30, 40, 20, 0]))
-    turned = SE3(rot_z(0.15) @ T.R, T.p)
-    with pytest.raises(Unreachable, match="no pose within the tolerances"):
-        solver.solve(PoseGoal(T_base_tool=turned, cloud=PoseCloud(theta=np.pi)), HOME)
-    goal = PoseGoal(T_base_tool=turned, cloud=PoseCloud(x=0.05, y=0.05, z=0.0, theta=np.pi))
-    assert_inside(model, goal, solver.solve(goal, HOME).q)
-
-
 def test_a_cloud_out_of_reach_says_what_is_nearest(model, solver):
     T = model.frame(np.radians([0, -30, 40, 20, 0]))
     sideways = SE3(rot_z(1.2) @ T.R, T.p)
@@ -529,13 +478,6 @@ def test_an_arm_that_is_built_otherwise_is_noticed(changed, joints):
 
 
 # The model itself
-
-
-def test_limits_come_from_the_urdf_and_stop_the_elbow_where_the_arm_does(model):
-    assert math.degrees(model.upper[2]) == pytest.approx(90.8, abs=0.01)
-    np.testing.assert_array_equal(model.limits, np.column_stack([model.lower, model.upper]))
-    with pytest.raises(ValueError, match="read-only"):
-        model.lower[0] = 0.0
 
 
 def test_a_frame_keeps_its_pose_when_the_model_moves_on(model):
@@ -619,22 +561,6 @@ def test_a_missing_file_and_a_stranger_are_refused(tmp_path):
     robot.write(tmp_path / "stranger.urdf")
     with pytest.raises(ConfigError, match="exactly the joints shoulder_pan"):
         RobotModel.load(tmp_path / "stranger.urdf")
-
-
-def test_limits_are_shown_so_that_both_ends_can_be_reached(model):
-    calibrated = JointRange(model.lower + 0.1234, model.upper - 0.1234)
-    for check, lower, upper in (
-        (model.check_limits, model.lower, model.upper),
-        (calibrated.check, *calibrated),
-    ):
-        for i in range(5):
-            with pytest.raises(OutsideLimits) as caught:
-                check(4.0 * np.eye(5)[i])
-            shown = re.findall(r"-?\d+\.\d\d", str(caught.value))[1:]
-            for end, inside in zip(shown, (lower[i], -upper[i]), strict=True):
-                sign = 1.0 if inside == lower[i] else -1.0
-                assert sign * math.radians(float(end)) >= inside - math.radians(1e-4)
-                assert check(math.radians(float(end)) * np.eye(5)[i]) is None
 
 
 @pytest.mark.parametrize("frame", ["tool", "jaw_tip", "pen"])

@@ -20,7 +20,7 @@ from so101_motion.planning.paths.compiled_search import (
 from so101_motion.planning.paths.path import PathFinder
 from so101_motion.planning.paths.routes import Routing
 from so101_motion.planning.paths.start_recovery import find_departure, is_harmless, needs_departure
-from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.planner import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Strength
 
@@ -170,15 +170,6 @@ def test_more_effort_gives_a_quicker_motion_that_coal_finds_free(planner, seed):
         np.testing.assert_array_equal(each.trajectory.q[[0, -1]], [LEFT, RIGHT])
         assert judge.keeps_room_along(each.trajectory.q, share=1.0 - MARGIN_TOLERANCE)
         assert judge.keeps_room_along(each.path, share=1.0 - MARGIN_TOLERANCE)
-
-
-def test_the_same_request_gives_the_same_motion_at_any_width():
-    found = []
-    for lanes in (4, 16):
-        native().library.so101_start(lanes)
-        found.append(Planner(RobotModel.load()).plan(request(8)).trajectory)
-    native().library.so101_start(native().lanes)
-    assert found[0].q.tobytes() == found[1].q.tobytes()
 
 
 def found_route(effort=8, checkpoint=None, budget=10.0):

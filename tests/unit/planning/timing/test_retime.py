@@ -9,7 +9,6 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.scene import Attached, Scene, Sphere
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
-from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import roomy_corners
 from so101_motion.planning.planner import Planner, PlanRequest
@@ -34,47 +33,11 @@ POINTS = np.array(
 )
 
 
-def measured(trajectory, limits: MotionLimits = LIMITS) -> np.ndarray:
-    """Largest share of the velocity, acceleration and jerk limits, from differences at 1 kHz."""
-    rest = np.repeat(trajectory.q[:1], 3, 0), np.repeat(trajectory.q[-1:], 3, 0)
-    q = np.concatenate((rest[0], trajectory.q, rest[1]))
-    caps = limits.velocity, limits.acceleration, limits.jerk
-    return np.array(
-        [
-            (np.abs(np.diff(q, order, axis=0)) / trajectory.dt**order / cap).max()
-            for order, cap in enumerate(caps, start=1)
-        ]
-    )
-
-
 @pytest.mark.parametrize("path", [spline_path(POINTS), blended_path(POINTS, 0.03)])
 @pytest.mark.parametrize("jerk", [60.0, 500.0])
 def test_limits_are_kept_and_used_at_1_khz(path: JointPath, jerk: float) -> None:
     limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=jerk)
-    velocity, acceleration, jerk_share = measured(retime(path, limits, 1e-3), limits)
-    assert velocity <= 1.0
-    assert acceleration <= 1.001
-    assert jerk_share <= 1.001
-    assert max(velocity, acceleration, jerk_share) > 0.95
-
-
-@pytest.mark.parametrize("cap", [0.05, 0.3, 1.5])
-def test_the_tool_never_exceeds_its_speed_cap(cap: float) -> None:
-    # A planar arm of two links: joints 0 and 1, 0.2 m each.
-    def tool_speed(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        first, second = q[:, 0], q[:, 0] + q[:, 1]
-        turn = qd[:, 0] + qd[:, 1]
-        x = -0.2 * np.sin(first) * qd[:, 0] - 0.2 * np.sin(second) * turn
-        y = 0.2 * np.cos(first) * qd[:, 0] + 0.2 * np.cos(second) * turn
-        return np.hypot(x, y)
-
-    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=cap)
-    trajectory = retime(spline_path(POINTS), limits, 1e-3, tool_speed_fn=tool_speed)
-    speeds = tool_speed(trajectory.q, trajectory.qd)
-    assert speeds.max() <= cap
-    if cap < 1.0:
-        assert speeds.max() > 0.98 * cap
-    assert measured(trajectory, limits).max() <= 1.001
+    assert 0.95 < limit_report(retime(path, limits, 1e-3), limits).worst <= 1.001
 
 
 @pytest.mark.parametrize("scale", [1e-7, 1e-5, 1e-3])
@@ -123,10 +86,12 @@ def test_mistakes_are_named(change: dict[str, object], complaint: str) -> None:
             time_exactly(**arguments)
 
 
-@pytest.mark.parametrize("scale", [1.0, 0.1])
-def test_velocity_and_acceleration_are_the_derivatives_of_the_positions(scale: float) -> None:
+@pytest.mark.parametrize(
+    "path", [spline_path(POINTS), spline_path(0.1 * POINTS), blended_path(POINTS, 0.03)]
+)
+def test_velocity_and_acceleration_are_the_derivatives_of_the_positions(path: JointPath) -> None:
     h = 1e-5
-    motion = retime(spline_path(scale * POINTS), LIMITS, h)
+    motion = retime(path, LIMITS, h)
     q, qd, qdd = (each[1:-2] for each in (motion.q, motion.qd, motion.qdd))
     assert np.allclose((q[2:] - q[:-2]) / (2.0 * h), qd[1:-1], atol=1e-5)
     assert np.allclose((qd[2:] - qd[:-2]) / (2.0 * h), qdd[1:-1], atol=2e-2)
@@ -143,11 +108,6 @@ def test_next_to_nothing_may_be_anywhere_along_a_path(tiny):
 
 
 LAZY = MotionLimits.uniform(velocity=0.7, acceleration=1.0, jerk=15.0)
-
-
-@pytest.fixture(scope="module")
-def tool():
-    return ArmChain(RobotModel.load())
 
 
 def winding(seed, count=6, reach=0.5):
@@ -178,26 +138,6 @@ def test_a_straight_path_is_nearly_as_fast_as_can_be():
     motion = time_exactly(spline_path(ends), LIMITS, 0.01)
     shortest = point_to_point(*ends, LIMITS, 0.01)
     assert motion.duration < 1.05 * shortest.duration
-
-
-def test_a_longer_time_is_never_needed_for_looser_limits():
-    path = winding(3)
-    durations = [
-        time_exactly(
-            path, MotionLimits.uniform(velocity=v, acceleration=4.0 * v, jerk=100.0 * v), 0.01
-        ).duration
-        for v in (0.5, 1.0, 2.0)
-    ]
-    assert durations == sorted(durations, reverse=True)
-
-
-def test_the_tool_keeps_its_cap_and_moves_at_it(tool):
-    path = winding(2, reach=0.3)
-    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=0.05)
-    motion = time_exactly(path, limits, 0.01, tool_speed_fn=tool.speeds)
-    speed = tool.speeds(motion.q, motion.qd)
-    assert speed.max() <= 0.05 * 1.001
-    assert np.median(speed) > 0.05 * 0.97
 
 
 @pytest.mark.parametrize("length", [1e-5, 1e-3, 0.02])
@@ -492,16 +432,6 @@ def test_a_spline_is_the_natural_one() -> None:
     s = np.linspace(0.0, path.length, 500)
     for order, ours in enumerate(path.evaluate(s)):
         assert np.allclose(ours, theirs(s, order), atol=1e-10)
-
-
-@pytest.mark.parametrize("path", [spline_path(WAYPOINTS), blended_path(WAYPOINTS, 0.02)])
-def test_derivatives_agree_with_differences(path: JointPath) -> None:
-    h = 1e-6
-    inside = np.linspace(0.0, path.length, 300)[1:-1]
-    s = inside[np.abs(inside[:, None] - path.knots).min(axis=1) > 2.0 * h]
-    behind, here, ahead = path.evaluate(s - h), path.evaluate(s), path.evaluate(s + h)
-    assert np.allclose((ahead.q - behind.q) / (2.0 * h), here.q_s, atol=1e-8)
-    assert np.allclose((ahead.q_s - behind.q_s) / (2.0 * h), here.q_ss, atol=1e-6)
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 0.01, 0.3, 10.0])
