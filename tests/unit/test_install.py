@@ -193,12 +193,6 @@ def test_a_failure_is_reported_as_what_it_is(installer, said, then):
     assert installer.what_to_try(said).startswith(then)
 
 
-def test_what_a_step_says_is_shown_and_kept(installer, capsys):
-    with installer.the_lock(0.0) as lock:
-        assert installer.run(("sh", "-c", "echo why >&2; exit 3"), 5.0, lock) == (3, "why\n")
-    assert capsys.readouterr().err == "why\n"
-
-
 @pytest.mark.parametrize(
     ("system", "machine", "ready"),
     [
@@ -352,8 +346,3 @@ def test_the_module_does_not_start_from_an_installation_that_is_not_complete(ins
     assert started.returncode == 1
     assert "error: libodd is missing" in started.stderr
     assert not any("so101_motion /tmp" in line for line in asked_of(installer))
-
-
-def test_an_unknown_argument_is_refused(installer, capsys):
-    assert installer.main(["--quick"]) == 2
-    assert "usage" in capsys.readouterr().err

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness.lerobot_data import late, write_data_set
 
 from benchmarks import bench_real_arm
-from benchmarks.emulated_arm import ARMS, emulate_one, load, load_lerobot
+from benchmarks.emulated_arm import ARMS, emulate_one
 
 RECORDED = ARMS["7.4"]
 RATE = 50.0
@@ -61,25 +60,3 @@ def test_a_slower_arm_is_told_by_its_steps_and_its_lag(recordings):
     for what in ("steps, 5% after [s]", "lag of smooth motions [s]"):
         late = found[f"{what}, emulated"]["wrist_roll"] - found[f"{what}, measured"]["wrist_roll"]
         assert late == pytest.approx(0.05 - RECORDED.kind.goal_delay, abs=0.011), what
-
-
-def test_a_file_is_read_by_motion(tmp_path, recordings):
-    named = {
-        f"{kind}/{name}": value for kind, each in recordings.items() for name, value in each.items()
-    }
-    np.savez(tmp_path / "recordings.npz", **named)
-    read = load(tmp_path / "recordings.npz")
-    assert list(read) == ["steps", "sine"]
-    np.testing.assert_array_equal(read["sine"]["position"], recordings["sine"]["position"])
-
-
-def test_a_lerobot_data_set_is_a_recording(tmp_path):
-    t = np.arange(0.0, 8.0, 1.0 / 30.0)
-    action = np.zeros((len(t), 6))
-    action[:, 0] = 20.0 * np.sin(t)
-    state = late(action, frames=3)
-    root = write_data_set(tmp_path / "set", [(action, state)], fps=30.0)
-    (recording,) = load_lerobot(root).values()
-    motion = bench_real_arm.Motion(recording, recording["position"], np.zeros(5))
-    held = 0.5 / 30.0  # a goal stands for a frame, so it is half a frame old
-    assert motion.lag(0)[0] == pytest.approx(0.1 - held, abs=0.015)

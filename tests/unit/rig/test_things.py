@@ -136,14 +136,6 @@ def test_it_falls_on_the_nearest_face_it_can_lie_on(shape, turned_deg, height):
     assert things.where("it").p[2] == pytest.approx(FLOOR_Z + 0.004 + height, abs=2e-4)
 
 
-def test_one_falls_on_another():
-    below = cube(0.03, name="below")
-    things, _ = carried(around(cube()))
-    things.put(things_in(around(below))._things["below"])
-    things.follow(at(UP, OPEN), 0.0)
-    assert things.where("cube").p[2] == pytest.approx(FLOOR_Z + 0.03 + 0.0125)
-
-
 def test_edits_of_a_scene_are_made_but_beliefs_of_an_arm_are_not():
     scene = around(cube(), cube(name="other", beside=0.2))
     things = things_in(scene)

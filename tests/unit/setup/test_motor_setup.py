@@ -272,18 +272,6 @@ def test_a_port_that_is_gone_is_reported():
     assert setup.state.doing == ""
 
 
-def test_a_port_that_goes_in_the_middle_does_not_hide_the_error():
-    bus, setup = loose(1, 38_400)
-
-    def pull():
-        bus.wire.unplugged = bus.wire.baud == 38_400
-
-    bus.before = pull
-    with pytest.raises(PortUnavailable):
-        setup.discover("gripper")
-    assert bus.wire.baud == 1_000_000
-
-
 def test_the_servo_of_a_motor_that_is_done_is_not_taken_for_the_next():
     _, setup = loose()
     setup.assign("gripper")

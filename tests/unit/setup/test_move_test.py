@@ -326,13 +326,3 @@ def test_a_report_is_a_file_for_programs():
     assert told["passed"] is True
     assert told["tool_mm"] == 1.0
     assert [joint["joint"] for joint in told["joints"]] == list(ARM_JOINTS)
-
-
-def test_what_is_wrong_with_several_joints_is_said_once_under_the_last_of_them(rig):
-    first, second, *others = WELL.joints
-    stuck = [replace(joint, error=to_rad(3.0)) for joint in (first, second)]
-    test = make(rig)
-    test.report = replace(WELL, joints=(*stuck, *others))
-    texts = [row.text for row in test.view.rows]
-    assert texts[1].startswith(f"{first.joint}, {second.joint}: it stops short")
-    assert not any(texts[:1] + texts[2:])

@@ -1,13 +1,11 @@
 """The fit of a servo's parameters finds those of the servo that made the data."""
 
-import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmarks.servo_model import Parameters, load, simulate
 from so101_motion.calib.procedure.servo_fit import (
     JointRecord,
     TwinFit,
@@ -15,11 +13,8 @@ from so101_motion.calib.procedure.servo_fit import (
     play,
     replayed,
     setpoints,
-    unrounded,
 )
-from so101_motion.drivers.feetech.lag_compensation import braking
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
-from so101_motion.planning.kinematics.model import RobotModel
 
 TICK = 2.0 * math.pi / 4096.0
 LEVER = 0.2
@@ -113,77 +108,8 @@ def test_figures_that_are_somewhat_off_are_put_right_by_the_whole_record():
     assert found.play == pytest.approx(true.play, rel=0.04)
 
 
-def test_torque_and_friction_that_are_off_by_the_same_share_are_told_from_the_right_ones():
-    """While such a joint turns steadily, nothing tells them."""
-    true = ServoFigures(torque=0.9, friction=1.1, play=math.radians(0.85))
-    record = record_of(true, index=4)
-    off = replace(true, torque=0.8 * true.torque, friction=0.8 * true.friction)
-    found = TwinFit(record, np.zeros(len(record.t))).best(off, torque_is_open=True)
-    assert found.torque == pytest.approx(true.torque, rel=0.06)
-    assert found.friction == pytest.approx(true.friction, rel=0.06)
-
-
 def test_a_play_that_nobody_has_seen_is_not_made_up_and_set_points_arrive_where_they_were_sent():
     record = record_of(ServoFigures(torque=1.1), index=0)
     assert setpoints(replace(record, goals=np.full(len(record.goals), 2100.0)))[-1] == 2100.0
     found = TwinFit(record, np.zeros(len(record.t))).best(ServoFigures(), torque_is_open=True)
     assert found.play is None
-
-
-def test_a_report_of_an_arm_is_read_by_the_program_that_fits_the_emulator(tmp_path):
-    """One joint that bears weight and one that does not, recorded for different times."""
-    gravity, motions = RobotModel.load().holding_torques, {}
-    lift, pan = (
-        replayed(
-            replace(record, acceleration=braking(i, 0)), ServoFigures(), gravity(record.q)[:, i]
-        )
-        for i, record in ((1, record_of(ServoFigures())), (0, record_of(ServoFigures(), index=0)))
-    )
-    for joint, record, n in (("shoulder_lift", lift, len(lift.t)), ("shoulder_pan", pan, 500)):
-        command = np.zeros((len(record.t), 6))
-        command[:, record.index] = (record.goals - 2048.0) * TICK
-        motions[joint] = {
-            "t_cmd_s": record.t.tolist(), "command": command.tolist(),
-            "t_s": record.t[:n].tolist(), "volts": [12.0] * n,
-            "position": np.column_stack([record.q, np.zeros(len(record.t))])[:n].tolist(),
-        }  # fmt: skip
-    registers = {"p_gain": 32, "max_acceleration": 0}
-    file = tmp_path / "arm.json"
-    file.write_text(json.dumps({"servos": dict.fromkeys(motions, registers), "motions": motions}))
-    recordings = load(file)
-    assert recordings.kind.tolist() == ["sweep of shoulder_lift", "sweep of shoulder_pan"]
-    assert recordings.valid.sum() == len(lift.t) + 500
-    torques = np.array([0.8, 1.0, 1.2]) * Parameters().torque_per_volt
-    errors = recordings.error(simulate(recordings, Parameters(torque_per_volt=torques), dt=2e-3))
-    assert np.argmin(errors) == 1, "the servo that made them"
-    assert errors[1] < 0.0015
-
-
-@pytest.mark.parametrize("readings", [1, 2])
-def test_failed_readings_do_not_count(tmp_path, readings):
-    """The recorder of the pendulum wrote -3.14 for them, once twice in a row."""
-    record = record_of(ServoFigures())
-    position = record.ticks - 2048.0
-    position[100 : 100 + readings] = -2048.0
-    rows = {"t_s": record.t, "goal_rad": (record.goals - 2048.0) * TICK, "position_tick": position}
-    rows |= {"volts": record.volts, "torque_enable": np.ones(len(record.t))}
-    of_one = {"kp": 32, "mass_kg": 0.5, "length_m": 0.1, "trajectory": "lift"}
-    arrays = {name: np.array([each]) for name, each in (rows | of_one).items()}
-    np.savez(tmp_path / "a.npz", **arrays)
-    left_out = np.flatnonzero(~load(tmp_path).valid[0])
-    assert left_out.tolist() == list(range(100, 100 + readings))
-
-
-def test_a_weight_that_changes_sides_is_met_half_way_between_two_readings():
-    """Held back by a reading, the output falls through its play late and seems to have less."""
-    record = record_of(ServoFigures(play=math.radians(0.9)))
-    rising = np.linspace(-0.6, 0.6, len(record.t))
-    fine = replace(record, t=np.repeat(record.t, 2) + np.tile([0.0, 0.005], len(record.t)))
-    fine = replace(
-        fine, q=np.repeat(record.q, 2, axis=0), ticks=np.repeat(record.ticks, 2),
-        qd_ref=np.repeat(record.qd_ref, 2), volts=np.repeat(record.volts, 2),
-    )  # fmt: skip
-    figures = ServoFigures(play=math.radians(0.9))
-    coarse = unrounded(record, figures, rising)
-    finer = unrounded(fine, figures, np.interp(fine.t, record.t, rising))[::2]
-    assert np.mean(np.abs(coarse - finer)) < 0.02

@@ -69,16 +69,6 @@ def test_a_roll_that_is_not_swept_becomes_a_full_turn_about_its_zero(arm, file):
     assert zero_at == pytest.approx(2048 + (40 - UPRIGHT_DEG) * 4096 / 360, abs=1)
 
 
-def test_a_multi_turn_servo_is_read_within_one_turn(arm, file):
-    for joint in JOINTS:
-        memory = arm.world.servo(joint).memory
-        memory.keep(emulated.PHASE, memory.raw(emulated.PHASE) | emulated.PHASE_MULTI_TURN)
-    arm.put(shoulder_pan=arm.stops("shoulder_pan")[0])
-    stored = calibrate(file, arm)
-    pan = stored.calibration["shoulder_pan"]
-    assert pan.range_min + pan.homing_offset == arm.stops("shoulder_pan")[0]
-
-
 # While it records
 
 

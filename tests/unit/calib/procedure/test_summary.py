@@ -126,19 +126,6 @@ def test_joints_that_were_never_calibrated_are_matched_by_eye_and_silent_ones_na
 # The travels
 
 
-def test_bars_begin_in_the_middle_and_stay_on_the_bar(recorded, arm):
-    for steps in (0, 200, 900, 2000):
-        lower, _ = arm.stops("shoulder_pan")
-        arm.sweep("shoulder_pan", max(lower, arm.drive("shoulder_pan").shaft.output - steps))
-        for travel in summary.travels(recorded.view.joints):
-            begin, end = travel.bar
-            assert 0.0 <= begin <= end <= 1.0
-            assert begin - 0.01 <= travel.at <= end + 0.01
-    pan = summary.travels(recorded.view.joints)[0]
-    assert pan.bar == (pytest.approx(0.0, abs=0.02), pytest.approx(0.5, abs=0.03))
-    assert not pan.mark
-
-
 def test_bars_turn_complete_by_themselves(recorded, arm):
     assert summary.left(recorded.view.joints) == tuple(j for j in JOINTS if j != "wrist_roll")
     arm.sweep_all()

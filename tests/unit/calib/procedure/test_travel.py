@@ -68,19 +68,6 @@ def test_after_a_pause_the_way_in_between_is_unknown_until_it_is_passed():
     assert sweep.arc == TravelArc(1000, 500), "a short pause is bridged"
 
 
-@pytest.mark.parametrize(
-    ("arc", "ticks", "unrolled"),
-    [
-        (TravelArc(700, 2700), 700, 700),
-        (TravelArc(-300, 1800), 4000, -96),
-        (TravelArc(3000, 1500), 100, 4196),
-        (TravelArc(-300, 1800), 1700, 1700),
-    ],
-)
-def test_readings_are_shown_in_the_turn_of_the_travel(arc, ticks, unrolled):
-    assert arc.unrolled(ticks) == unrolled
-
-
 # Homing offsets
 
 
@@ -202,17 +189,6 @@ def test_a_roll_is_a_full_turn_or_has_its_stops(arc, home, verdict, is_usable, w
     said = assess("wrist_roll", arc, expected=ROLL, home=home)
     assert (said.verdict, said.is_usable) == (verdict, is_usable)
     assert words in said.sentence
-
-
-def test_only_a_travel_that_can_be_stored_can_be_accepted():
-    def is_offered(arc):
-        said = assess("elbow_flex", arc, expected=2000, home=MIDDLE)
-        return can_be_accepted(said.verdict, 0 if arc is None else arc.travel)
-
-    assert is_offered(TravelArc(1000, 900))
-    assert is_offered(TravelArc(1000, 2500))
-    assert not is_offered(None)
-    assert not is_offered(TravelArc(0, 4095))
 
 
 def test_a_hole_that_may_be_taken_for_the_part_out_of_reach_is_passed_again_first():

@@ -50,15 +50,6 @@ def test_a_joint_swept_from_stop_to_stop_has_the_model_s_zero(joint, middle, dri
     assert abs(math.degrees(angle)) < 0.1
 
 
-@given(joint=st.sampled_from(SWEPT), short=st.tuples(*[st.floats(-1.5, 1.9)] * 2))
-def test_of_what_a_sweep_misses_half_is_in_the_zero(joint, short):
-    entry, middle_deg = recorded(joint, short_deg=short)
-    known = zero.by_stops(joint, entry)
-
-    error_deg = math.degrees(known.angle) - middle_deg
-    assert error_deg == pytest.approx((short[1] - short[0]) / 2, abs=1e-9)
-
-
 @pytest.mark.parametrize("joint", SWEPT)
 @pytest.mark.parametrize("short_deg", [(4.2, 0.0), (30.0, 20.0), (0.0, -5.2)])
 def test_a_sweep_that_is_not_from_stop_to_stop_says_nothing_of_the_stops(joint, short_deg):

@@ -20,7 +20,6 @@ from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
-from so101_motion.rig.protocols import ArmConnection
 from so101_motion.tasks.guided.path import corners_of
 from so101_motion.viam.client.link import Access
 from so101_motion.viam.client.machine import picture_of
@@ -191,14 +190,6 @@ def test_a_key_is_never_sent_over_a_plain_connection_which_is_for_access_without
     assert "hunter2" not in repr(access)
     with pytest.raises(ConfigError, match="host:port"):
         Access(address=" ")
-
-
-def test_a_connection_is_reported_in_words():
-    assert ArmConnection(to="it").words(5.0) == "connected"
-    lost = ArmConnection(to="it", problem="nobody listens", lost_at=2.0)
-    assert lost.words(5.0) == "lost 3 s ago: nobody listens"
-    assert not lost.is_up
-    assert ArmConnection(to="it", problem="no port").words(5.0) == "no port"
 
 
 class Changing(FakeCamera):

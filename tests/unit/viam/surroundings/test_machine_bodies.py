@@ -454,11 +454,3 @@ async def test_an_arm_that_is_closed_stands_in_the_way_until_the_machine_is_read
     bench.close("left")
     await bench.read(ARM)
     assert known(arm) == {}
-
-
-async def test_closing_the_last_arm_empties_the_cell(bench):
-    arm, left = bench.add("arm"), bench.add("left")
-    await bench.read(ARM, LEFT)
-    bench.close("left")
-    bench.close("arm")
-    assert arm.cell_member is left.cell_member is None
