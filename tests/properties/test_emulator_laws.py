@@ -21,20 +21,6 @@ def heard(listener, data):
     return [frame(i.servo_id, i.code, i.params) for i in listener.hear(data)]
 
 
-@st.composite
-def chunked(draw, data):
-    """``data`` cut into pieces anywhere."""
-    cuts = sorted(draw(st.lists(st.integers(0, len(data)), max_size=8)))
-    return [data[a:b] for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]
-
-
-@given(st.lists(packets, max_size=4), st.data())
-def test_packets_are_heard_however_they_are_cut(sent, data):
-    listener = Listener()
-    pieces = data.draw(chunked(b"".join(sent)))
-    assert [packet for piece in pieces for packet in heard(listener, piece)] == sent
-
-
 @given(packets, st.data())
 def test_single_flipped_bit_never_yields_another_packet(packet, data):
     bit = data.draw(st.integers(0, 8 * len(packet) - 1))

@@ -209,26 +209,6 @@ def test_the_jaw_follows_apertures_and_rests_when_they_cease(rig, gripper):
         jaw.aim(0.5)
 
 
-def test_a_jaw_that_follows_grips_what_it_meets_and_lets_go(rig, gripper):
-    jaw = gripping(rig, gripper)
-    assert jaw.is_gripping
-    assert gripper.is_holding
-    assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(SQUEEZE, abs=1e-3), "steadily"
-    rig.arm.unjam("gripper")
-    lead(rig, jaw, gripper.aperture + 0.2, 1.5)
-    assert not jaw.is_gripping
-    assert not gripper.is_holding
-
-
-def test_a_jaw_that_follows_makes_way_with_the_reason(rig, gripper):
-    jaw = gripper.follow()
-    newer = gripper.move(0.3, wait=False)
-    rig.after(3.0, newer.future)
-    assert jaw.future.exception(timeout=0).by == "a newer motion"
-    with pytest.raises(Interrupted):
-        jaw.aim(0.5)
-
-
 def test_a_stop_of_a_jaw_that_grips_ends_its_following(rig, gripper):
     jaw = gripping(rig, gripper)
     rig.after(0.5, gripper.start_stop())

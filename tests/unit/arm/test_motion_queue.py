@@ -13,7 +13,6 @@ from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import MotionQueue
 from so101_motion.arm.stop_order import NUMBERS, mark_request, refuse_older
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import Interrupted, MotionError
 from so101_motion.rig.simulated_rig import open_simulated
 
@@ -73,34 +72,6 @@ def test_failed_motions_do_not_keep_each_other(motions) -> None:
     del motion
     gc.collect()
     assert refs[0]() is None  # a module that runs for a month has refused many
-
-
-def test_a_motion_begins_at_rest_and_ends_when_it_has_run(motions, told) -> None:
-    assert motions.current.future.done(), "before the first nothing is under way"
-    motion = motions.start(lambda motion: told.append("moves"))
-    motion.result(60.0)
-    assert told == ["rest", "moves"]
-    still = MotionQueue(lambda: None)
-    still.start(lambda motion: told.append("moves")).result(60.0)
-    still.close()
-    assert told[2:] == ["moves"], "an arm that rests is not stopped first"
-
-
-def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> None:
-    first = under_way(motions)
-    running: Future[None] = Future()
-
-    def begin(motion: Motion) -> Future[None]:
-        assert not first.future.done()
-        motion.halt = told.append
-        return running
-
-    take_over = motions.take_over(begin)
-    with pytest.raises(Interrupted, match="a newer motion"):
-        first.result(60.0)
-    running.set_result(None)
-    take_over.result(60.0)
-    assert told == ["rest"]
 
 
 def test_a_turn_that_cannot_begin_leaves_the_motion_under_way_alone(motions) -> None:
@@ -185,30 +156,6 @@ def test_interrupting_halts_what_was_begun_and_is_not_over():
     over.interrupt("stop")
     assert halted == ["stop"]
     over.result()
-
-
-@pytest.mark.parametrize("interrupted", [False, True])
-def test_a_pause_lasts_its_time_unless_the_motion_is_interrupted(interrupted):
-    clock, motion, ended = ManualClock(), Motion(), Future()
-
-    def pause():
-        try:
-            motion.pause(clock, 3.0)
-        except Interrupted as error:
-            ended.set_result(error.by)
-        else:
-            ended.set_result(clock.now())
-
-    thread = threading.Thread(target=pause)
-    thread.start()
-    if interrupted:
-        motion.interrupt("stop")
-        assert ended.result(60.0) == "stop"
-    else:
-        while not ended.done():
-            clock.advance(0.5)
-        assert ended.result() >= 3.0
-    thread.join()
 
 
 # Motions that were asked for before a stop do not begin after it

@@ -478,31 +478,6 @@ def test_a_joint_that_meets_something_is_held_up_soon(speed, ticks, pressed_from
     assert 80 < found <= 80 + ticks
 
 
-def test_one_whose_load_came_to_that_side_just_now_may_stand_for_its_play():
-    setpoints = way(10.0, 200)
-    crossing = np.maximum(np.minimum(setpoints, setpoints[100]), setpoints - 0.75)
-    assert seen(setpoints, crossing, pressed_from=95) is None
-    assert seen(setpoints, crossing, pressed_from=0) is not None
-
-
-def test_one_that_fell_through_its_play_waits_for_its_motor_though_its_load_was_on_one_side():
-    # As an emulated shoulder_lift did near the place where it balances.
-    setpoints = way(5.0, 200)
-    falls = setpoints.copy()
-    falls[100:103] = setpoints[100] + 0.9
-    falls[103:] = np.maximum(setpoints[100] + 0.6, setpoints[103:] - 0.75)
-    assert seen(setpoints, falls, pressed_from=0) is None
-    assert seen(setpoints, np.minimum(setpoints, setpoints[100]), pressed_from=0) is not None
-
-
-@pytest.mark.parametrize("speed", [5.0, 10.0, 20.0, 30.0])
-@pytest.mark.parametrize("in_play", [0.6, 0.8, 1.0])
-def test_one_whose_load_changes_sides_on_its_way_stands_for_its_play(speed, in_play):
-    setpoints = way(speed, 200)
-    crossing = np.maximum(np.minimum(setpoints, setpoints[100]), setpoints - 0.99 * in_play)
-    assert seen(setpoints, crossing, in_play=in_play) is None
-
-
 def test_one_that_trembles_at_what_it_met_is_held_up():
     setpoints = way(10.0, 120)
     joint = met(setpoints, 80)
@@ -516,9 +491,19 @@ STOPPING = -np.array([67.4, 68.0, 68.7, 69.2, 69.8, 70.3, 70.8, 71.2, 71.6, 71.9
                       72.8, 73.0, 73.2, 73.4, 73.5, 73.6, 73.7, 73.8, 73.8])  # fmt: skip
 ARRIVING = np.concatenate([np.linspace(-15.0, STOPPING[0], 50), STOPPING])
 SOFT = {"tolerances": Tolerances(following_lag=0.15)}
-TURNING = np.maximum(np.minimum(way(7.0, 100), way(7.0, 100)[70]), way(7.0, 100) - 0.1)
+TURNING = np.maximum(met(way(7.0, 100), 70), way(7.0, 100) - 0.1)
 TURNING[70:81] = way(7.0, 100)[70]
 TURNING[78:81] -= [0.27, 0.0, -0.17]
+SLOW_WAY, FALLS = way(5.0, 200), way(5.0, 200)
+FALLS[100:103] = SLOW_WAY[100] + 0.9
+FALLS[103:] = np.maximum(SLOW_WAY[100] + 0.6, SLOW_WAY[103:] - 0.75)
+FAST_WAY = 60.0 * np.cos(2.5 * DT * np.arange(400.0))  # up to 150 deg/s
+
+
+def crossing(speed, play):
+    """Setpoints, and a joint that stands for its play from the hundredth on."""
+    setpoints = way(speed, 200)
+    return setpoints, np.maximum(met(setpoints, 100), setpoints - play)
 
 
 @pytest.mark.parametrize(
@@ -531,6 +516,14 @@ TURNING[78:81] -= [0.27, 0.0, -0.17]
         (way(15.0, 60), way(15.0, 60) - np.linspace(0.0, 1.0, 60) * 1.2, {}),
         (way(90.0, 100), np.minimum(way(90.0, 100), 40.0), SOFT),
         (way(7.0, 100), TURNING, {}),
+        (*crossing(10.0, 0.75), {"pressed_from": 95}),
+        (SLOW_WAY, FALLS, {"pressed_from": 0}),
+        *(
+            (*crossing(speed, 0.99 * play), {"in_play": play})
+            for speed in (5.0, 10.0, 20.0, 30.0)
+            for play in (0.6, 1.0)
+        ),
+        *((FAST_WAY, np.append(np.full(n, FAST_WAY[0]), FAST_WAY[:-n]), {}) for n in (5, 14)),
     ],
     ids=[
         "sticks and slips by little",
@@ -540,18 +533,15 @@ TURNING[78:81] -= [0.27, 0.0, -0.17]
         "falls back",
         "shall be stopped by what it meets, and presses",
         "falls back on its motor as its load turns round, an emulated one with 1.02 deg of play",
+        "stands for its play, as its load came to that side just now",
+        "fell through its play and waits for its motor, as an emulated shoulder_lift did",
+        *(f"stands for its play as its load changes sides, {k}" for k in range(8)),
+        "lags by 50 ms",
+        "lags by 140 ms",
     ],
 )
 def test_a_joint_that_has_met_nothing_is_not_held_up(setpoints, joint, options):
     assert seen(setpoints, joint, **options) is None
-
-
-@pytest.mark.parametrize("lag", [0, 5, 10, 14])
-def test_a_joint_that_lags_by_a_constant_time_is_not_held_up(lag):
-    t = DT * np.arange(400.0)
-    way = 60.0 * np.cos(2.5 * t)  # up to 150 deg/s
-    late = np.concatenate([np.full(lag, way[0]), way[: len(way) - lag]])
-    assert seen(way, late) is None
 
 
 def told_in_silence(missed, ticks, speed=15.0, tolerances=TOLERANCES):

@@ -9,6 +9,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.scene import Attached, Scene, Sphere
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import roomy_corners
 from so101_motion.planning.planner import Planner, PlanRequest
@@ -138,6 +139,15 @@ def test_a_straight_path_is_nearly_as_fast_as_can_be():
     motion = time_exactly(spline_path(ends), LIMITS, 0.01)
     shortest = point_to_point(*ends, LIMITS, 0.01)
     assert motion.duration < 1.05 * shortest.duration
+
+
+@pytest.mark.parametrize("timed", [retime, time_exactly])
+def test_the_tool_keeps_its_cap_and_moves_at_it(timed):
+    tool, path = ArmChain(MODEL), winding(2, reach=0.3)
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=0.05)
+    motion = timed(path, limits, 0.01, tool_speed_fn=tool.speeds)
+    speed = tool.speeds(motion.q, motion.qd)
+    assert 0.05 * 0.97 < np.median(speed) <= speed.max() <= 0.05 * 1.001
 
 
 @pytest.mark.parametrize("length", [1e-5, 1e-3, 0.02])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from harness.lerobot_data import NAMES, late, pa, pq, swing, write_data_set
 
-from so101_motion.calib.record import store
-from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
@@ -267,20 +266,6 @@ def test_units_that_do_not_fit_are_doubted_and_those_that_do_not_exist_are_refus
         checked(tmp_path / "none", [swing()], units="rad")
 
 
-def test_a_calibration_says_where_the_travel_ends_and_where_zero_is(tmp_path):
-    entries = {
-        joint: JointCalibration(id=place, range_min=1000, range_max=3000)
-        for place, joint in enumerate(JOINTS, start=1)
-    }
-    entries["gripper"] = JointCalibration(id=6, range_min=2000, range_max=3000)
-    saved = store.save(tmp_path / "arm.json", entries)
-    units = units_of("range", saved)
-    assert units.to_model(np.array([[100.0, -100.0, 0, 0, 0, 0]]))[0, :2] == pytest.approx(
-        [np.radians(1000 * 360 / 4096), -np.radians(1000 * 360 / 4096)]
-    )
-    assert units.aperture(units.to_model(np.full((1, 6), 40.0))[:, 5]) == pytest.approx(0.4)
-
-
 def test_without_pyarrow_it_says_what_to_install(tmp_path, monkeypatch):
     root = write_data_set(tmp_path / "set", [swing()])
     monkeypatch.setitem(sys.modules, "pyarrow", None)
@@ -314,17 +299,6 @@ def test_one_column_in_radians_is_noticed(tmp_path, column):
     notes = check_data_set(open_data_set(root), units="degrees").notes
     (note,) = [note for note in notes if "radians" in note]
     assert note.startswith(column)
-
-
-def test_a_jaw_from_0_to_1_is_noticed_though_it_hardly_moves(tmp_path):
-    action = swing()
-    action[:, 5] /= 100.0
-    assert np.ptp(action[:, 5]) < 0.5
-    report = checked(tmp_path / "set", [(action, late(swing()))])
-    assert any(note.startswith("action: the jaw") for note in report.notes)
-    closed = swing()
-    closed[:, 5] = np.round(3 + 3 * np.sin(np.arange(90))) * 100.0 / 1460
-    assert not any("jaw" in note for note in checked(tmp_path / "closed", [closed]).notes)
 
 
 def test_videos_that_git_lfs_did_not_download_or_nobody_has_are_noticed(tmp_path):

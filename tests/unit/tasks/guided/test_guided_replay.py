@@ -35,20 +35,10 @@ def path_through(*corners_deg, seconds=1.0, aperture=None):
 
 
 def off_path(path, q_deg):
-    """How far points [deg] are from a path at most, in order, and the path from them."""
+    """How far points [deg] are from a path at most, and the path from them."""
     recorded = np.degrees(between(path.q, np.linspace(0.0, len(path) - 1.0, 5 * len(path))))
     off = np.abs(q_deg[:, None] - recorded).max(axis=2)
-    # Both are gone along together, never back: the least of the greatest distances (Frechet).
-    reach = np.full(len(recorded), np.inf)
-    reach[0] = off[0, 0]
-    reach = np.maximum.accumulate(np.where(np.arange(len(recorded)) == 0, reach, off[0]))
-    for row in off[1:]:
-        following = np.empty_like(reach)
-        following[0] = max(reach[0], row[0])
-        for k in range(1, len(row)):
-            following[k] = max(row[k], min(reach[k], reach[k - 1], following[k - 1]))
-        reach = following
-    return reach[-1]
+    return max(off.min(axis=0).max(), off.min(axis=1).max())
 
 
 @pytest.mark.parametrize("tolerance_deg", [0.5, 2.0, 6.0])

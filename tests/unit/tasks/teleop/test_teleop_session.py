@@ -2,7 +2,6 @@
 
 from concurrent.futures import wait
 from contextlib import contextmanager
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -118,18 +117,6 @@ def test_a_leader_that_is_not_let_go_of_may_be_moved_by_a_program():
         assert both.follower.arm.state.q == pytest.approx(0.5 * AWAY, abs=2e-3)
         both.run(both.teleop.stop)
         assert both.leader.arm.state.mode is Mode.HOLDING
-
-
-def test_a_leader_that_is_asked_again_at_the_same_instant_has_answered():
-    with open_simulated(clock=ManualClock()) as rig:
-        leader, predictor = LocalLeader(LocalArm(station=rig), lets_go=False), Mock()
-        leader.attach(predictor)
-        for _ in range(3):
-            rig.executor.ask(lambda control: None).result(60.0)
-        rig.executor.ask(lambda control: None).result(60.0)
-        assert predictor.take.call_count >= 3
-        predictor.lose.assert_not_called()
-        leader.detach()
 
 
 @pytest.mark.parametrize("planned", [False, True])
