@@ -316,10 +316,10 @@ _KINDS = (
 )  # fmt: skip
 
 
-def all_readers(folder=None):
-    """The readers, with a folder of their own for what they read from files."""
-    shm = Path("/dev/shm")
-    folder = Path(folder or tempfile.mkdtemp(dir=shm if shm.is_dir() else None))
+_folder = tempfile.TemporaryDirectory()  # for what they read from files
+
+
+def _all_readers(folder):
     names = itertools.count()
 
     def of_file(read, name=None):
@@ -367,3 +367,6 @@ def all_readers(folder=None):
             (b"hot:3=60@1+5", b"1 elbow_flex start\n2 elbow_flex 9"),
         ),
     )
+
+
+ALL = _all_readers(Path(_folder.name))
