@@ -9,8 +9,7 @@ What a Pi's owner types runs on the emulated processor: the environment, ``setup
 imports, ``so101 demo --text``, ``run.sh``, a part of the tests. Three things would take hours there
 and are done by the machine that emulates, and the rows say so: Debian's packages are unpacked, pip
 chooses and unpacks the wheels for arm64 (it compiles nothing: sources are forbidden), and the
-client of the module asks for twelve moves. IK solutions, plans and stops are computed on both
-processors and compared.
+client of the module asks for twelve moves.
 
 The wheel is installed by the words of ``docs/installation.md`` for a computer without the network:
 the folder of wheels is filled by the machine that emulates, pip runs on the emulated processor.
@@ -34,7 +33,6 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
 from try_machines import (
     CA_BUNDLE,
     RELEASES,
@@ -67,8 +65,6 @@ TESTERS = ("pytest", "pytest-asyncio", "pytest-timeout", "pytest-xdist", "hypoth
 MOVES = [(x, y, z) for x in (180, 250) for y in (-80, 0, 80) for z in (100, 180)]
 ARRIVED = 0.2
 """How far from the goal a move may end [mm]; the emulator computes as exactly as a processor."""
-SAME = 1e-9
-"""How far numbers of both processors may be apart, in a joint [rad]; ours were identical."""
 PATIENCE = 10_800.0
 """Nothing takes as long, also where others compute [s]."""
 
@@ -141,7 +137,6 @@ def try_archive(machine: Machine, release: str) -> None:
     machine.note("(disk: .venv of the module)", f"{size} MB", "", 0.0)
     machine.expect(".venv/bin/so101 demo --text", arrives, folder=FOLDER)
     asyncio.run(try_moves(machine))
-    try_numbers(machine)
     for name in ("tests", "benchmarks"):
         shutil.copytree(ROOT / name, folder / name, dirs_exist_ok=True)
     site = folder / ".venv/lib" / f"python{PYTHONS[release]}" / "site-packages"
@@ -194,36 +189,6 @@ async def try_moves(machine: Machine) -> None:
     seconds = time.monotonic() - begin
     verdict = told if arrived == len(MOVES) else ""
     machine.note("./run.sh SOCKET; twelve moves (client not emulated)", verdict, told, seconds)
-
-
-def try_numbers(machine: Machine) -> None:
-    there = machine.root / "tmp"
-    shutil.copy(ROOT / "tests/machines/same_numbers.py", there)
-    begin = time.monotonic()
-    line = ".venv/bin/python /tmp/same_numbers.py /tmp/arm64.npz"
-    code, said, _ = machine.type(line, folder=FOLDER)
-    here = [sys.executable, "tests/machines/same_numbers.py", str(there / "x86.npz")]
-    subprocess.run(here, cwd=ROOT, check=True)
-    told = compared(there / "x86.npz", there / "arm64.npz") if code == 0 else said[-300:]
-    verdict = told if code == 0 and "FAILED" not in told else ""
-    machine.note("(numbers beside x86-64)", verdict, told, time.monotonic() - begin)
-
-
-def compared(ours: Path, theirs: Path) -> str:
-    """How many solutions, plans and stops are the same, and how far the others are apart."""
-    a, b = np.load(ours), np.load(theirs)
-    parts = [f"FAILED: {sorted(set(a) ^ set(b))} on one only"] if set(a) != set(b) else []
-    for kind, noun in (("ik", "IK solutions"), ("plan", "plans"), ("stop", "stops")):
-        names = [name for name in a if name.split(",")[0].split()[0] == kind and name in b]
-        if any(a[name].shape != b[name].shape for name in names):
-            parts.append(f"FAILED: {noun} differ in length")
-            continue
-        count = sum(len(a[name]) for name in names) if kind == "ik" else len(names)
-        apart = max(float(np.abs(a[name] - b[name]).max()) for name in names)
-        parts.append(f"{count} {noun} " + (f"within {apart:.1e} rad" if apart else "identical"))
-        if apart > SAME:
-            parts.append("FAILED: that is too far")
-    return ", ".join(parts)
 
 
 def main() -> int:
