@@ -20,10 +20,8 @@ test: browser
 
 # make test, and what each folder of it costs, for tests/README.md.
 timing: browser
-	rm -f build/times.json*
-	mkdir -p build
-	PYTHONPATH=tests $(PYTEST) -p timing --timing build/times.json
-	$(BIN)/python tests/timing.py build/times.json --write
+	PYTHONPATH=tests $(PYTEST) -p timing --junitxml build/times.xml
+	$(BIN)/python tests/timing.py build/times.xml --write
 
 # What takes too long for every push; writes tests/LONG.md. PARTS="laws campaign" runs some.
 test-long: browser
