@@ -78,7 +78,7 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_jog
 	$(BIN)/python -m benchmarks.bench_page
 
-# Attacks files, the bus and the module at random; SEED=... repeats a run, FULL=1 takes two
+# Attacks the bus and the module at random; SEED=... repeats a run, FULL=1 takes two
 # hours and counts as much as the results say.
 MINUTES ?= 10
 campaign: installed-dev

@@ -3,6 +3,6 @@
 ``torn_answers.py`` damages answers on the bus; ``good_answers.py`` checks that no good one is
 refused. ``interleavings.py`` sends requests to an arm in random order (``campaign_arm.py``), with
 faults among them, on simulated time. ``sessions.py`` does so with the real module process in real
-time, and stops the process now and then. ``kept_files.py`` kills writers of files and takes their
-disk away. The referee watches all arms. A short share of each runs with the tests.
+time, and stops the process now and then. The referee watches all arms. A short share of each runs
+with the tests.
 """

@@ -102,18 +102,6 @@ def compare_verdicts(name, k, left, end):
     return verdicts.compare(np.random.default_rng(int(name)), model(), verdicts.PER_SCENE)
 
 
-def attack_files(seed, seconds, count):
-    """``count`` sizes for each kind of file; a process of its own."""
-    command = [sys.executable, "-m", "campaign.kept_files", f"--seed={seed}", f"--each={count}"]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE)
-    found = json.loads(done.stdout)
-    return {
-        "attacks": sum(found["done"].values()),
-        "each": found["done"],
-        "failures": found["failures"],
-    }
-
-
 def send_targets(name, k, left, end):
     """Targets of every kind to an arm that follows them, a new arm for each thousand."""
     seed, count = int(name), min(left, 1_000)
@@ -145,7 +133,6 @@ PARTS = {
     "signals": (0.1, send_signals, ENDLESS, 200 * len(signals.VERBS)),
     "targets": (0.05, in_pieces("targets", send_targets), ENDLESS, 10_000),
     "spoilt arms": (0.05, spoilt_arms.run, ENDLESS, 2_000),
-    "files": (0.0, attack_files, 100, 300),
 }
 """Share of the time, what runs, and how many: if it is not said, and for ``--full``."""
 

@@ -7,11 +7,10 @@ on neither packets nor files get anywhere, whatever the dying code still tries.
 """
 
 import math
-import sys
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
+from harness.dying import Died
 from harness.lent_bus import LentBus, WirePort
 from so101_motion.calib.procedure.eeprom import read_held
 from so101_motion.calib.procedure.session import Session
@@ -24,46 +23,6 @@ from so101_motion.drivers.emulator.joint_figures import SO101
 TICK = 0.01
 TICKS_PER_DEG = 4096 / 360
 UPRIGHT_DEG = math.degrees(zero.ROLL_UPRIGHT)
-
-
-class Died(BaseException):
-    """The process is gone."""
-
-
-class Death:
-    """Counts what leaves a trace, and ends the process at one of them."""
-
-    _hook: Callable | None = None  # audit hooks stay for good, so there is one for all
-
-    def __init__(self, folder):
-        self._folder = str(folder)
-        self.count = 0
-        self.at = math.inf
-        self.is_dead = False
-        if Death._hook is None:
-            sys.addaudithook(lambda event, args: Death._hook(event, args))
-        Death._hook = self._audit
-
-    def trace(self):
-        if self.is_dead:
-            raise Died
-        self.count += 1
-        if self.count > self.at:
-            self.is_dead = True
-            raise Died
-
-    def rebirth(self):
-        self.is_dead, self.at = False, math.inf
-
-    def _audit(self, event, args):
-        if event not in ("open", "os.rename", "os.remove", "os.mkdir"):
-            return
-        if not str(args[0]).startswith(self._folder):
-            return
-        if event != "open" or (isinstance(args[2], int) and args[2] & 0o3):
-            self.trace()
-        elif self.is_dead:
-            raise Died
 
 
 class LentPort(WirePort):

@@ -1,59 +1,70 @@
-"""Kill a process that writes files at a chosen step, or let none of its files grow.
+"""A process that dies in this one: at any step that leaves a trace, or without room on its disk."""
 
-``dies_at`` counts every step that the process takes in a folder (open, rename, remove, make, list,
-lock), and every ``fsync`` before and after it; ``dies_writing`` kills it in the middle of a write.
-Call them only in a forked child.
-"""
-
-import itertools
-import os
-import resource
-import signal
+import math
 import sys
-
-STEPS = {
-    "open", "os.rename", "os.remove", "os.mkdir", "os.listdir", "os.scandir", "fcntl.flock",
-    "os.chmod", "os.link",
-}  # fmt: skip
+from collections.abc import Callable
+from contextlib import contextmanager
 
 
-def dies_at(step, folder):
-    """Kill this process with -9 before its ``step``-th step in ``folder``."""
-    steps, real = itertools.count(), os.fsync
-
-    def count():
-        if next(steps) == step:
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    def hook(event, arguments):
-        if event in STEPS and (event == "fcntl.flock" or str(folder) in str(arguments)):
-            count()
-
-    def fsync(opened):
-        count()
-        real(opened)
-        count()
-
-    os.fsync = fsync
-    sys.addaudithook(hook)
+class Died(BaseException):
+    """The process is gone."""
 
 
-def dies_writing(size):
-    """Kill this process when it has written ``size`` bytes of a file and goes on."""
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+class Death:
+    """Counts what leaves a trace in a folder, and ends the process at one of them.
+
+    A trace is a file opened for writing, renamed or removed, or a new folder; more can be counted
+    by ``trace``. Nothing that the dying code tries to clean up has an effect. With another
+    ``error`` the process lives, and every trace is refused with that.
+    """
+
+    _hook: Callable | None = None  # audit hooks stay for good, so there is one for all
+
+    def __init__(self, folder, error=Died):
+        self._folder, self._error = str(folder), error
+        self.count = 0
+        self.at = math.inf
+        self.is_dead = False
+        if Death._hook is None:
+            sys.addaudithook(lambda event, args: Death._hook(event, args))
+        Death._hook = self._audit
+
+    def trace(self):
+        self.count += not self.is_dead
+        self.is_dead |= self.count > self.at
+        if self.is_dead:
+            raise self._error
+
+    def comes(self, at, doing):
+        """Do something, and die at its trace number ``at``; whether it came to that."""
+        self.count, self.at = 0, at
+        try:
+            doing()
+        except Died:
+            return True
+        finally:
+            self.is_dead, self.at = False, math.inf
+        return False
+
+    def _audit(self, event, args):
+        if event not in ("open", "os.rename", "os.remove", "os.mkdir"):
+            return
+        if not str(args[0]).startswith(self._folder):
+            return
+        if event != "open" or (isinstance(args[2], int) and args[2] & 0o3):
+            self.trace()
+        elif self.is_dead and self._error is Died:
+            raise Died
 
 
-def fails_writing(size):
-    """Let no file of this process grow beyond ``size`` bytes; writing more raises an
-    ``OSError``."""
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+@contextmanager
+def no_room_beyond(size):
+    """Let no file grow beyond ``size`` bytes; writing more raises an ``OSError``."""
+    import resource  # Windows has none
 
-
-def without_rights():
-    """Give up root's right to ignore file permissions."""
-    if os.geteuid() == 0:
-        os.setgid(65534)
-        os.setuid(65534)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)

@@ -5,7 +5,8 @@ is instant: nothing that the dying code tries to clean up has an effect.
 """
 
 import pytest
-from harness.calibration_rig import Death, Died, LentArm
+from harness.calibration_rig import LentArm
+from harness.dying import Death
 
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.procedure.eeprom import write_held
@@ -70,15 +71,9 @@ class Workshop:
 
     def die(self, at, doing):
         """Do something, and die at its trace number ``at``; whether it came to that."""
-        self.death.count, self.death.at = 0, at
-        try:
-            doing()
-        except Died:
-            return True
-        finally:
-            self.death.rebirth()
-            self.arm.watcher = None
-        return False
+        died = self.death.comes(at, doing)
+        self.arm.watcher = None
+        return died
 
     def recover(self):
         journal.recover(self.arm.bus, self.file)
