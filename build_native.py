@@ -25,7 +25,7 @@ from types import ModuleType
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-SOURCES = HERE / "so101_motion" / "planning" / "native"
+SOURCES = HERE / "so101_motion" / "native"
 ZIG = ("linux", "darwin", "win32")
 ZIG_MACHINES = ("x86_64", "amd64", "aarch64", "arm64")
 """The platforms with wheels of ziglang."""

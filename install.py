@@ -322,7 +322,7 @@ def extras_in(file: Path) -> set[str]:
 
 def asked_for() -> str:
     """The requirements of this version: the content of the files that determine them."""
-    sources = sorted((HERE / "so101_motion" / "planning" / "native").glob("*.[ch]"))
+    sources = sorted((HERE / "so101_motion" / "native").glob("*.[ch]"))
     asked = (HERE / "pyproject.toml", HERE / "constraints.txt", *sources)
     return "".join(path.read_text() for path in asked)
 
@@ -347,7 +347,7 @@ def lacking_space(extras: set[str]) -> str:
     there = sum(path.lstat().st_size for path in VENV.rglob("*")) / 1e6
     installed = max(sum(MEGABYTES[name] for name in ("", *extras)) - there, 0.0)
     has_one = installed == 0.0 or any(shutil.which(name) for name in ("cc", "gcc", "clang"))
-    has_one = has_one or any(HERE.glob(f"so101_motion/planning/native/*-{platform.machine()}.so"))
+    has_one = has_one or any(HERE.glob(f"so101_motion/native/*-{platform.machine()}.so"))
     compiler = 0.0 if has_one else WITHOUT_COMPILER
     needed: dict[int, tuple[Path, float]] = {}
     cache = Path(os.path.expanduser("~/.cache"))

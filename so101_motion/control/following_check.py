@@ -33,7 +33,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.control.joint_group import Tolerances
 from so101_motion.drivers.goal_limiter import PAUSE
-from so101_motion.planning.native.library import native
+from so101_motion.native.library import native
 
 FOLLOWED = 0.4  # for how long a joint must have followed before it stopped [s]; chosen
 

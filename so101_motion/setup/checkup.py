@@ -38,7 +38,7 @@ from so101_motion.drivers.bus.reply_counters import ReplyCounter
 from so101_motion.drivers.feetech.health import VITALS_COUNT, VITALS_START
 from so101_motion.drivers.feetech.servo_judgement import BROKEN, LOSSY, lossy_share, sag
 from so101_motion.drivers.feetech.servo_settings import REPAIR
-from so101_motion.planning.native.library import native
+from so101_motion.native.library import native
 
 CYCLES = 200  # how often all servos are read to judge the bus; takes half a second. Chosen
 

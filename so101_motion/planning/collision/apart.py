@@ -19,11 +19,11 @@ import coal
 import numpy as np
 
 from so101_motion.common.geometry import SE3, Array
+from so101_motion.native.library import native
 from so101_motion.planning.collision.arm_bodies import ArmBodies
 from so101_motion.planning.collision.batch_check import pointer
 from so101_motion.planning.collision.course import STEP, Course
 from so101_motion.planning.collision.scene import HOLDERS
-from so101_motion.planning.native.library import native
 
 ROOM = 0.02  # distance that planned arms keep [m]; chosen for backlash, sag and base poses
 GUARDED = 0.01  # distance of arms that follow targets or stop [m]; chosen, half of it

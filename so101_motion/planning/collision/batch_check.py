@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array
+from so101_motion.native.library import native
 from so101_motion.planning.checkpoint import Checkpoint
 from so101_motion.planning.collision.bodies import Bodies, Body, Cubes, Hull, Standing
 from so101_motion.planning.collision.scene import FLOOR, LINKS, Box, Capsule, Mesh, Sphere
-from so101_motion.planning.native.library import native
 
 MOST_ARMS = 8  # most arms of a team; as in ``native.h``
 FEW = 64  # up to so many waypoints are passed in an array whose address is known

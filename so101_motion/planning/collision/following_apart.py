@@ -14,6 +14,7 @@ from operator import is_
 import numpy as np
 
 from so101_motion.common.geometry import SE3, Array
+from so101_motion.native.library import native
 from so101_motion.planning.collision.apart import (
     GUARDED,
     GUARDED_EARLY,
@@ -30,7 +31,6 @@ from so101_motion.planning.collision.apart import (
 from so101_motion.planning.collision.arm_bodies import ArmBodies
 from so101_motion.planning.collision.batch_check import pointer
 from so101_motion.planning.collision.course import STEP, NearArms
-from so101_motion.planning.native.library import native
 
 PUSHED = 0.7  # nearer than this share of what was kept: pushed; a proof leaves 7/8
 RANGE = 0.03  # arms nearer than ``GUARDED`` and this approach slowly [m]; see guard.py

@@ -31,12 +31,12 @@ from typing import Any
 import numpy as np
 
 from so101_motion.common.geometry import Array
+from so101_motion.native.library import native
 from so101_motion.planning.collision.batch_check import BOUND, NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
 from so101_motion.planning.collision.collision import BACK_OUT, ClosePair, CollisionModel
 from so101_motion.planning.collision.course import NearArms
 from so101_motion.planning.collision.following_apart import GAP
-from so101_motion.planning.native.library import native
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 MOST = 8  # at most so many bounds are used, those with the least room; chosen, and the same in C

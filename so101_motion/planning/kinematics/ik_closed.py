@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from so101_motion.common.geometry import Array
+from so101_motion.native.library import native
 from so101_motion.planning.goals import GoalMetric
 from so101_motion.planning.kinematics.arm_geometry import (
     BRANCHES,
@@ -30,7 +31,6 @@ from so101_motion.planning.kinematics.arm_geometry import (
 )
 from so101_motion.planning.kinematics.ik_task import Task
 from so101_motion.planning.kinematics.workspace import Workspace
-from so101_motion.planning.native.library import native
 
 _MOST = 2048  # most configurations for one goal, spread over its pitches and rolls
 

@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.geometry import Array
+from so101_motion.native.library import native
 from so101_motion.planning.collision.batch_check import LineCheck, pointer
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import MARGIN
-from so101_motion.planning.native.library import native
 from so101_motion.planning.paths.compiled_search import Deadline, Space
 
 JOINTS = 3  # number of joints, from the base, that a cell has; the others may stand anywhere

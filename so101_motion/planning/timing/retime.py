@@ -24,8 +24,8 @@ import numpy as np
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
+from so101_motion.native.library import native
 from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
-from so101_motion.planning.native.library import native
 from so101_motion.planning.timing import verify
 from so101_motion.planning.timing.limits import MotionLimits, ToolSpeed
 from so101_motion.planning.timing.path_geometry import JointPath, PathPoints

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.native.library import native
+from so101_motion.native.library import native
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint

@@ -20,7 +20,7 @@ from so101_motion.common.errors import OutsideLimits
 from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import range_deg, to_deg
-from so101_motion.planning.native.library import native
+from so101_motion.native.library import native
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 

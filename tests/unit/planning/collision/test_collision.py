@@ -13,6 +13,8 @@ from harness.random_scenes import obstacle, random_scene
 
 from so101_motion.common.errors import WorkerError
 from so101_motion.common.geometry import SE3
+from so101_motion.native import library
+from so101_motion.native.library import native
 from so101_motion.planning.collision.bodies import bodies_in
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import (
@@ -26,8 +28,6 @@ from so101_motion.planning.collision.scene import (
     Scene,
     Sphere,
 )
-from so101_motion.planning.native import library
-from so101_motion.planning.native.library import native
 
 
 def configuration(*angles_deg):

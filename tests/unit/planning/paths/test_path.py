@@ -8,12 +8,12 @@ from harness.random_scenes import LEFT, POST, RIGHT
 from benchmarks.bench_no_path import closed
 from benchmarks.no_path_problems import cut_off, shut_in, slot, tube
 from so101_motion.common.errors import ConfigError, NoPath
+from so101_motion.native.library import native
 from so101_motion.planning.checkpoint import never_abandoned
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.native.library import native
 from so101_motion.planning.paths.compiled_search import (
     Deadline,
 )
