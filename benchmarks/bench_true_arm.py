@@ -24,7 +24,7 @@ from unittest import mock
 import numpy as np
 
 from benchmarks import _common
-from so101_motion.drivers.goal_limiter import GoalLimiter
+from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
 from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoType
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -49,10 +49,11 @@ _referee: Any = _common.from_tests("referee.official")
 def without_compensation() -> Iterator[None]:
     """Goals are the commands, nothing is added to them."""
 
-    def bare(limiter: Any, *_: object) -> list[float]:
-        return list(limiter._q)
+    def bare(compensation: Any, *_: object) -> dict[int, int]:
+        maps, q = compensation._maps, compensation.q
+        return {joint.servo_id: joint.to_goal(q[i]) for i, joint in maps.items()}
 
-    with mock.patch.object(GoalLimiter, "goals", bare):
+    with mock.patch.object(GoalCompensation, "goals", bare):
         yield
 
 

@@ -22,8 +22,6 @@ from __future__ import annotations
 import ctypes
 import math
 from contextlib import suppress
-from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +31,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.control.joint_group import Tolerances
 from so101_motion.drivers.goal_limiter import PAUSE
-from so101_motion.native.library import native
+from so101_motion.native.library import quick
 
 FOLLOWED = 0.4  # for how long a joint must have followed before it stopped [s]; chosen
 
@@ -85,12 +83,6 @@ class _Watch(ctypes.Structure):
         ("pressed", ctypes.c_double * MOST),
         ("in_play", ctypes.c_double * MOST),
     ]
-
-
-@cache
-def _held_up() -> Any:
-    """The function of ``held_up.c``; it keeps the interpreter lock, which is slow to come back."""
-    return ctypes.PyDLL(None, handle=native().library._handle).so101_held_up
 
 
 class LatestRows:
@@ -149,7 +141,7 @@ class FollowingCheck:
         )
         if self._sees_contact:
             with suppress(WorkerError):  # raised where it is needed
-                _held_up()  # loading it takes longer than a tick
+                quick()  # loading it takes longer than a tick
         windows = [round(span / dt) for span in tolerances.contact_windows]
         stops, before = [round(span / dt) for span in STOPPED], round(FOLLOWED / dt)
         self._kept = 1 + max(self._lag + max(windows), before + max(stops))
@@ -243,7 +235,7 @@ class FollowingCheck:
         if len(self._wanted) < self._kept:
             return held
         self._given[:] = in_play
-        found = _held_up()(
+        found = quick().so101_held_up(
             self._watch_at, self._wanted.end, self._seen.end, len(self._seen), self._given_at
         )
         if found:

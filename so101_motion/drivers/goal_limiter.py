@@ -25,13 +25,14 @@ guided goals come from measurements and are clamped silently, as their controlle
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Sequence
+import ctypes
+from collections.abc import Collection, Sequence
 
 from so101_motion.common.errors import CommandRefused
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.drivers.position_check import CLOSE
+from so101_motion.native.library import quick
 
 SLACK = 0.01
 """How much closer in time two goals may be than their setpoints [s]: a period, because after a late
@@ -58,25 +59,47 @@ SEED = CLOSE * RAD_PER_TICK
 """Largest distance from its joint at which a command may begin [rad]: that of two readings that
 agree."""
 
-_ROUNDING = 1e-6  # [rad] and [rad/s]
+Six = list[float]
+SIX = ctypes.c_double * 6
+"""A number for each joint, as C has it and as its slices are."""
 
 
-class GoalLimiter:
-    """Limits the commands of the six joints; in plain lists, for it is called in every cycle.
+def as_bits(joints: Collection[int]) -> int:
+    """A bit for each of ``joints``, as C takes them."""
+    return sum(1 << i for i in joints)
+
+
+class GoalLimiter(ctypes.Structure):
+    """Limits the commands of the six joints, in ``servo_goals.c``: it is called in every cycle.
 
     ``speed`` [rad/s] and ``acceleration`` [rad/s^2] are the hard caps of every joint.
     """
 
+    _fields_ = [
+        *((name, ctypes.c_double) for name in ("speed", "acceleration", "slack", "catch_up")),
+        *((name, ctypes.c_double) for name in ("pause", "offset_speed", "lead_speed", "seed")),
+        *((name, ctypes.c_double) for name in ("t", "t_before", "t_goal", "spare", "begins")),
+        *((name, SIX) for name in ("q", "qd", "goal", "offset", "lead", "kept")),
+        *((name, ctypes.c_double) for name in ("step", "elapsed", "allowed", "before", "asked")),
+    ]
+    speed: float
+    q: Six
+    qd: Six
+    goal: Six
+    kept: Six
+    step: float
+    elapsed: float
+    allowed: float
+    before: float
+    asked: float
+
     def __init__(self, names: Sequence[str], *, speed: float, acceleration: float) -> None:
-        n = len(names)
-        self._names, self._speed, self._acceleration = names, speed, acceleration
-        self._q, self._qd = [0.0] * n, [0.0] * n
-        self._goal, self._offset, self._lead = [0.0] * n, [0.0] * n, [0.0] * n
-        self._at_rest = [0.0] * n
-        self._t = self._t_before = self._t_goal = 0.0
-        self._spare = SLACK
-        self._kept = [CATCH_UP] * n
-        self._begins = True
+        super().__init__(
+            speed=speed, acceleration=acceleration, slack=SLACK, catch_up=CATCH_UP, pause=PAUSE,
+            offset_speed=OFFSET_SPEED, lead_speed=LEAD_SPEED, seed=SEED, spare=SLACK, begins=1.0,
+            kept=SIX(*[CATCH_UP] * 6),
+        )  # fmt: skip
+        self._names, self._in_c, self._at = names, quick(), ctypes.byref(self)
 
     def begin(
         self, q_cmd: Sequence[float], q: Sequence[float], now: float, free: Collection[int] = ()
@@ -93,90 +116,38 @@ class GoalLimiter:
                     " nothing was sent. Let the arm hold again",
                     joint=self._names[i],
                 )
-        self._q, self._qd = list(q_cmd), [0.0] * len(self._q)
-        self._t = self._t_before = now
-        self._kept = [CATCH_UP] * len(self._q)
-        self._begins = True
+        self.q[:], self.qd[:], self.kept[:] = q_cmd, [0.0] * 6, [CATCH_UP] * 6
+        self.t = self.t_before = now
+        self.begins = 1.0
 
     def follow(
         self,
         q_cmd: Sequence[float],
         qd_cmd: Sequence[float] | None,
         now: float,
-        here: Callable[[int], float],
-        free: Collection[int] = (),
+        here: Sequence[float],
     ) -> None:
-        """Check the next command, ``q_cmd`` [rad], at ``now`` [s]; ``free`` as for ``begin``.
+        """Check the next command, ``q_cmd`` [rad], at ``now`` [s].
 
-        ``qd_cmd`` are velocities there of the first joints [rad/s], NaN if not known; ``here``
-        gives the confirmed angle of a joint [rad], else NaN. ``CommandRefused`` if it moves more
-        than the caps allow; the last command stays in force.
+        ``qd_cmd`` are velocities there of the first joints [rad/s], NaN if not known; ``here`` are
+        the confirmed angles of the joints [rad], else NaN. ``CommandRefused`` if it moves more than
+        the caps allow; the last command stays in force.
         """
-        elapsed = max(now - self._t, 0.0)
-        if elapsed > PAUSE + CATCH_UP:
-            elapsed = CATCH_UP  # the joints stand, so what comes now begins, or goes on, from rest
-        # The pause may have ended just before the last command: nothing moved in a single period.
-        has_paused = now - self._t_before >= PAUSE
-        change = self._acceleration * (elapsed + CATCH_UP)
-        bend = 0.25 * self._acceleration * (elapsed + SLACK) ** 2
-        given = () if qd_cmd is None else qd_cmd
-        known, kept = len(given), [CATCH_UP] * len(q_cmd)
-        for i, q in enumerate(q_cmd):
-            step = abs(q - self._q[i])
-            time, v, more = elapsed + self._kept[i], self._speed, 0.0
-            if i < known and given[i] == given[i]:
-                qd, before = given[i], self._qd[i]
-                reached = _between(qd, before) if has_paused else before
-                if not abs(qd) <= self._speed + _ROUNDING or not abs(qd - reached) <= change:
-                    self._refuse_velocity(i, before, qd, change, free)
-                v, more = min(max(abs(qd), abs(before)), v), bend
-            elif (i < known or step > v * time) and abs(q - here(i)) <= SEED:
-                self._lead[i] = 0.0  # it is to stay there
-                continue
-            allowed = v * time + more
-            if not step <= allowed + _ROUNDING:
-                if i in free:
-                    continue
-                raise CommandRefused(
-                    f"{self._names[i]} was to move by {to_deg(q - self._q[i]):.1f} deg within"
-                    f" {1000.0 * elapsed:.0f} ms; {to_deg(allowed):.1f} deg are allowed, so"
-                    " nothing was sent and the servos keep their last goal. Let the arm hold, then"
-                    " move again",
-                    joint=self._names[i],
-                )
-            used = (step - more) / v if v > 0.0 and step > more else 0.0
-            kept[i] = min(max(time - used, 0.0), CATCH_UP)
-        self._q[:], self._kept = q_cmd, kept
-        self._t_before, self._t = self._t, now
-        self._qd = [qd if qd == qd else 0.0 for qd in given] + self._at_rest[known:]
+        qd = None if qd_cmd is None else SIX(*qd_cmd)
+        given = (SIX(*q_cmd), qd, SIX(*here), 0, ctypes.c_double(now))
+        self.refuse(self._in_c.so101_limiter_follow(self._at, *given))
 
     def goals(
-        self,
-        weight: Sequence[float],
-        largest: Sequence[float],
-        lead: Sequence[float],
-        now: float,
+        self, weight: Sequence[float], largest: Sequence[float], lead: Sequence[float], now: float
     ) -> list[float]:
         """The goals to send [rad]: the last command plus offset and lead, within their bounds.
 
         With the first command offset (``weight``, at most ``largest``) and ``lead`` may jump to
         their values.
         """
-        dt = now - self._t_goal + SLACK
-        if self._begins:
-            self._offset, self._lead, dt = self._at_rest, self._at_rest, math.inf
-        self._offset = [
-            limited(within_change(wanted, before, OFFSET_SPEED * dt), most)
-            for wanted, before, most in zip(weight, self._offset, largest, strict=True)
-        ]
-        change = LEAD_SPEED * self._speed * dt
-        self._lead = [
-            within_change(w, before, change) for w, before in zip(lead, self._lead, strict=True)
-        ]
-        self._t_goal, self._begins = now, False
-        parts = zip(self._q, self._offset, self._lead, strict=True)
-        self._goal = [q + offset + ahead for q, offset, ahead in parts]
-        return list(self._goal)
+        given = (SIX(*each) for each in (weight, largest, lead))
+        self._in_c.so101_limiter_goals(self._at, *given, ctypes.c_double(now))
+        return self.goal[:]
 
     def yielded(self, goals: Sequence[float], now: float) -> list[float]:
         """The goals [rad] of the first joints while a hand guides them: no faster than ``speed``.
@@ -184,41 +155,31 @@ class GoalLimiter:
         ``SLACK`` is spent once and comes back with time that no joint needed, so over any span the
         goals travel at most ``speed * (span + SLACK)``.
         """
-        time = max(now - self._t_goal, 0.0) + self._spare
-        change, farthest = self._speed * time, 0.0
-        for i, goal in enumerate(goals):
-            before = self._goal[i]
-            self._goal[i] = within_change(goal, before, change)
-            farthest = max(farthest, abs(self._goal[i] - before))
-        self._spare = min(SLACK, max(time - farthest / self._speed, 0.0))
-        self._t_goal = now
-        return self._goal[: len(goals)]
+        given = (SIX(*goals), len(goals), ctypes.c_double(now))
+        self._in_c.so101_limiter_yielded(self._at, *given)
+        return self.goal[: len(goals)]
 
-    def _refuse_velocity(
-        self, i: int, before: float, qd: float, change: float, free: Collection[int]
-    ) -> None:
-        if i not in free:
-            raise CommandRefused(
-                f"{self._names[i]} was to change its speed from {to_deg(before):.0f} to"
-                f" {to_deg(qd):.0f} deg/s at once; steps of {to_deg(change):.0f} deg/s up to"
-                f" {to_deg(self._speed):.0f} deg/s are allowed, so nothing was sent and"
-                " the servos keep their last goal. Let the arm hold, then move again",
-                joint=self._names[i],
+    def refuse(self, found: int) -> None:
+        """Raise ``CommandRefused`` if C has found a reason, a joint, plus 8 if its velocity is."""
+        if found < 0:
+            return
+        i = found & 7
+        if found >= 8:
+            happened = (
+                f"change its speed from {to_deg(self.before):.0f} to {to_deg(self.asked):.0f} deg/s"
+                f" at once; steps of {to_deg(self.allowed):.0f} deg/s up to"
+                f" {to_deg(self.speed):.0f} deg/s"
             )
-
-
-# Plain comparisons: a dozen of these run in every cycle.
-
-
-def within_change(wanted: float, before: float, change: float) -> float:
-    """``wanted``, limited to at most ``change`` from ``before``."""
-    if wanted > before + change:
-        return before + change
-    return before - change if wanted < before - change else wanted
-
-
-def _between(value: float, end: float) -> float:
-    return min(max(value, min(end, 0.0)), max(end, 0.0))
+        else:
+            happened = (
+                f"move by {to_deg(self.step):.1f} deg within {1000.0 * self.elapsed:.0f} ms;"
+                f" {to_deg(self.allowed):.1f} deg"
+            )
+        raise CommandRefused(
+            f"{self._names[i]} was to {happened} are allowed, so nothing was sent and the servos"
+            " keep their last goal. Let the arm hold, then move again",
+            joint=self._names[i],
+        )
 
 
 def limited(value: float, most: float) -> float:

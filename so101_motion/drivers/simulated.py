@@ -195,7 +195,7 @@ class SimArm:
         q = [*np.asarray(q_cmd, dtype=float).tolist(), q_jaw_cmd]
         if self._torque and not self._yields:
             qd = None if qd_cmd is None else qd_cmd.tolist()
-            self._limiter.follow(q, qd, self._t, lambda i: float(self._q[i]))
+            self._limiter.follow(q, qd, self._t, self._q.tolist())
         else:
             self._limiter.begin(q, q, self._t)
 

@@ -1,5 +1,5 @@
-"""The compiled part of planning: C sources, and the loader of the library built from them.
+"""The compiled part of planning and driving: C sources, and the loader of their library.
 
 ``build_native.py`` at the top of the checkout compiles them when the package is installed. Without
-the library everything works, only slower.
+the library nothing plans, and no joints are driven.
 """

@@ -1,7 +1,7 @@
 """Find and load the compiled library that was built from exactly these sources.
 
 Its file name contains a hash of the sources and the platform, so a library of another version or
-for another processor is never loaded. Nothing is loaded before the first plan.
+for another processor is never loaded. Nothing is loaded before somebody plans or drives joints.
 
 At import this file needs only the standard library, because ``build_native.py`` uses it before
 anything else is installed.
@@ -49,7 +49,7 @@ def native() -> Native:
     file = library_file()
     if not file.is_file():
         raise WorkerError(
-            "the compiled part of planning is missing; build it with a C compiler or with"
+            "the compiled part of so101_motion is missing; build it with a C compiler or with"
             ' "pip install ziglang": python build_native.py in a checkout'
         )
     try:
@@ -64,5 +64,29 @@ def native() -> Native:
             made.restype = ctypes.c_void_p
         library.so101_motion_cut.restype = library.so101_averaging.restype = ctypes.c_double
     except (OSError, AttributeError, ValueError) as error:
-        raise WorkerError(f"the compiled part of planning cannot be loaded: {error}") from error
+        raise WorkerError(f"the compiled part of so101_motion cannot be loaded: {error}") from error
     return Native(library, lanes)
+
+
+@cache
+def quick() -> ctypes.PyDLL:
+    """The library for calls of microseconds: they keep the interpreter lock, slow to come back.
+
+    Raises as ``native`` does.
+    """
+    library = ctypes.PyDLL(None, handle=native().library._handle)
+    number, at = ctypes.c_double, ctypes.c_void_p
+    for name, inputs in (
+        ("servo_stiffness", (at,)),
+        ("servo_error_for", (at, number)),
+        ("servo_drive", (at, number)),
+        ("servo_lag", (at,)),
+        ("servo_distance", (at, number, number)),
+        ("servo_friction", (at, number, number, number)),
+        ("servo_stray", (at, number)),
+        ("stopping_distance", (number, number)),
+        ("cut_off", (number,)),
+    ):
+        function = getattr(library, f"so101_{name}")
+        function.restype, function.argtypes = number, inputs
+    return library

@@ -183,7 +183,7 @@ class FeetechArm:
         """
         with self._chain.watching():
             bus, now = self._chain.bus(), self._clock.now()
-            here, free = self._at.surely, self._out_of_range.free
+            here, free = self._at.sure, self._out_of_range.free
             if self._guide is not None:
                 self._compensation.point(
                     [*self._compensation.q[:5], q_jaw_cmd], None, now, here, free

@@ -188,7 +188,7 @@ class HandGuiding:
     def _trust(self, q: Sequence[float]) -> None:
         """Find how far each joint counts on the load that was learnt before."""
         for i, per_kg in enumerate(self._trim.per_kg(q)[:N]):
-            torque = self._mass * per_kg + self._trim.models[i].torque(self._known[i])
+            torque = self._mass * per_kg + self._trim.models[i].stiffness * self._known[i]
             way = (q[i] - self._q[i]) * float(np.sign(torque)) / (2.0 * ENGAGING)
             self._trusted[i] = min(max(self._trusted[i] - way, 0.0), 1.0)
 

@@ -94,9 +94,11 @@ class JointEstimate:
     def ticks(self, i: int) -> Ticks:
         return self._maps[i].to_ticks(self.q[i])
 
-    def surely(self, i: int) -> float:
-        """The angle of joint ``i`` [rad], if two answers agree on it; else NaN."""
-        return self.q[i] if i in self._known and self._known[i].is_sure else math.nan
+    @property
+    def sure(self) -> list[float]:
+        """The angles of the joints on which two answers agree [rad]; else NaN."""
+        known = self._known
+        return [q if i in known and known[i].is_sure else math.nan for i, q in enumerate(self.q)]
 
     def found(self, i: int, ticks: Ticks, now: float) -> None:
         """Start from the confirmed position of joint ``i``'s servo ``now`` [s]."""

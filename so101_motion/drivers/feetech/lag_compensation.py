@@ -8,8 +8,8 @@ was checked for collisions.
 So the goal is not the commanded angle but the angle at which the joint would come to rest from
 there, braking as hard as the servo can. The servo's set-point then moves with the command. Two lags
 in proportion to the speed remain and are compensated too: a goal acts late (``DELAY`` and the
-servo's own delay), and the motor works against the voltage it induces (``Trim.lag``). If the next
-goal does not come, the joint comes to rest that much later.
+servo's own delay), and the motor works against the voltage it induces (``lead`` in
+``servo_goals.c``). If the next goal does not come, the joint comes to rest that much later.
 
 These two are compensated only in motions with a known acceleration: planned ones, and those that
 follow a target with a given acceleration. The acceleration of other targets changes at any moment,
@@ -20,7 +20,7 @@ teleoperation ``predictor.py`` estimates it.
 from __future__ import annotations
 
 from so101_motion.common.units import to_rad
-from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TOP_ACCELERATION_UNITS
+from so101_motion.drivers.bus.ticks import TOP_ACCELERATION_UNITS
 
 BRAKING = tuple(to_rad(each) for each in (624.0, 464.0, 627.0, 572.0, 572.0, 572.0))
 """How fast each servo's set-point slows down with register 85 as new [rad/s^2], whatever register
@@ -31,15 +31,6 @@ DELAY = 0.0065
 """Average delay from a setpoint to the servo's set-point, beyond the servo's own [s]: half a
 period, and the rounding of the emulated servo to milliseconds. Chosen by trial."""
 
-CUT_OFF = 0.5
-"""How much the firmware drops of a moving set-point on average [tick]: it counts finer than in
-ticks, divides, and drops the remainder. Read in a reconstruction of the factory firmware, whose
-division the emulator copies; at rest nothing is dropped, because goals are whole ticks."""
-
-CUT_OFF_SPEED = to_rad(10.0)
-"""A slower set-point is at its goal for a part of every period, and loses less [rad/s]. Chosen: at
-this speed it is a tick behind."""
-
 _FULL = to_rad(980.0)
 """Largest braking with a larger register 85 [rad/s^2]: 100 units of register 41 by the measured
 slope. It was never measured with a larger register 85; LeRobot writes 254."""
@@ -48,13 +39,3 @@ slope. It was never measured with a larger register 85; LeRobot writes 254."""
 def braking(i: int, top_units: int) -> float:
     """How fast joint ``i``'s servo slows down [rad/s^2] with ``top_units`` in register 85."""
     return min(BRAKING[i] * max(top_units / TOP_ACCELERATION_UNITS, 1.0), _FULL)
-
-
-def cut_off(qd: float) -> float:
-    """The average that the firmware drops of a set-point moving at ``qd`` [rad/s], [rad]."""
-    return CUT_OFF * RAD_PER_TICK * min(abs(qd) / CUT_OFF_SPEED, 1.0)
-
-
-def stopping_distance(qd: float, acceleration: float) -> float:
-    """How far a joint at ``qd`` [rad/s] goes while it brakes by ``acceleration`` [rad/s^2]."""
-    return qd * abs(qd) / (2.0 * acceleration)

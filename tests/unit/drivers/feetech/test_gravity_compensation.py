@@ -1,3 +1,6 @@
+import ctypes
+import math
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,7 @@ from so101_motion.drivers.feetech.gravity_compensation import (
     Trim,
 )
 from so101_motion.drivers.feetech.servo_model import ServoModel
+from so101_motion.drivers.goal_limiter import SIX
 from so101_motion.drivers.servo_types import (
     AS_SOLD,
     START_DUTY,
@@ -17,6 +21,7 @@ from so101_motion.drivers.servo_types import (
     STS3215_12V,
     ServoFigures,
 )
+from so101_motion.native.library import quick
 
 ALL = range(6)
 REST = [0.0] * 6
@@ -31,6 +36,15 @@ def start(trim, goal, sag=(0.0,) * 6):
     trim.start(np.asarray(goal).tolist(), 0.0, list(sag))
 
 
+def command(trim, goal, t):
+    """Send the joints to ``goal`` [rad] at ``t`` [s], as ``servo_goals.c`` does."""
+    goal = np.asarray(goal).tolist()
+    given = (goal, REST, [math.nan] * 6, trim.own(goal), trim.per_kg(goal))
+    quick().so101_trim_command(
+        ctypes.byref(trim), *(SIX(*each) for each in given), ctypes.c_double(t)
+    )
+
+
 def hold(trim, q, seconds, t=0.0):
     for k in range(round(seconds / 0.01)):
         trim.measure(np.asarray(q).tolist(), REST, ALL, t + 0.01 * k)
@@ -39,7 +53,7 @@ def hold(trim, q, seconds, t=0.0):
 def test_weight_and_the_friction_on_the_way_are_made_up_for_at_once():
     trim, servo = Trim(lambda q: np.array([0.0, q[1], 0.0, 0.0, 0.0, 9.0])), ServoModel()
     start(trim, 0.0 * GOAL)
-    trim.command(GOAL.tolist(), 0.0)
+    command(trim, GOAL, 0.0)
     up, down = servo.friction(0.0, 1.0), servo.friction(-0.2, -1.0)
     wanted = [servo.distance(up), servo.distance(-0.2 - down), servo.distance(up), 0.0, 0.0, 0.0]
     np.testing.assert_allclose(trim.offset, wanted)
@@ -58,9 +72,9 @@ def test_a_load_is_on_one_side_if_no_mass_in_the_hand_could_change_that():
 
 def test_a_joint_that_lifts_whatever_it_carries_stands_nowhere_in_its_play():
     trim = sided()
-    trim.command((GOAL + 1.0).tolist(), 0.1)
+    command(trim, GOAL + 1.0, 0.1)
     assert trim.in_play() == [2], "a mass would be lifted by the fifth, not lead it on"
-    trim.command((GOAL - 1.0).tolist(), 0.2)
+    command(trim, GOAL - 1.0, 0.2)
     assert trim.in_play() == [2, 4]
 
 
@@ -68,13 +82,13 @@ def test_a_trembling_command_turns_no_friction_over():
     trim = Trim(lambda q: np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
     start(trim, GOAL, (None,) * 6)
     held = trim.offset[0]
-    trim.command((GOAL + 1.0).tolist(), 0.0)
+    command(trim, GOAL + 1.0, 0.0)
     moved, offsets = GOAL + 1.0, []
     for k in range(20):
-        trim.command((moved + (-1) ** k * 0.2 * ENGAGING).tolist(), 0.01 * k)
+        command(trim, moved + (-1) ** k * 0.2 * ENGAGING, 0.01 * k)
         offsets.append(trim.offset[0])
     assert min(offsets) - held > 0.5 * (max(offsets) - held)
-    trim.command(GOAL.tolist(), 1.0)
+    command(trim, GOAL, 1.0)
     assert trim.offset[0] < held < max(offsets)
 
 
@@ -115,7 +129,7 @@ def test_while_the_command_moves_the_lag_is_not_learnt():
     trim = Trim(weightless)
     start(trim, GOAL)
     for k in range(200):
-        trim.command((GOAL + 0.01 * k).tolist(), 0.01 * k)
+        command(trim, GOAL + 0.01 * k, 0.01 * k)
         trim.measure((GOAL + 0.01 * k - 0.02).tolist(), REST, ALL, 0.01 * k)
     np.testing.assert_array_equal(trim.rest, 0.0)
 
@@ -124,10 +138,11 @@ def carried(figures, *, off):
     """What the hand seems to carry [kg] after 0.2 s of motion, two joints ``off`` [rad] behind."""
     load = np.array([0.0, 2.0, 1.0, 0.0, 0.0, 0.0])
     trim = Trim(lambda q: np.array([0.0, 0.5, 0.4, 0.0, 0.0, 0.0]), lambda q: load)
-    trim.models = [ServoModel(figures=figures) for _ in ALL]
+    for i in ALL:
+        trim.put(i, ServoModel(figures=figures))
     start(trim, GOAL, sag=(None,) * 6)
     for k in range(20):
-        trim.command((GOAL + 0.01 * k).tolist(), 0.01 * k)
+        command(trim, GOAL + 0.01 * k, 0.01 * k)
         trim.measure((GOAL + 0.01 * k - off).tolist(), REST, ALL, 0.01 * k)
     return trim.carried, np.abs(trim.rest).max()
 
@@ -138,7 +153,7 @@ def test_a_servo_at_its_torque_limit_learns_nothing_in_motion():
         start(trim, GOAL, sag=(None,) * 6)
         trim.models[1].most_drive = most_drive
         for k in range(20):
-            trim.command((GOAL + way * 0.01 * k).tolist(), 0.01 * k)
+            command(trim, GOAL + way * 0.01 * k, 0.01 * k)
             trim.measure((GOAL + way * (0.01 * k - 0.02)).tolist(), REST, ALL, 0.01 * k)
         return trim.rest[1]
 
@@ -160,12 +175,12 @@ def test_an_error_looks_like_a_mass_only_where_a_mass_would_make_one(arm_of_a_kg
     trim = Trim(weightless, lambda q: np.array([0.0, arm_of_a_kg, 0.0, 0.0, 0.0, 0.0]))
     start(trim, GOAL)
     hold(trim, GOAL - 0.01, 0.5)
-    total = trim.carried * arm_of_a_kg + trim.models[1].torque(trim.rest[1])
+    total = trim.carried * arm_of_a_kg + trim.models[1].stiffness * trim.rest[1]
     assert trim.carried * arm_of_a_kg / total == pytest.approx(share, rel=0.05)
 
     mass, left = trim.taken_for_mass()
     assert mass == pytest.approx(min(total / arm_of_a_kg, HEAVIEST)), "guiding takes all for a mass"
-    there = mass * arm_of_a_kg + trim.models[1].torque(left[1])
+    there = mass * arm_of_a_kg + trim.models[1].stiffness * left[1]
     assert there == pytest.approx(total), "and nothing is lost"
 
 
@@ -190,7 +205,7 @@ def test_errors_of_a_tick_are_left_alone_and_a_joint_held_fast_is_not_pressed_ha
 def test_the_integral_never_asks_for_more_than_its_share_of_the_drive(p_gain):
     trim = Trim(weightless)
     for i in range(5):
-        trim.models[i] = ServoModel(STS3215_12V, p_gain)
+        trim.put(i, ServoModel(STS3215_12V, p_gain))
     start(trim, GOAL)
     hold(trim, GOAL - 0.02, 60.0)
     np.testing.assert_allclose(trim.rest[:5], ServoModel(p_gain=p_gain).error_for(LARGEST_DRIVE))

@@ -1,0 +1,75 @@
+/* What the driver computes in each cycle; drivers/feetech/ and drivers/goal_limiter.py say how and why.
+ *
+ * Six joints, the jaw last. A number that is not known is NaN, a set of joints has a bit for each. */
+#ifndef SO101_SERVOS_H
+#define SO101_SERVOS_H
+
+#include <math.h>
+#include <stdint.h>
+
+#define SERVOS 6
+#define JAW 5
+
+/* One servo, as ServoModel in servo_model.py. */
+typedef struct {
+    double torque_per_volt, back_emf, armature, viscous, coulomb, load_external, load_motor, still_external;
+    double still_motor, stribeck_speed, goal_delay, loop_delay, over_shape, play, start_duty, dead_zone;
+    double braking, full_drive_error, volts, most_drive, largest_load, is_known;
+} Servo;
+
+/* As Trim in gravity_compensation.py. */
+typedef struct {
+    double engaging, heaviest, largest_drive, settle_position, left_alone; /* constants of that file */
+    double carried, since, last, has_goal;
+    double lags[SERVOS], per_kg[SERVOS], weights[SERVOS], ways[SERVOS], torque[SERVOS];
+    double without_speed[SERVOS], known[SERVOS], rest[SERVOS], goal[SERVOS], qd[SERVOS];
+    double arrived[SERVOS], gives_way[SERVOS];
+    const Servo *servo[SERVOS];
+} Trim;
+
+/* As GoalLimiter in goal_limiter.py. */
+typedef struct {
+    double speed, acceleration, slack, catch_up, pause, offset_speed, lead_speed, seed; /* constants */
+    double t, t_before, t_goal, spare, begins;
+    double q[SERVOS], qd[SERVOS], goal[SERVOS], offset[SERVOS], lead[SERVOS], kept[SERVOS];
+    double step, elapsed, allowed, before, asked; /* of a command that was refused */
+} Limiter;
+
+/* As GoalCompensation in goal_compensation.py. */
+typedef struct {
+    double delay, largest_offset, compensates; /* constants, and the joints' maps */
+    double direction[SERVOS], zero_ticks[SERVOS], lower_ticks[SERVOS], upper_ticks[SERVOS];
+    double t_begin, t_point, t_goals, has_qd, is_told, follows_target;
+    double qd[JAW], qdd[JAW], side[JAW], crossing[JAW];
+    double foreseen[SERVOS], setpoint_qd[SERVOS], lags[SERVOS];
+    Trim *trim;
+    Limiter *limiter;
+} Goals;
+
+/* Of two numbers, as Python has it. */
+static inline double least(double a, double b) { return b < a ? b : a; }
+static inline double most(double a, double b) { return b > a ? b : a; }
+static inline double limited(double value, double bound) {
+    return value > bound ? bound : value < -bound ? -bound : value;
+}
+static inline double within_change(double wanted, double before, double change) {
+    return wanted > before + change ? before + change : wanted < before - change ? before - change : wanted;
+}
+static inline int holds(uint32_t joints, int i) { return joints >> i & 1; }
+
+double so101_servo_stiffness(const Servo *s); /* approximately what the goal adds for each radian [N m/rad] */
+double so101_servo_error_for(const Servo *s, double torque);
+double so101_servo_lag(const Servo *s);
+double so101_servo_drive(const Servo *s, double distance);
+double so101_servo_distance(const Servo *s, double torque, double speed);
+double so101_servo_friction(const Servo *s, double load, double way, double speed);
+double so101_servo_stray(const Servo *s, double speed);
+void so101_trim_command(Trim *t, const double *goal, const double *qd, const double *way, const double *own,
+                        const double *per_kg, double now);
+void so101_trim_give_way(Trim *t, int i);
+uint32_t so101_trim_in_play(const Trim *t);
+int so101_limiter_follow(Limiter *l, const double *q, const double *qd, const double *here, uint32_t free,
+                         double now);
+void so101_limiter_goals(Limiter *l, const double *offset, const double *largest, const double *lead,
+                         double now);
+#endif
