@@ -191,6 +191,17 @@ def test_a_roll_is_a_full_turn_or_has_its_stops(arc, home, verdict, is_usable, w
     assert words in said.sentence
 
 
+def test_only_a_travel_that_can_be_stored_can_be_accepted():
+    def is_offered(arc):
+        said = assess("elbow_flex", arc, expected=2000, home=MIDDLE)
+        return can_be_accepted(said.verdict, 0 if arc is None else arc.travel)
+
+    assert is_offered(TravelArc(1000, 900))
+    assert is_offered(TravelArc(1000, 2500))
+    assert not is_offered(None)
+    assert not is_offered(TravelArc(0, 4095))
+
+
 def test_a_hole_that_may_be_taken_for_the_part_out_of_reach_is_passed_again_first():
     """Or a roll whose readings paused while it moved would get the limits of that pause."""
     out_of_reach = 4096 - ROLL
