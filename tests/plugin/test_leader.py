@@ -141,16 +141,6 @@ def test_a_held_follower_is_felt_until_nobody_asks_and_the_hand_still_leads(pair
     assert pair.limits[:5] == [1000] * 5
 
 
-def test_a_leader_that_is_held_after_a_hint_holds_where_it_is_with_all_its_strength(pair):
-    pair.hand(50.0, 0.6)
-    assert pair.teleoperate(0.9)[-1].any()
-    here = pair.leading.q_deg
-    pair.leader.enable_torque()
-    assert pair.shares()[:5] == [1000] * 5
-    pair.leading.advance(0.2)
-    assert pair.leading.q_deg == pytest.approx(here, abs=4.0)
-
-
 def test_more_than_a_hint_is_refused(folded):
     with pytest.raises(ConfigError, match="guard_hint"):
         folded.robot(SO101MotionLeader, SO101MotionLeaderConfig, guard_hint=0.5)

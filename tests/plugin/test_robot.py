@@ -6,7 +6,7 @@ import signal
 
 import numpy as np
 import pytest
-from harness.lerobot_bench import READY, GreyConfig, action
+from harness.lerobot_bench import READY, action
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from lerobot_robot_so101_motion.config import SO101MotionConfig
@@ -209,11 +209,3 @@ def test_sigterm_ends_the_program_in_order_while_an_arm_is_connected(bench):
         os.kill(os.getpid(), signal.SIGTERM)
     robot.disconnect()
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-
-
-def test_cameras_are_opened_read_and_closed_with_the_arm(bench):
-    robot = bench.connected(cameras={"front": GreyConfig(fps=30, width=8, height=6)})
-    assert robot.observation_features["front"] == (6, 8, 3)
-    assert robot.get_observation()["front"].shape == (6, 8, 3)
-    robot.disconnect()
-    assert not robot.cameras["front"].is_connected

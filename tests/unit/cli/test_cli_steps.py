@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from so101_motion.calib.procedure.sampler import TREMBLE, Stillness
-from so101_motion.cli.operation_terminal import WIDTH, bar_of, drawn
+from so101_motion.cli.operation_terminal import bar_of, drawn
 from so101_motion.cli.terminal import ENTER, Quit, Terminal
 from so101_motion.common.operation import Row, View
 
@@ -47,12 +47,6 @@ def test_an_arm_that_was_held_still_has_not_left_its_place(places):
 
 
 # Rows
-
-
-@given(st.floats(0, 1), st.floats(0, 1), st.one_of(st.none(), st.floats(0, 1)))
-def test_a_bar_always_has_its_width(a, b, at):
-    row = Row(label="elbow_flex", bar=(min(a, b), max(a, b)), at=at)
-    assert len(bar_of(row).plain) == WIDTH
 
 
 def test_a_bar_shows_the_travel_and_where_the_joint_is():

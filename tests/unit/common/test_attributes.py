@@ -1,5 +1,4 @@
 import math
-import re
 import time
 
 import pytest
@@ -100,20 +99,6 @@ def test_a_value_that_cannot_be_used_is_named_with_what_is_allowed(key, value, s
 def test_a_wrong_entry_of_a_list_is_named_by_its_index(key, entries):
     with pytest.raises(ConfigError, match=rf"{key}\[1\]"):
         SimulatedArmConfig.from_attributes({key: entries})
-
-
-@pytest.mark.parametrize(
-    ("attributes", "says"),
-    [
-        ({"gripper_type": "leeder"}, 'did you mean "leader"?'),
-        ({"mesh_detail": "medium"}, "known: low, high"),
-        ({"gripper_typ": "leader"}, 'did you mean "gripper_type"?'),
-        ({"gripper_type": 1.0}, "must be a string"),
-    ],
-)
-def test_a_gripper_setting_that_does_not_exist_is_refused(attributes, says):
-    with pytest.raises(ConfigError, match=re.escape(says)):
-        SimulatedGripperConfig.from_attributes(attributes)
 
 
 def test_a_suggestion_is_only_made_when_something_is_near_and_not_of_all_there_is():

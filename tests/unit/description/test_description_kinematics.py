@@ -217,19 +217,6 @@ def test_every_surface_is_watertight_and_faces_outwards(part):
         assert np.sum(np.cross(a, b) * c) > 0.0, surface.name
 
 
-@pytest.mark.parametrize("part", ALL)
-def test_normals_are_unit_and_lie_on_their_triangles_side(part):
-    for surface in description.load_visual(part):
-        assert np.linalg.norm(surface.normals, axis=1) == pytest.approx(1.0, abs=1e-6)
-        a, b, c = (surface.mesh.vertices[surface.mesh.faces[:, i]] for i in range(3))
-        area = np.cross(b - a, c - a)
-        facing = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-12)
-        wide = np.linalg.norm(area, axis=1) > 1e-10  # m2; a sliver has no direction
-        for i in range(3):
-            normals = surface.normals[surface.mesh.faces[:, i]]
-            assert np.all(np.sum(normals * facing, axis=1)[wide] > 0.3), surface.name
-
-
 def test_meshes_are_light_and_alone_in_their_folder():
     arm = [s for part in description.PARTS.values() for s in description.load_visual(part)]
     assert sum(len(surface.mesh.faces) for surface in arm) <= 30_000

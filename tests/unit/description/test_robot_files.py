@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import so101_description as description
 from so101_description.robots import BUILT_IN, RobotFileError, load_robot
 
 TRY = """
@@ -135,7 +134,3 @@ def test_a_joint_about_another_axis_is_refused(own_file):
     urdf.write_text(urdf.read_text().replace('<axis xyz="0 0 1"/>', '<axis xyz="0 1 0"/>', 1))
     with pytest.raises(RobotFileError, match="shoulder_pan must turn about its own z"):
         load_robot(str(own_file))
-
-
-def test_the_default_is_the_so_101():
-    assert description.ROBOT.name == "SO-101"

@@ -352,17 +352,6 @@ def test_here_is_where_the_arm_is_and_the_jaw_moves_at_once(page, arm, gripper):
     assert page.sentence.text == "The arm is already there."
 
 
-def test_a_plan_shows_postures_on_its_path_and_where_it_comes_close(page):
-    page.set_target_point(np.array([0.3, 0.0, -0.1]))
-    planned(page)
-    assert len(page.sweep) >= 3
-    assert 0.0 < page.sweep[0][0] < page.sweep[-1][0] < 0.3
-    assert page.plan_view.closest.distance == pytest.approx(0.1)
-    assert page.plan_view.t_closest == pytest.approx(1.0)
-    page.show_sweep(False)
-    assert page.sweep is None
-
-
 def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(page, inputs):
     planned(page)
     page.play(0.5)

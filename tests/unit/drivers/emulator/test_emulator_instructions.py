@@ -159,22 +159,6 @@ def test_defaults_or_a_saved_backup_come_back_except_the_id(bench):
     assert bench.read(9, reg.P_GAIN) == 16
 
 
-def test_mode_change_drops_torque_speed_and_acceleration(bench):
-    for row, value in ((reg.ACCELERATION, 50), (reg.GOAL_VELOCITY, 300), (reg.TORQUE_ENABLE, 1)):
-        bench.write(1, row, value)
-    bench.write(1, reg.MODE, 1)
-    rows = (reg.ACCELERATION, reg.GOAL_VELOCITY, reg.TORQUE_ENABLE)
-    assert [bench.read(1, row) for row in rows] == [0, 0, 0]
-
-
-def test_acceleration_register_is_cut_at_its_maximum(bench):
-    bench.write(1, reg.ACCELERATION, 254)
-    assert bench.read(1, reg.ACCELERATION) == 100
-    bench.write(1, reg.MAX_ACCELERATION, 254)
-    bench.write(1, reg.ACCELERATION, 254)
-    assert bench.read(1, reg.ACCELERATION) == 254
-
-
 def test_readings_scatter_when_asked_to(make_bench):
     bench = make_bench(dither=3)
     seen = {bench.read(1, reg.PRESENT_POSITION) for _ in range(200)}

@@ -36,33 +36,6 @@ def test_in_speed_mode_it_turns_as_fast_as_it_is_told_and_stops(bench, speed):
     assert bench.read(ROLL, reg.MOVING) == 0
 
 
-def test_in_pwm_mode_a_larger_duty_turns_it_faster(bench):
-    in_mode(bench, reg.PWM_MODE)
-    speeds = []
-    for duty in (0, 150, 300):
-        bench.write(ROLL, reg.GOAL_TIME, duty)
-        bench.advance(0.4)
-        speeds.append(bench.read(ROLL, reg.PRESENT_VELOCITY))
-    assert speeds[0] == 0 > speeds[1] > speeds[2], "a positive duty turns towards lower ticks"
-    bench.write(ROLL, reg.GOAL_TIME, -300)
-    bench.advance(0.4)
-    assert bench.read(ROLL, reg.PRESENT_VELOCITY) > 0
-
-
-def test_the_homing_offset_applies_in_position_and_step_mode_only(bench):
-    bench.write(ROLL, reg.OFFSET, reg.encode_offset(500))
-    read, at_once, setpoints = [], [], []
-    for mode in (reg.POSITION_MODE, reg.SPEED_MODE, reg.PWM_MODE, reg.STEP_MODE):
-        bench.write(ROLL, reg.MODE, mode)
-        at_once.append(position(bench))
-        bench.advance(0.002)
-        read.append(position(bench))
-        setpoints.append(bench.read(ROLL, reg.SETPOINT))
-    assert read == [read[0], read[0] + 500, read[0] + 500, read[0]]
-    assert at_once[1:] == read[:-1], "what was measured in the control period before"
-    assert setpoints == [read[0]] * 4, "without positions it stays as it was"
-
-
 def test_in_step_mode_a_goal_is_so_much_farther(bench):
     in_mode(bench, reg.STEP_MODE)
     begin = position(bench)

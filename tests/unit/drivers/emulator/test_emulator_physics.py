@@ -62,28 +62,6 @@ def test_limp_arm_falls_onto_its_stop_and_light_joints_stay_by_friction(make_ben
     assert abs(bench.world.q[3]) < math.radians(0.5)  # only through the play
 
 
-def test_torque_on_holds_where_the_joint_is(make_bench, raised_arm):
-    bench = make_bench(gravity=raised_arm, q_start=(0, 0.4, 0, 0, 0, 0))
-    bench.write(2, reg.GOAL_POSITION, 2048)
-    bench.write(2, reg.TORQUE_ENABLE, 0)
-    bench.advance(0.05)
-    here = bench.world.q[1]
-    bench.write(2, reg.TORQUE_ENABLE, 1)
-    bench.advance(1.0)
-    assert bench.world.q[1] == pytest.approx(here, abs=math.radians(8))  # sags, does not run off
-    assert bench.world.q[1] >= here
-
-
-def test_play_leaves_an_unloaded_output_loose(bench):
-    shaft = bench.world.servo(1).drive.shaft
-    shaft.step(3.0, bridge=True, load=0.0)
-    moved = shaft.output - 2048.0
-    for _ in range(60):
-        shaft.step(3.0, bridge=True, load=0.0)
-    assert moved == 0.0  # the motor first crosses the play
-    assert shaft.output > 2048.0
-
-
 def test_a_standing_output_yields_to_another_load_or_a_wall(bench):
     shaft = bench.world.servo(1).drive.shaft
     for _ in range(50):
@@ -103,14 +81,6 @@ def test_a_standing_output_yields_to_another_load_or_a_wall(bench):
     for _ in range(50):
         shaft.step(0.0, bridge=True, load=0.1)
     assert stood - 500.0 < shaft.output < stood - 490.0  # through the play, no further
-
-
-def test_an_output_that_is_pressed_on_keeps_up_with_a_fast_motor(bench):
-    shaft = bench.world.servo(1).drive.shaft
-    for _ in range(150):
-        shaft.step(11.0, bridge=True, load=1.2)
-    assert shaft.velocity > 2500.0  # [tick/s], 220 deg/s
-    assert shaft.output > shaft.rotor
 
 
 def test_load_register_shows_the_duty_and_its_direction(make_bench, constant_load):
