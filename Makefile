@@ -78,11 +78,10 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_jog
 	$(BIN)/python -m benchmarks.bench_page
 
-# Attacks the bus and the module at random; SEED=... repeats a run, FULL=1 takes two
-# hours and counts as much as the results say.
-MINUTES ?= 10
+# Attacks the bus and the module at random, with so many seeds for each attack; SEED=... repeats a run.
+EXAMPLES ?= 50
 campaign: installed-dev
-	PYTHONPATH=tests $(BIN)/python -m campaign $(if $(FULL),--full,--minutes $(MINUTES)) $(if $(SEED),--seed $(SEED))
+	$(BIN)/python -m pytest -m campaign --timeout 7200 --examples $(EXAMPLES) --hypothesis-seed $(or $(SEED),$(shell date +%s))
 
 pictures: browser
 	$(BIN)/python docs/make_screenshots.py

@@ -77,6 +77,7 @@ def pytest_collection_modifyitems(config, items):
             if hasattr(item.obj, "hypothesis"):
                 held = item.obj._hypothesis_internal_use_settings
                 item.obj._hypothesis_internal_use_settings = settings(held, max_examples=examples)
+            item.own_markers = [mark for mark in item.own_markers if mark.name != "timeout"]
     if hasattr(config, "workerinput"):
         items[:] = lanes.longest_first(items)
     if not config.getoption("--hardware"):

@@ -1,4 +1,4 @@
-"""The campaign: long random attacks, repeatable by their seeds; ``make campaign MINUTES=10``.
+"""The campaign: long random attacks, repeatable by their seeds; ``make campaign EXAMPLES=50``.
 
 ``torn_answers.py`` damages answers on the bus; ``good_answers.py`` checks that no good one is
 refused. ``interleavings.py`` sends requests to an arm in random order (``campaign_arm.py``), with

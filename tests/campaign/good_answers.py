@@ -105,7 +105,7 @@ class RoughHandling(Joints):
             self.ticks(1)
 
 
-def run(answers, seed=0):
+def run(answers, seed):
     """Handle arms roughly until so many positions were sent: how many, doubted ones, top speed."""
     gravity, seen, again, fastest, episode = RobotModel.load().gravity_torque, 0, 0, 0.0, 0
     while seen < answers:

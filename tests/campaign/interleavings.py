@@ -5,8 +5,6 @@ request ends, with success or with an error of ours; after the Stop nothing move
 finds nothing.
 """
 
-from collections import Counter
-
 from harness.clocks import TurnClock
 
 from campaign.campaign_arm import Arm
@@ -84,25 +82,16 @@ class Interleaver:
         self.broken.append(f"after {' '.join(self.arm.said)}: {what}")
 
 
-def run(seed, *, count, faulty=False, each=50):
-    """``count`` interleavings on arms that are made anew after some.
-
-    Returns what was done, how much simulated time passed, and the laws that were broken.
-    """
-    done, seconds, broken = Counter(), 0.0, []
-    for first in range(0, count, each):
-        name = f"{seed} {first}"
-        clock = TurnClock()
-        with clock.everywhere():
-            one = Interleaver(name, clock, faulty=faulty)
-            arm = one.arm
-            for _ in range(min(each, count - first)):
-                one.interleave()
-                is_held = arm.executor.state.mode.value in ("holding", "moving", "stopping")
-                if not is_held and arm.rng.random() < 0.7:
-                    arm.recover()
-            arm.end()
-        broken += [f"seed {name}: {text}" for text in one.broken]
-        done += arm.done
-        seconds += arm.clock.now()
-    return done, seconds, broken
+def run(seed, *, count, faulty=False):
+    """``count`` interleavings on one arm: what was done, and the laws that were broken."""
+    clock = TurnClock()
+    with clock.everywhere():
+        one = Interleaver(seed, clock, faulty=faulty)
+        arm = one.arm
+        for _ in range(count):
+            one.interleave()
+            is_held = arm.executor.state.mode.value in ("holding", "moving", "stopping")
+            if not is_held and arm.rng.random() < 0.7:
+                arm.recover()
+        arm.end()
+    return arm.done, one.broken

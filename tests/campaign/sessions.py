@@ -3,11 +3,9 @@
 The test plays viam-server and three clients; the module drives an arm on an emulated port, which
 the referee watches, and a simulated one. Requests come at random, from all clients at once; some
 are given up, clients go away, resources are configured anew, the port is pulled out, and the
-process is stopped for up to ten seconds and continued. Laws: every request ends, and not with an
+process is stopped for up to two seconds and continued. Laws: every request ends, and not with an
 error that nobody foresaw; Stop is answered soon, and nothing moves afterwards; the module writes
 no traceback, grows no further, and ends when it is told to; the referee objects to nothing.
-
-    PYTHONPATH=tests python -m campaign --only sessions --minutes 5
 """
 
 import asyncio
@@ -16,7 +14,6 @@ import random
 import signal
 import tempfile
 import time
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +42,7 @@ STILL = 1.5  # [deg] that a joint may be from where it was when Stop was answere
 GROWTH = 150_000  # [kB] that the process may have more at the end than after a few requests
 FORBIDDEN = (Status.UNKNOWN, Status.INTERNAL, Status.DATA_LOSS)
 PAUSES = (0.0, 0.0, 0.0, 0.02, 0.1, 0.4)
-STOPPED = (0.05, 0.5, 2.0, 10.0)  # [s]
+STOPPED = (0.05, 0.5, 2.0)  # [s]
 
 COMMANDS = (
     "ping", "controller_status", "diagnose", "verify_config", "test_servo_communication",
@@ -73,11 +70,11 @@ class Lateness:
 
 
 class Session:
-    """A module and those who use it: what was done, how requests ended, which laws were broken."""
+    """A module and those who use it, and which laws were broken."""
 
     def __init__(self, module, emulator, rng):
         self.module, self.emulator, self.rng = module, emulator, rng
-        self.done, self.statuses, self.broken = Counter(), Counter(), []
+        self.broken = []
         self._clients = [Channel(path=str(module.socket)) for _ in range(3)]
         self._tasks = set()
 
@@ -96,15 +93,13 @@ class Session:
         ]  # fmt: skip
         for _ in range(requests):
             ask = self.rng.choice(asks)
-            self.done[ask.__name__[1:]] += 1
-            self._begin(ask())
+            self._begin(ask(), ask.__name__[1:])
             await asyncio.sleep(self.rng.choice(PAUSES))
         await self.judge_stop()
         await self._finish()
 
     async def stop_process(self, seconds):
         """Stop the process while the arm moves, and continue it."""
-        self.done["process stopped"] += 1
         arm = self._arm()
         goal = [self.rng.uniform(-60.0, 60.0), *(self.rng.uniform(-30.0, 30.0) for _ in range(4))]
         self._begin(arm.move_to_joint_positions(JointPositions(values=goal)), "move")
@@ -191,8 +186,8 @@ class Session:
 
     # How they end
 
-    def _begin(self, call, what=None):
-        task = asyncio.ensure_future(self._judged(call, what or list(self.done)[-1]))
+    def _begin(self, call, what):
+        task = asyncio.ensure_future(self._judged(call, what))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         if self.rng.random() < 0.2:
@@ -202,19 +197,13 @@ class Session:
         try:
             async with asyncio.timeout(LONGEST):
                 await call
-            status = "OK"
         except GRPCError as error:
-            status = error.status.name
             if error.status in FORBIDDEN:
-                self._object(f"{what}: {status}: {error.message}")
-        except (StreamTerminatedError, ConnectionError) as error:
-            status = type(error).__name__
+                self._object(f"{what}: {error.status.name}: {error.message}")
+        except (StreamTerminatedError, ConnectionError, NotImplementedError):
+            pass
         except TimeoutError:
-            status = "no answer"
             self._object(f"{what}: no answer within {LONGEST} s")
-        except NotImplementedError:
-            status = "unimplemented"
-        self.statuses[status] += 1
 
     async def judge_stop(self):
         """Stop is answered soon, and then nothing moves."""
@@ -276,8 +265,8 @@ class Session:
         self.broken.append(what)
 
 
-async def _play(seed, seconds, sessions, requests, stopped):
-    rng, referee, end = random.Random(seed), Referee(), time.monotonic() + seconds
+async def _play(seed, sessions, requests):
+    rng, referee = random.Random(seed), Referee()
     weight = RobotModel.load().gravity_torque
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         options = EmulatorOptions(link=Path(folder) / "arm")
@@ -286,16 +275,14 @@ async def _play(seed, seconds, sessions, requests, stopped):
         async with running_module() as (module, _, _):
             session = Session(module, emulator, rng)
             await session.open()
-            played, memory = 0, None
-            while played < sessions and time.monotonic() < end:
-                if played % 2:
-                    await session.stop_process(rng.choice(stopped))
+            await session.ask(requests)
+            memory = session.memory()
+            for k in range(1, sessions):
+                if k % 2:
+                    await session.stop_process(rng.choice(STOPPED))
                 else:
                     await session.ask(requests)
-                played += 1
-                if played == 4:
-                    memory = session.memory()
-            if memory is not None and session.memory() > memory + GROWTH:
+            if session.memory() > memory + GROWTH:
                 session.broken.append(f"it grew from {memory} to {session.memory()} kB")
             await session.close()
             module.process.send_signal(signal.SIGTERM)
@@ -304,18 +291,11 @@ async def _play(seed, seconds, sessions, requests, stopped):
                 if code != 0:
                     session.broken.append(f"it ended with {code}")
             except TimeoutError:
-                session.broken.append("it did not end within 10 s")
+                session.broken.append("it did not end within a minute")
                 module.process.kill()
-    broken = session.broken + [str(finding) for finding in referee.findings]
-    return {
-        "sessions": played,
-        "requests": sum(session.done.values()),
-        "each": dict(sorted(session.done.items())),
-        "answers": dict(sorted(session.statuses.items())),
-        "failures": [f"seed {seed}: {text}" for text in broken],
-    }
+    return session.broken + [str(finding) for finding in referee.findings]
 
 
-def run(seed, *, seconds=1e9, sessions=10**9, requests=20, stopped=STOPPED):
-    """Sessions until one of the bounds: what was asked, how it ended, the laws that were broken."""
-    return asyncio.run(_play(seed, seconds, sessions, requests, stopped))
+def run(seed, *, sessions, requests):
+    """So many sessions, of which every second one stops the process; the laws that were broken."""
+    return asyncio.run(_play(seed, sessions, requests))

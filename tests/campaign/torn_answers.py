@@ -48,18 +48,10 @@ POSITION, READ, SYNC_READ = 56, 0x02, 0x82
 
 @dataclass
 class ReplyCounter:
-    """What a campaign has seen; ``doubted``: answers given, and yet the joint was not known."""
+    """Which answers were spoiled, and which laws were broken."""
 
     spoiled: Counter = field(default_factory=Counter)
-    answers: int = 0
-    cycles: int = 0
-    doubted: int = 0
-    faults: Counter = field(default_factory=Counter)
     broken: list = field(default_factory=list)
-
-    @property
-    def total(self):
-        return sum(self.spoiled.values())
 
 
 class TornPort(DirectPort):
@@ -74,7 +66,6 @@ class TornPort(DirectPort):
 
     def passed(self, request, replies):
         offset = POSITION - request[5] if request[4] in (READ, SYNC_READ) else -1
-        self._tally.answers += len(replies)
         return [self._spoil(reply.data, offset) for reply in replies]
 
     def _spoil(self, answer, offset):
@@ -201,17 +192,14 @@ class Episode(Joints):
         try:
             act()
         except So101Error as error:
-            self._tally.faults[type(error).__name__] += 1
             if self._control.is_moving:
                 self._control.fail(error)
 
     def _ticks(self, n, dt=DT):
         for _ in range(n):
-            self._tally.cycles += 1
             try:
                 self.ticks(1, dt)
             except So101Error as error:
-                self._tally.faults[type(error).__name__] += 1
                 self._control.fail(error)
             self._judge_belief()
             self._judge_motion()
@@ -223,7 +211,6 @@ class Episode(Joints):
         angles = dict(zip(JOINTS, np.degrees([*reading.q, reading.q_jaw]), strict=True))
         for joint, q in angles.items():
             if joint in reading.unanswered | reading.unconfirmed:
-                self._tally.doubted += 1
                 continue
             before = self._believed.get(joint)
             if before is not None:
@@ -263,10 +250,10 @@ class Episode(Joints):
         self._tally.broken.append((self._seed, round(self._clock.now(), 3), law))
 
 
-def run(spoiled, seed=0, share=0.15, episodes=0):
-    """Play episodes until so many answers were spoiled, and at least so many; what was seen."""
-    counter, episode = ReplyCounter(), 0
-    while (counter.total < spoiled or episode < episodes) and len(counter.broken) < 20:
+def run(spoiled, seed):
+    """Play episodes until so many answers were spoiled, few of all or half; what was seen."""
+    counter, episode, share = ReplyCounter(), 0, random.Random(seed).choice((0.15, 0.5))
+    while counter.spoiled.total() < spoiled and len(counter.broken) < 20:
         clock = TurnClock()
         with clock.everywhere():
             Episode(seed * 1_000_000 + episode, share, counter, clock).play()

@@ -1,12 +1,9 @@
 """The compiled check of configurations beside coal's, many of them close to contact.
 
-    PYTHONPATH=tests python -m campaign --only verdicts --count 10000000
-
 Half of the configurations are drawn anywhere, half are found close to contact: on the line between
 a free and a touching one it is halved until little is left. The scenes are random, of all kinds of
 obstacles, with something in the hand or without. For each, the verdicts must be coal's: a "free"
-where coal finds contact is a failure, and so is the opposite. Those that lie within 5 mm of contact
-are counted by the distance that coal measures in a share of them.
+where coal finds contact is a failure, and so is the opposite.
 """
 
 import numpy as np
@@ -16,11 +13,6 @@ from harness.random_scenes import random_scene
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import MARGIN
 
-PER_SCENE = 4000
-MEASURED = 100
-"""So many of the close ones of each scene are measured."""
-
-NEAR = 0.005
 HALVINGS = 5
 
 
@@ -63,14 +55,10 @@ def compare(rng, model, n):
     q = np.concatenate((anywhere, close_to_contact(rng, touching, anywhere)))
     found = touching(q)
     expected = judge.touching(q[:, :5], q_jaw)
-    sample = rng.choice(np.arange(n // 2, len(q)), min(MEASURED, n // 2), replace=False)
-    near = [abs(judge.clearance(q[k, :5], q_jaw).room) < NEAR for k in sample]
     wrong = np.flatnonzero(found != expected)
     return {
-        "configurations": len(q),
         "false_free": int(np.sum(~found & expected)),
         "false_touching": int(np.sum(found & ~expected)),
-        "within_5_mm_estimated": round(float(np.mean(near)) * (n // 2)),
         "by_coal": ours.batch.tally()[1],
         "failures": [f"{len(wrong)} differ, such as {q[k].tolist()}" for k in wrong[:1]],
     }

@@ -17,7 +17,7 @@ BROWSERS = ("tests/browser/",)
 PROCESSES = (
     "tests/unit/common/test_realtime.py",  # its worker must not have yielded yet
     "tests/module/",
-    "tests/campaign/test_share.py",  # a module process is stopped and continued there
+    "tests/campaign/test_campaign.py",  # a module process is stopped and continued there
     "tests/bus/test_eeprom_writes.py",  # verbs in a terminal, on servos that answer in real time
     "tests/bus/test_cli_guided.py",  # programs that wait 30 ms for each of the servos here
 )
