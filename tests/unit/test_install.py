@@ -193,23 +193,6 @@ def test_a_failure_is_reported_as_what_it_is(installer, said, then):
     assert installer.what_to_try(said).startswith(then)
 
 
-@pytest.mark.parametrize(
-    ("system", "machine", "ready"),
-    [
-        ("linux", "x86_64", True),
-        ("darwin", "arm64", True),
-        ("linux", "aarch64", False),
-        ("darwin", "x86_64", False),
-    ],
-)
-def test_a_mac_of_today_compiles_nothing_and_a_pi_does(
-    installer, monkeypatch, system, machine, ready
-):
-    monkeypatch.setattr(sys, "platform", system)
-    monkeypatch.setattr("platform.machine", lambda: machine)
-    assert installer.has_ready_wheels() is ready
-
-
 def test_two_installations_do_not_run_at_once(installer, capsys):
     with installer.the_lock(0.0) as first:
         assert first is not None
@@ -333,10 +316,6 @@ def test_a_python_that_does_not_suit_is_told_and_leaves_nothing(installer, tools
     (tools / "python3.12").unlink()
     assert f"python3 is Python 3.{version[1]}" in ended(tools, "setup.sh").stderr
     assert not installer.VENV.exists()
-
-
-def test_a_python_that_is_named_and_not_there_is_reported(installer, tools):
-    assert "PYTHON=nowhere cannot be run" in ended(tools, "setup.sh", PYTHON="nowhere").stderr
 
 
 def test_the_module_does_not_start_from_an_installation_that_is_not_complete(installer, tools):

@@ -1,14 +1,9 @@
-import math
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 from harness.calibration_rig import LentArm
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from so101_motion.calib.motors.arm_identification import ServoFacts
-from so101_motion.calib.motors.setup_view import MotorCheck, Verification
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero_report import ZeroReport
@@ -242,42 +237,6 @@ def test_all_that_this_package_needs_is_listed_with_its_version():
     found = software()
     assert {"so101-motion", "numpy", "pin", "Python", "platform"} <= found.keys()
     assert all(found.values())
-
-
-@st.composite
-def _anybody(draw):
-    """A servo that says anything that fits into its registers."""
-    servo_id = draw(st.integers(1, 6))
-    names = _HELD.keys()
-    held = {name: draw(st.integers(-32768, 65535)) for name in names}
-    return servo_id, ServoFacts(servo_id=servo_id, held={**held, "id": servo_id})
-
-
-_HELD = examine(LentArm())[0].motors["gripper"].facts.held
-
-
-@settings(max_examples=40)
-@given(
-    st.lists(_anybody(), max_size=6),
-    st.sampled_from(["ok", "duplicate", "not_responding", "wrong_voltage"]),
-)
-def test_whatever_servos_say_is_judged_and_every_failure_says_what_to_do(found, status):
-    facts = dict(found)
-    motors = {
-        joint: MotorCheck(
-            joint=joint,
-            servo_id=i,
-            status=status,
-            facts=facts.get(i),
-            error="" if status == "ok" else "odd",
-            fix="" if status == "ok" else "mend it",
-        )
-        for i, joint in enumerate(JOINTS, start=1)
-    }
-    servos = Verification(motors=motors, unexpected_ids=(), notes=(), sentence="odd")
-    checks = check_up(Findings(servos=servos, bus_quality=QUIET, speed=math.pi, acceleration=1.0))
-    assert all(check.fix for check in checks if check.verdict == "fail")
-    assert all(check.sentence for check in checks)
 
 
 def test_ids_that_begin_at_2_are_recognised_and_no_servo_is_called_a_stranger(arm):

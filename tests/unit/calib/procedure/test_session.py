@@ -72,19 +72,6 @@ def test_a_roll_that_is_not_swept_becomes_a_full_turn_about_its_zero(arm, file):
 # While it records
 
 
-def test_joints_are_named_while_they_are_recorded(arm, file):
-    session = recording(file, arm)
-    arm.sweep("shoulder_pan", *arm.stops("shoulder_pan"))
-    arm.sweep("elbow_flex", 1800, 2300)
-    view = session.view
-    assert view.joints["shoulder_pan"].verdict is Verdict.COMPLETE
-    assert view.joints["elbow_flex"].verdict is Verdict.TOO_SHORT
-    assert view.joints["wrist_flex"].verdict is Verdict.UNTOUCHED
-    assert view.joints["elbow_flex"].travel_deg == pytest.approx(43.9, abs=0.1)
-    assert view.joints["elbow_flex"].expected_deg == pytest.approx(193.2, abs=0.1)
-    assert "Still to do: shoulder_lift, elbow_flex, wrist_flex, gripper." in view.instruction
-
-
 def test_a_travel_that_is_meant_can_be_accepted(arm, file):
     session = recording(file, arm)
     arm.sweep_all([joint for joint in JOINTS if joint != "shoulder_pan"])
@@ -306,17 +293,6 @@ def test_a_loan_that_was_ended_by_force_can_be_followed_by_another(arm, file):
     assert session.start(other).state is State.STARTED
     session.abort()
     assert all_held(other) == AS_NEW
-
-
-def test_offsets_of_newer_firmware_are_put_back_as_their_equals(arm, file):
-    memory = arm.world.servo("elbow_flex").memory
-    memory.keep(emulated.OFFSET, emulated.encode_offset(3000))
-    arm.world.servo("elbow_flex").boot()
-    read = arm.bus.read(3, reg.PRESENT_POSITION)
-    session = recording(file, arm)
-    session.abort()
-    assert arm.held("elbow_flex").homing_offset == 3000 - 4096
-    assert arm.bus.read(3, reg.PRESENT_POSITION) == read
 
 
 # From other threads

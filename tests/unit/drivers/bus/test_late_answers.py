@@ -13,17 +13,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from harness.retarget import retarget
+from harness.servo_stand import MAPS, weightless
 
 from so101_motion.common.errors import Interrupted
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.drivers.bus.bus import Bus, reply_timeout_in
-from so101_motion.drivers.bus.ticks import TICKS_PER_RAD, JointMap
+from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
 from so101_motion.drivers.feetech import gravity_compensation
-from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
+from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 
-MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
 STOP_LIMITS = MotionLimits.uniform(velocity=math.pi, acceleration=8.7, jerk=200.0)
 LIMITS = MotionLimits.uniform(velocity=0.9, acceleration=1.7, jerk=50.0)
 GOAL = np.array([0.8, 0.2, -0.2, 0.3, 0.5])
@@ -68,7 +68,7 @@ def make_loop(wired, clock, monkeypatch):
     def make(dt):
         port = WaitingPort(now=clock.now)
         arm = FeetechArm(
-            lambda: port, clock, MAPS, gravity=lambda q: np.zeros(6), speed=math.pi,
+            lambda: port, clock, MAPS, gravity=weightless, speed=math.pi,
             acceleration=10.0, reply_timeout=reply_timeout_in(dt),
         )  # fmt: skip
         tolerances = Tolerances(

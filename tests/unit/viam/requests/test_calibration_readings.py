@@ -84,31 +84,6 @@ def test_what_is_not_known_has_no_key_and_errors_and_notes_are_reported():
     assert (now["error"], now["notes"]) == ("no reply from servo 3", ["it is new"])
 
 
-def test_the_motor_setup_is_reported_with_its_next_step():
-    setup = SetupView()
-    gripper = replace(
-        setup.motors["gripper"], state="configured", found_id=6, baud=1_000_000, volts=12.04
-    )
-    fresh = sent(situation(setup=setup))["motor_setup"]
-    begun = sent(situation(setup=setup.with_motor(gripper)))["motor_setup"]
-    busy = sent(situation(setup=replace(setup, doing="scanning the bus")))["motor_setup"]
-
-    assert (fresh["in_progress"], fresh["step"], fresh["status"]) == (
-        False, 0, "Motor setup ready",
-    )  # fmt: skip
-    assert fresh["next_motor"] == "gripper"
-    assert (begun["in_progress"], begun["step"], begun["next_motor"]) == (True, 1, "wrist_roll")
-    assert begun["next_step"].startswith("unplug the servo of gripper")
-    assert begun["motors"]["gripper"] == {
-        "target_id": 6,
-        "state": "configured",
-        "current_id": 6,
-        "found_baudrate": 1_000_000,
-        "volts": 12.0,
-    }
-    assert (busy["in_progress"], busy["status"]) == (True, "scanning the bus")
-
-
 def keys(value):
     """All keys of nested objects; those of joints are names."""
     if not isinstance(value, dict):

@@ -6,7 +6,6 @@ import pytest
 from harness.fake_page import STILL
 from hypothesis import given
 from hypothesis import strategies as st
-from so101_viewer.page import texts
 from so101_viewer.page.events import KEPT, EventLog
 from so101_viewer.page.tracking import MotionTracker
 from so101_viewer.panels.events_panel import ArmEvents
@@ -117,27 +116,6 @@ def test_an_arm_that_is_late_is_reported_by_how_much(lag, bias):
     assert tracking.t[-1] == pytest.approx(2.0)
     np.testing.assert_allclose(tracking.worst, np.pi * lag, atol=bias + 1e-9)
     assert np.all(tracking.rms <= tracking.worst + 1e-12)
-
-
-def test_only_new_snapshots_of_a_moving_arm_count():
-    tracker = MotionTracker()
-    still = np.zeros(5)
-
-    def take(t, *, moving=True):
-        return tracker.take(state(t, still, still, still, moving=moving), "")
-
-    assert not take(1.0, moving=False)
-    for _ in range(3):
-        assert not take(2.0)
-    assert take(2.1, moving=False)
-    assert tracker.newest is None
-    assert not take(3.0)
-    assert not take(3.1)
-    assert take(3.2, moving=False)
-    tracking = tracker.newest
-    assert len(tracking.t) == 2
-    assert tracking.lag is None
-    assert texts.followed(tracking) == "RMS 0.00°, largest 0.00° (shoulder_pan)"
 
 
 def test_the_limit_a_motion_comes_nearest_to_is_the_one_that_is_drawn():
