@@ -31,11 +31,10 @@ def cell(tmp_path):
     return made
 
 
-def test_one_arm_alone_has_nothing_to_find_out(so101, cell):
+def test_one_arm_alone_and_touches_that_are_all_the_same_are_refused_and_the_file_stays(
+    so101, cell
+):
     assert "names one arm" in refused(so101("cell calibrate", cell(LEFT)))
-
-
-def test_touches_that_are_all_the_same_are_refused_and_the_file_stays(so101, cell):
     path = cell(LEFT, NEAR)
     content = path.read_text()
     asked = f"cell calibrate {path} --touches 5 --yes"

@@ -10,15 +10,12 @@ from so101_motion.drivers.port import port_list
 from so101_motion.drivers.port.port_list import ADAPTERS
 
 
-def test_the_rule_goes_to_stdout_and_the_reasons_beside_it(so101):
+def test_the_rule_goes_to_stdout_with_a_line_for_each_adapter_and_the_reasons_beside_it(so101):
     result = so101("install-udev")
     assert result.exit_code == 0
     assert result.stdout == port_list.udev_rules()
     for words in ("dialout", "usermod", "brltty", "install-udev --install"):
         assert words in result.stderr
-
-
-def test_every_known_adapter_has_a_line_that_udev_can_read():
     lines = [line for line in port_list.udev_rules().splitlines() if not line.startswith("#")]
     assert len(lines) == len(ADAPTERS)
     for line in lines:
@@ -36,15 +33,14 @@ def test_udev_itself_finds_nothing_wrong_with_the_rule(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_a_rule_is_installed_where_it_is_told(tmp_path, capsys):
+def test_a_rule_is_installed_where_it_is_told_and_without_root_the_command_for_it_is_reported(
+    tmp_path, capsys
+):
     path = tmp_path / "70-so101.rules"
     assert not port_list.is_rule_installed(path)
     write_rule(path)
     assert port_list.is_rule_installed(path)
     assert str(path) in capsys.readouterr().out
-
-
-def test_without_root_the_command_for_root_is_reported(tmp_path):
     with pytest.raises(PortUnavailable, match=r"sudo .*install-udev --install"):
         write_rule(tmp_path / "no" / "such" / "folder" / "70-so101.rules")
 

@@ -78,12 +78,9 @@ async def test_viam_server_is_told_what_an_arm_lacks(without_libgomp, monkeypatc
             )
 
 
-def test_without_apt_the_package_is_named_all_the_same(monkeypatch, tmp_path):
+def test_a_package_is_named_without_apt_and_when_nobody_knows_it(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     assert import_check.sentence(ImportError(LOST)).endswith("holds it (Debian: libgomp1)")
-
-
-def test_a_library_or_a_package_that_nobody_knows_is_named():
     error = ImportError("libodd.so.7: cannot open shared object file: No such file or directory")
     assert "libodd.so.7 is missing" in import_check.sentence(error)
     error = import_check.first_failure(["json", "no_such_package.part"])

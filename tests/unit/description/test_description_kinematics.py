@@ -56,15 +56,12 @@ def rotation_error(R, wxyz):
     return np.linalg.norm(pin.log3(R.T @ pin.Quaternion(w, x, y, z).matrix()))
 
 
-def test_joints_and_links_keep_the_official_names(model):
+def test_names_and_limits_are_the_official_ones_but_for_the_elbow(model):
     assert list(model.names)[1:] == JOINTS
     frames = {frame.name for frame in model.frames}
     assert frames >= {*PARTS, "tool", "jaw_tip"}
     # Masses add up to those of the official arm; the base's is fixed to the universe.
     assert sum(inertia.mass for inertia in model.inertias) == pytest.approx(0.632, abs=1e-3)
-
-
-def test_limits_are_the_official_ones_but_for_the_elbow(model):
     assert model.upperEffortLimit == pytest.approx([1.91] * 6), "these hold for either servo"
     assert model.upperVelocityLimit == pytest.approx([4.71] * 6)
     for i, joint in enumerate(JOINTS):

@@ -19,12 +19,9 @@ def book(tmp_path):
     return SavedPoses(tmp_path / "new folder" / "poses.json")
 
 
-def test_without_a_file_there_are_the_poses_of_the_arm(book):
+def test_there_are_the_poses_of_the_arm_and_a_saved_one_is_found_by_another_reader(book, tmp_path):
     assert book.own() == ()
     assert book.find("rest") is next(pose for pose in POSES if pose.name == "rest")
-
-
-def test_a_saved_pose_is_found_by_another_reader(book, tmp_path):
     book.save("  over the mug ", Q)
     found = SavedPoses(tmp_path / "new folder" / "poses.json").find("over the mug")
     np.testing.assert_allclose(found.q, Q, atol=1e-6)

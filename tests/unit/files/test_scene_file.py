@@ -90,7 +90,9 @@ def test_an_empty_scene_has_the_table():
     assert scene_from({"floor_z_mm": None}).floor_z is None
 
 
-def test_a_mesh_file_is_read_in_millimetres(tmp_path):
+def test_a_mesh_file_is_read_in_millimetres_beside_its_scene_and_named_if_it_holds_nothing(
+    tmp_path,
+):
     import trimesh
 
     trimesh.creation.box((20.0, 20.0, 20.0)).export(tmp_path / "cube.stl")
@@ -99,15 +101,9 @@ def test_a_mesh_file_is_read_in_millimetres(tmp_path):
     )
     mesh = read_scene(tmp_path / "scene.json").obstacles[0].shape
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), 0.02)
-
-
-def test_mesh_files_are_not_read_where_there_is_no_folder_to_read_them_from():
     thing = {"name": "part", "mesh_file": "/etc/hostname"}
     with pytest.raises(ConfigError, match=r"mesh_file.*of \"part\".*cannot be read here"):
         scene_from({"obstacles": [thing]}, folder=None)
-
-
-def test_a_mesh_file_that_holds_no_triangles_is_named(tmp_path):
     (tmp_path / "empty.stl").write_text("not a mesh")
     thing = {"name": "part", "mesh_file": "empty.stl"}
     with pytest.raises(ConfigError, match=r"empty\.stl.*too short"):

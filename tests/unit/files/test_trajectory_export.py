@@ -18,7 +18,9 @@ def trajectory():
     return point_to_point(np.zeros(5), np.array([0.5, -0.2, 0.1, 0.3, 0.0]), limits, 0.01)
 
 
-def test_csv_has_a_row_for_each_setpoint_and_the_unit_in_each_name(trajectory, tmp_path):
+def test_csv_has_a_row_for_each_setpoint_and_json_holds_the_motion_with_units_in_the_names(
+    trajectory, tmp_path
+):
     export(trajectory, tmp_path / "move.csv")
     rows = list(csv.DictReader((tmp_path / "move.csv").read_text().splitlines()))
     assert len(rows) == len(trajectory)
@@ -26,9 +28,6 @@ def test_csv_has_a_row_for_each_setpoint_and_the_unit_in_each_name(trajectory, t
     end = [float(rows[-1][f"{joint}_deg"]) for joint in ARM_JOINTS]
     np.testing.assert_allclose(end, np.degrees(trajectory.q[-1]), atol=1e-6)
     assert "wrist_roll_deg_per_s2" in rows[0]
-
-
-def test_json_holds_the_motion(trajectory, tmp_path):
     export(trajectory, tmp_path / "move.json")
     content = json.loads((tmp_path / "move.json").read_text())
     assert content["joints"] == list(ARM_JOINTS)

@@ -88,8 +88,12 @@ def test_one_of_different_files_counts_and_the_newest_component_is_told(shares, 
     assert (told is None) if because is None else (because in told)
 
 
-def test_the_longest_timeout_counts():
+def test_the_longest_timeout_counts_and_a_component_without_one_takes_that_of_the_others():
     assert combined([replace(ARM, timeout=2.0), replace(GRIPPER, timeout=5.0)]).timeout == 5.0
+    hurried = replace(ARM, timeout=5.0)
+
+    assert combined([hurried, SENSOR]).timeout == 5.0
+    assert combined([SENSOR, hurried]).timeout == 5.0
 
 
 def test_a_gripper_that_names_its_arm_has_the_arms_baudrate():
@@ -103,13 +107,6 @@ def test_a_gripper_that_names_its_arm_has_the_arms_baudrate():
 
 
 SENSOR = replace(PORT, timeout=None, fallback_file=Path("/data/so101_calibration.json"))
-
-
-def test_a_component_without_a_timeout_takes_that_of_the_others():
-    hurried = replace(ARM, timeout=5.0)
-
-    assert combined([hurried, SENSOR]).timeout == 5.0
-    assert combined([SENSOR, hurried]).timeout == 5.0
 
 
 @pytest.fixture

@@ -31,14 +31,11 @@ def touches(count, noise, seed=0):
     return p_first, p_second
 
 
-def test_exact_touches_give_the_exact_base():
+def test_exact_touches_give_the_exact_base_and_those_of_a_millimetre_give_it_to_a_few():
     fit = fit_base(*touches(5, 0.0))
     np.testing.assert_allclose(fit.T_first_second.p, T_FIRST_SECOND.p, atol=1e-12)
     np.testing.assert_allclose(fit.T_first_second.R, T_FIRST_SECOND.R, atol=1e-12)
     assert fit.rms < 1e-12
-
-
-def test_touches_of_a_millimetre_give_the_base_to_a_few():
     worst = 0.0
     for seed in range(20):
         fit = fit_base(*touches(8, 0.001, seed))
@@ -49,14 +46,11 @@ def test_touches_of_a_millimetre_give_the_base_to_a_few():
     assert worst < 0.002
 
 
-def test_a_touch_that_does_not_fit_is_named():
+def test_a_touch_that_does_not_fit_is_named_and_too_few_or_those_along_a_line_are_refused():
     p_first, p_second = touches(7, 0.0005)
     p_second[3] += [0.0, 0.03, 0.0]
     with pytest.raises(CalibrationError, match="touch 4 of 7"):
         fit_base(p_first, p_second)
-
-
-def test_touches_along_a_line_and_too_few_are_refused():
     p_first = np.array([0.17, 0.0, 0.05]) + np.outer(np.arange(6), [0.0, 0.0, 0.03])
     p_second = np.array([T_FIRST_SECOND.inverse @ p for p in p_first])
     with pytest.raises(CalibrationError, match="one line"):

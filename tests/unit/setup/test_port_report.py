@@ -58,13 +58,10 @@ def test_all_three_name_the_same_file_as_it_is_called_in_the_data_directory(data
         assert {one.attributes["calibration_file"] for one in found.values()} == {str(elsewhere)}
 
 
-def test_what_is_configured_already_is_not_suggested_again():
+def test_what_is_configured_already_or_has_not_all_its_servos_is_not_suggested():
     found = by_model(report(configured=frozenset({"arm", "calibration"}), arm_name="blue"))
     assert set(found) == {"gripper"}
     assert found["gripper"].frame == {"parent": "blue"}
-
-
-def test_no_gripper_without_its_servo_and_no_arm_without_all_of_its():
     assert set(by_model(report(ARM_JOINTS))) == {"arm", "calibration"}
     assert set(by_model(report((*ARM_JOINTS[:4], GRIPPER_JOINT)))) == {"calibration"}
     assert set(by_model(PortReport(port=PORT, sentence="", servo_ids=(1,)))) == {"calibration"}

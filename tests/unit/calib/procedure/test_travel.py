@@ -71,14 +71,11 @@ def test_after_a_pause_the_way_in_between_is_unknown_until_it_is_passed():
 # Homing offsets
 
 
-def test_only_one_place_of_the_circle_is_a_tick_off_and_a_full_turn_has_its_zero_in_the_middle():
+def test_offsets_are_a_tick_off_at_one_place_and_those_of_newer_firmware_have_an_equal():
     found = full_turn(offset=5, home=2047)
     assert (found.lower, found.upper, found.home) == (0, 4095, 2047)
     off = [encoder for encoder in range(4096) if (encoder - homing_offset(encoder)) % 4096 != 2047]
     assert off == [4095]
-
-
-def test_an_offset_of_newer_firmware_has_an_equal_that_every_servo_holds():
     assert representable(3000) == 3000 - 4096
     assert representable(-4000) == 96
     assert representable(2048) == 2047  # a tick off

@@ -29,14 +29,11 @@ def seed_with(joint="shoulder_pan", **changes):
     return content
 
 
-def test_the_seed_s_own_example_is_read():
+def test_the_published_example_is_read_and_lerobots_five_fields_are_enough():
     found = record.parse({**SEED, "elbow_flex": None, "something_else": 5})
 
     assert set(found) == {"shoulder_pan", "shoulder_lift", "gripper"}, "null is as missing"
     assert found["shoulder_pan"].to_json() == SEED["shoulder_pan"]
-
-
-def test_lerobot_s_five_fields_are_enough():
     content = {joint: {k: v for k, v in SEED[joint].items() if k != "norm_mode"} for joint in SEED}
     found = record.parse(content)
 

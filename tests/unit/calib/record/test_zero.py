@@ -104,20 +104,17 @@ def test_the_published_module_s_newer_zero_is_the_homing_tick(drive_mode):
     assert not zero.about_homing({"elbow_flex": even}, {})
 
 
-def test_the_emulated_arm_has_the_stops_that_calibration_knows():
+def test_the_emulated_arm_has_the_stops_that_calibration_knows_and_the_model_stays_inside(model):
     for joint in SO101:
         assert STOPS[joint.name] == pytest.approx((joint.lower, joint.upper))
+    for i, joint in enumerate(ARM_JOINTS):
+        assert STOPS[joint][0] <= model.lower[i]
+        assert model.upper[i] <= STOPS[joint][1] + 1e-4
 
 
 @pytest.fixture(scope="module")
 def model():
     return RobotModel.load()
-
-
-def test_the_model_stays_inside_its_stops(model):
-    for i, joint in enumerate(ARM_JOINTS):
-        assert STOPS[joint][0] <= model.lower[i]
-        assert model.upper[i] <= STOPS[joint][1] + 1e-4
 
 
 # In words

@@ -57,11 +57,8 @@ def followed(*, behind_deg, seconds):
     return math.degrees(arm.joint.trim.rest[LIFT])
 
 
-def test_the_lag_of_a_joint_that_follows_a_target_is_not_taken_for_weight():
+def test_what_a_joint_that_follows_a_target_lacks_beyond_its_lag_is_weight_and_its_lag_is_not():
     assert abs(followed(behind_deg=3.0, seconds=1.0)) < 0.3  # as emulated servos lag
-
-
-def test_what_a_joint_that_follows_a_target_lacks_beyond_its_lag_is_weight():
     assert followed(behind_deg=4.5, seconds=0.5) > 1.0
 
 
@@ -82,22 +79,16 @@ def ahead_deg(
     return math.degrees(ahead)
 
 
-def test_a_slow_joint_that_follows_a_target_is_driven_less_far_ahead_than_a_planned_one():
+def test_a_slow_joint_that_follows_a_target_is_driven_less_far_ahead_and_a_fast_one_bounded():
     assert ahead_deg(20.0) < ahead_deg(20.0, follows_target=False) - 0.15
     assert abs(ahead_deg(80.0) - ahead_deg(80.0, follows_target=False)) < 0.1
-
-
-def test_no_acceleration_drives_a_joint_further_ahead_than_its_top_speed_asks_for():
     assert ahead_deg(175.0, follows_target=False, told=8.0) > 45.0
     assert ahead_deg(175.0, told=8.0) < 40.1
 
 
-def test_one_that_follows_a_target_at_speed_is_not_driven_further_ahead_when_more_is_known():
+def test_one_that_follows_a_target_is_not_overtaken_as_more_is_known_nor_runs_on_as_it_slows():
     assert ahead_deg(80.0, told_from=0.5) == pytest.approx(ahead_deg(80.0, told_from=math.inf))
     assert ahead_deg(80.0, told_from=0.5) < ahead_deg(80.0) - 3.0
-
-
-def test_one_that_was_driven_ahead_does_not_run_on_when_it_slows_and_nobody_says_so():
     known = ahead_deg(120.0, slows=True)
     assert ahead_deg(120.0, slows=True, told_until=0.855) < known + 0.2
 

@@ -135,15 +135,12 @@ def test_a_gripper_that_tells_nothing_is_taken_for_closed():
     assert (reading.silent, reading.let_go) == ({"gripper"}, {"wrist_roll"})
 
 
-def test_a_resting_joint_that_trembles_is_wanted_where_it_was():
+def test_a_resting_joint_that_trembles_is_wanted_where_it_was_or_where_it_came_to_rest():
     first = next_state(None, told(), JAW, 0.0)
     near = next_state(first, told(q_deg=(0.5, 0, 0, 0, 0)), JAW, 0.1)
     np.testing.assert_array_equal(near.q_ref, first.q_ref)
     far = next_state(near, told(q_deg=(np.degrees(AT_REST) + 0.1, 0, 0, 0, 0)), JAW, 0.2)
     np.testing.assert_array_equal(far.q_ref, far.q)
-
-
-def test_a_joint_that_moved_is_wanted_where_it_came_to_rest():
     moving = next_state(None, told(state="moving", is_moving=True), JAW, 0.0)
     later = next_state(
         moving, told(q_deg=(5, 0, 0, 0, 0), state="moving", is_moving=True), JAW, 0.1

@@ -94,14 +94,11 @@ def test_the_goal_metric_is_position_only_unless_told_otherwise(extra, metric):
     assert convert.from_goal_metric(extra) is metric
 
 
-def test_a_null_in_a_struct_is_not_zero():
+def test_a_null_is_not_zero_and_what_is_absent_or_not_finite_never_leaves():
     struct = Struct()
     struct.update({"a": None, "b": 0.0, "c": [1.0, {"d": True}], "e": "x"})
 
     assert convert.from_struct(struct) == {"a": None, "b": 0.0, "c": [1.0, {"d": True}], "e": "x"}
-
-
-def test_what_is_absent_or_not_finite_never_leaves():
     sent = convert.to_result(
         {
             "none": None,

@@ -53,14 +53,11 @@ class Source:
         return self.ball(scene)
 
 
-async def test_what_a_source_of_two_reports_is_in_a_plan_once():
+async def test_a_source_named_twice_counts_once_and_for_a_guard_stores_count_and_cameras_do_not():
     surroundings = Surroundings(Machine(), [Source("store", "seen")], LOGGER)
     same, other = Source("store", "seen"), Source("store", "more")
     assert len((await surroundings.around(Scene(), (same,))).obstacles) == 1
     assert len((await surroundings.around(Scene(), (same, other))).obstacles) == 2
-
-
-async def test_for_a_guard_what_a_store_has_counts_and_what_a_camera_sees_does_not():
     sources = [Source("store"), Source("camera", is_steady=False)]
     surroundings = Surroundings(Machine(), sources, LOGGER)
     assert len((await surroundings.standing(OWN)).obstacles) == 1

@@ -76,16 +76,13 @@ def test_a_lost_source_is_reported_once_and_not_as_a_fault_too(seen):
     assert seen.after() == ["The arm on X is back; nothing moves until you ask"]
 
 
-def test_the_log_is_bounded_and_counts_on():
+def test_the_log_is_bounded_and_saved_as_lines_with_date_and_time_the_oldest_first():
     log = EventLog()
     for k in range(KEPT + 10):
         log.add(f"event {k}")
     assert log.count == KEPT + 10
     assert len(log.newest()) == KEPT
     assert log.newest(2)[0].text == f"event {KEPT + 9}"
-
-
-def test_a_saved_log_is_lines_with_date_and_time_the_oldest_first_and_each_once():
     log = EventLog()
     log.add("first")
     log.add("second.")

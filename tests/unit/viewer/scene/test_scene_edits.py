@@ -48,15 +48,12 @@ poses = st.builds(
 )
 
 
-def test_a_new_name_is_followed_wherever_the_old_one_stood():
+def test_a_new_name_is_followed_wherever_the_old_one_stood_and_a_removed_one_is_gone_there():
     assert scene_edits.renamed(SCENE, "mug", "mug") == SCENE
     scene = scene_edits.renamed(SCENE, "mug", "  big   mug ")
     assert scene.obstacles[0].name == "big mug"
     assert scene.attached[0].may_touch == {"big mug", "floor"}
     assert scene.may_touch == {frozenset(["big mug", "gripper"]), frozenset(["cube", "big mug"])}
-
-
-def test_a_removed_things_name_is_removed_everywhere():
     with pytest.raises(ConfigError, match="is not in the scene any more"):
         scene_edits.without(SCENE, "jug")
     scene = scene_edits.without(SCENE, "mug")

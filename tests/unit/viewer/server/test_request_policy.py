@@ -139,13 +139,10 @@ def test_a_page_begins_with_our_style_and_script_and_says_how_long_it_is():
     assert page.headers.get_all("Content-Length") == [str(len(page.body))]
 
 
-def test_a_compressed_page_stays_compressed():
+def test_a_compressed_page_stays_compressed_and_what_is_no_page_stays_unchanged():
     page = reply(gzip.compress(PAGE), **{"Content-Encoding": "gzip"})
     head.add_head(page)
     assert b"so101-stop" in gzip.decompress(page.body)
-
-
-def test_responses_that_are_no_page_stay_unchanged():
     for other in (reply(b"<head>", "image/png"), Response(404, "no", Headers(), b"<head>")):
         head.add_head(other)
         assert other.body == b"<head>"
