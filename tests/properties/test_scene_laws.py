@@ -19,10 +19,7 @@ from hypothesis import strategies as st
 from so101_motion.common.errors import InCollision, NoPath
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import (
-    LINKS,
-    Scene,
-)
+from so101_motion.planning.collision.scene import LINKS, Scene
 from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
@@ -88,23 +85,6 @@ def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, jud
             # Where the nearest point jumps from an edge to the next there is no one gradient.
             if each.distance > 1e-3 and np.abs(right - left).max() < 5e-3:
                 assert np.allclose(each.gradient, 0.5 * (right + left), atol=2e-2)
-
-
-@given(seed=seeds, q_jaw=jaws, held=st.booleans())
-@settings(max_examples=6)
-def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held):
-    rng = np.random.default_rng(seed)
-    collision = CollisionModel(MODEL, random_scene(rng, held=held))
-    for _ in range(3):
-        start, end = two_free_configurations(rng, q_jaw, collision)
-        blocked = collision.first_blocked(np.array([start, end]), q_jaw)
-        if blocked is None:
-            dense = np.linspace(start, end, 150)
-            assert min(collision.distances(q, q_jaw).min() for q in dense) > -1e-6
-        else:
-            assert not collision.is_free(blocked, q_jaw)
-            share = (blocked - start) @ (end - start) / ((end - start) @ (end - start))
-            assert np.allclose(blocked, start + share * (end - start), atol=1e-9)
 
 
 @given(seed=seeds, q_jaw=jaws, held=st.booleans())

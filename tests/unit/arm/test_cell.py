@@ -16,12 +16,7 @@ from so101_motion.arm import cell_member as member_module
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import CellMember
 from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import (
-    ConfigError,
-    InCollision,
-    Interrupted,
-    MotionError,
-)
+from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
 from so101_motion.common.geometry import SE3
 from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.planning.cell.grasps import grasps_of

@@ -136,17 +136,6 @@ def test_a_child_that_cannot_even_start_is_reported(monkeypatch, caplog):
     worker.close()
 
 
-def test_plans_nobody_wants_are_dropped_while_they_wait(worker):
-    worker.start().result()
-    pid = pid_of(worker)
-    answers = [begin_endless(worker), *(worker.plan(endless_request()) for _ in range(7))]
-    newest = worker.plan(EASY)
-    for answer in answers:
-        answer.cancel()
-    newest.result(60.0)
-    assert pid_of(worker) == pid
-
-
 def test_a_request_may_be_cancelled_at_any_moment(worker):
     worker.start().result()
     pid, pause = pid_of(worker), threading.Event()
@@ -187,15 +176,6 @@ def test_a_child_that_hung_while_idle_is_replaced_and_the_next_plan_is_made(impa
     assert impatient.plan(request).result(60.0).duration > 0.0
     assert pid_of(impatient) != hung
     assert "no sign of life" in caplog.text
-
-
-def test_a_child_that_hangs_while_it_plans_is_replaced(impatient):
-    answer = begin_endless(impatient)
-    hung = pid_of(impatient)
-    os.kill(hung, signal.SIGSTOP)
-    wait_until(lambda: pid_of(impatient) not in (hung, None))
-    answer.cancel()
-    assert impatient.plan(EASY).result(60.0).duration > 0.0
 
 
 def test_a_child_that_computes_for_long_does_not_hang(impatient):

@@ -296,10 +296,6 @@ def test_a_guided_arm_stays_where_it_is_pushed_and_is_held_there(sim):
     assert sim.state.mode is Mode.HOLDING
     with pytest.raises(RuntimeError, match="driven"):
         sim.arm.push(np.zeros(5))
-    sim.after(0.0, sim.executor.guide(Compliance()))
-    sim.after(0.0, sim.executor.stop())
-    assert sim.state.mode is Mode.HOLDING
-    sim.after(5.0, sim.executor.execute(sim.to_goal(np.zeros(5))))
 
 
 def test_holding_what_is_held_changes_nothing(sim):
@@ -532,22 +528,6 @@ def test_a_driver_that_fails_at_the_start_is_closed_and_the_error_reaches_the_ca
         sim.executor.start()
     assert sim.arm.is_closed
     sim.executor.close()
-
-
-def test_a_listener_for_failures_that_fails_itself_ends_nothing_else(sim):
-    def no_threads(error, recent):
-        raise RuntimeError("can't start new thread")
-
-    sim.executor.on_failure(no_threads)
-    motion = sim.executor.execute(sim.to_goal(Q_GOAL))
-    sim.clock.advance(0.1)
-    sim.arm.disconnect(ConnectionError("the cable"))
-    with pytest.raises(ConnectionError):
-        sim.after(0.1, motion)
-    sim.arm.reconnect()
-    sim.after(0.1, sim.executor.stop())
-    sim.after(0.1, sim.executor.hold())
-    assert sim.state.mode is Mode.HOLDING
 
 
 # Time
@@ -832,22 +812,6 @@ def test_playing_waits_for_points_enough_or_for_the_end():
     assert not short.is_primed
     short.finish()
     assert short.is_primed
-
-
-@pytest.mark.parametrize("sent", [0, 3])
-def test_closing_a_stream_finishes_it_once_and_without_points_the_arm_stays(sent):
-    stream = make_stream()
-    t, q = smooth()
-    if sent:
-        stream.push(points(t, q))
-        stream.finish()
-    ending = stream.close()
-    assert ending is stream.close() is stream.future
-    assert stream.is_primed
-    there = q[-1] if sent else HOME
-    np.testing.assert_allclose(stream.at(5.0).q, there, atol=1e-9)
-    with pytest.raises(MotionError):
-        stream.push(points([9.0], [HOME]))
 
 
 def test_dense_points_are_followed_closely_a_little_later():

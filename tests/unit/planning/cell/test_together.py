@@ -204,6 +204,28 @@ def test_a_plan_keeps_off_an_arm_that_moves_and_the_earlier_of_two_paths_is_take
     assert waited
 
 
+def test_an_arm_too_near_to_a_moving_one_leaves_and_never_comes_nearer(planner):
+    facing = Facing(14)
+    while True:
+        (q_left, q_right), goals = (facing.near(), facing.near()), facing.task()[1]
+        is_near = not facing.are_apart(q_left, q_right, 0.018)
+        can_go = facing.are_apart(q_left, goals[1], 0.03)
+        if is_near and can_go and facing.are_apart(q_left, q_right, 0.008):
+            break
+    away = planner.plan(request(q_right, goals[1], left(Course.resting(q_left, 0.0))))
+    course = Course.along(away.trajectory, 0.0)
+    plan = planner.plan(request(q_left, goals[0], right(course)))
+    own = Course.along(plan.trajectory, 0.0)
+    pair = (facing.bodies, own), (facing.bodies, course)
+    gaps = [
+        apart.nearness(*pair, T_LEFT_RIGHT, at=t, room=ROOM) or ROOM
+        for t in np.arange(0.0, max(own.end, course.end) + 0.02, 0.02)
+    ]
+    assert min(gaps) > gaps[0] - 2.0 * apart.PARTING
+    assert gaps[-1] == ROOM
+    assert min(gaps[gaps.index(ROOM) + 15 :]) > 0.75 * ROOM
+
+
 def test_an_arm_that_stands_blocks_like_its_bodies_do(planner):
     facing = Facing(13)
     verdicts = set()

@@ -281,24 +281,21 @@ def test_more_things_than_fit_a_mask_are_refused():
 
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4") / 10
 FACES = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
-STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def stl(corners):
-    records = np.zeros(len(corners), STL_RECORD)
-    records["corners"] = corners
-    return b"solid but binary".ljust(80) + struct.pack("<I", len(corners)) + records.tobytes()
+    faces = np.arange(3 * len(corners)).reshape(-1, 3)
+    surface = trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
+    return b"solid but binary".ljust(80) + surface.export(file_type="stl")[80:]
 
 
-def ply(corners, faces, *, extra=b"", ends=b"\n"):
-    head = (
-        b"ply\nformat binary_little_endian 1.0\ncomment a tetrahedron\n"
-        b"element vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
-        b"element face %d\nproperty list uchar int vertex_indices\nend_header\n"
-    ) % (len(corners), len(faces))
-    records = np.zeros(len(faces), np.dtype([("n", "u1"), ("corners", "<i4", 3)]))
-    records["n"], records["corners"] = 3, faces
-    return head.replace(b"\n", ends) + corners.tobytes() + records.tobytes() + extra
+def ply(corners, faces):
+    return trimesh.Trimesh(corners, faces, process=False).export(file_type="ply")
+
+
+def with_carriage_returns(data):
+    head, end, body = data.partition(b"end_header\n")
+    return (head + end).replace(b"\n", b"\r\n") + body
 
 
 def pcd(count, data=b"binary", body=b""):
@@ -313,7 +310,7 @@ def pcd(count, data=b"binary", body=b""):
     [
         ("stl", stl(TETRAHEDRON[FACES])),
         ("ply", ply(TETRAHEDRON, FACES)),
-        ("ply", ply(TETRAHEDRON, FACES, ends=b"\r\n")),
+        ("ply", with_carriage_returns(ply(TETRAHEDRON, FACES))),
     ],
     ids=["stl", "ply", "ply with carriage returns"],
 )
@@ -387,10 +384,10 @@ def test_a_cloud_that_is_none_is_refused(data):
 def test_invalid_coordinates_are_refused_with_the_name(far):
     corners = TETRAHEDRON.astype("<f8")
     corners[2, 1] = far
-    text = b"".join(b"%r %r %r\n" % tuple(map(float, row)) for row in corners)
-    cloud = shape_file("pcd", pcd(b"4", b"ascii", text), name="seen")
-    mesh = ply(corners, FACES).replace(b"float", b"double")
-    for file in (cloud, shape_file("ply", mesh, name="seen")):
+    rows = [b"%r %r %r\n" % tuple(map(float, row)) for row in corners]
+    cloud = shape_file("pcd", pcd(b"4", b"ascii", b"".join(rows)), name="seen")
+    mesh = b"v " + b"v ".join(rows) + b"f 1 2 3\nf 1 2 4\n"
+    for file in (cloud, shape_file("obj", mesh, name="seen")):
         with pytest.raises(ConfigError, match=r"\(of seen\)"):
             read_shape(file)
 
@@ -478,14 +475,9 @@ def polygons_ply(order):
 
 
 def text_stl(name):
-    vertices, triangles = read_mesh("obj", obj_text())
-    facets = "".join(
-        "facet normal 0 0 0\nouter loop\n"
-        + "".join("vertex {} {} {}\n".format(*vertices[i]) for i in triangle)
-        + "endloop\nendfacet\n"
-        for triangle in triangles
-    )
-    return f"solid {name}\n{facets}endsolid {name}\n".encode()
+    surface = trimesh.Trimesh(*read_mesh("obj", obj_text()), process=False)
+    _, _, facets = surface.export(file_type="stl_ascii").partition("\n")
+    return f"solid {name}\n{facets}\n".encode()
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,7 @@ from so101_motion.common.errors import ConfigError, OutsideLimits, Unreachable
 from so101_motion.common.geometry import SE3, rot_x, rot_y, rot_z, rotation_angle
 from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
-from so101_motion.planning.kinematics.geometry_from_model import (
-    measure_structure,
-)
+from so101_motion.planning.kinematics.geometry_from_model import measure_structure
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
 from so101_motion.planning.kinematics.ik_task import check_goal, half_square, minimise
@@ -409,6 +407,16 @@ def test_a_point_out_of_reach_is_met_where_the_cloud_reaches_in(model, solver, a
     else:
         with pytest.raises(Unreachable, match="out of reach"):
             solver.solve(goal, HOME)
+
+
+def test_an_exact_approach_is_had_by_moving_aside(model, solver):
+    # Five joints face a point one path only; beside it there is room for this approach.
+    T = model.frame(np.radians([0, -30, 40, 20, 0]))
+    turned = SE3(rot_z(0.15) @ T.R, T.p)
+    with pytest.raises(Unreachable, match="no pose within the tolerances"):
+        solver.solve(PoseGoal(T_base_tool=turned, cloud=PoseCloud(theta=np.pi)), HOME)
+    goal = PoseGoal(T_base_tool=turned, cloud=PoseCloud(x=0.05, y=0.05, z=0.0, theta=np.pi))
+    assert_inside(model, goal, solver.solve(goal, HOME).q)
 
 
 def test_a_cloud_out_of_reach_says_what_is_nearest(model, solver):

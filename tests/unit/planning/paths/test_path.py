@@ -14,9 +14,7 @@ from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.paths.compiled_search import (
-    Deadline,
-)
+from so101_motion.planning.paths.compiled_search import Deadline
 from so101_motion.planning.paths.path import PathFinder
 from so101_motion.planning.paths.routes import Routing
 from so101_motion.planning.paths.start_recovery import find_departure, is_harmless, needs_departure
@@ -55,10 +53,6 @@ def test_of_several_goals_the_first_with_a_free_line_is_taken(model, collision):
 # Leaving a bad start
 
 
-# How a powered-off arm lies: beyond two limits, gripper on the shoulder.
-RESTING = np.radians([0, -105, 91, 77, 0])
-
-
 def departure(model, collision, q_start, towards=()):
     return find_departure(model, collision, q_start, q_jaw=0.0, towards=towards, seed=0)
 
@@ -70,18 +64,6 @@ def test_one_tick_outside_is_noise(model, collision):
     assert not needs_departure(model, collision, q, 0.0)
     q[0] = model.upper[0] + 0.0016
     assert needs_departure(model, collision, q, 0.0)
-
-
-def test_an_arm_that_lies_folded_can_leave(model, collision):
-    assert needs_departure(model, collision, RESTING, 0.0)
-    q_exit = departure(model, collision, RESTING)
-    assert model.outside(q_exit) is None
-    assert collision.is_free(q_exit)
-    assert collision.travel(np.array([RESTING, q_exit]))[-1] < 0.4
-    depths = [collision.distances(q) for q in np.linspace(RESTING, q_exit, 100)]
-    deepest = np.min(depths, axis=0)
-    allowed = np.minimum(depths[0], collision.margin) - 0.001
-    assert np.all(deepest >= allowed)
 
 
 def test_a_start_outside_the_limits_goes_straight_in(model, collision):

@@ -1,11 +1,9 @@
 """A guided path, and how it is thinned within a tolerance."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 
-from so101_motion.tasks.guided.path import GuidedPath, along, corners_of
+from so101_motion.tasks.guided.path import GuidedPath
 
 RNG = np.random.default_rng(5)
 
@@ -61,19 +59,3 @@ def test_the_jaw_moves_with_the_arm():
 def test_an_invalid_path_is_refused(values):
     with pytest.raises(ValueError, match=r"path|postures|shape|aperture"):
         GuidedPath(**values)
-
-
-def test_a_minute_of_waving_is_found_in_its_order_with_little_memory():
-    t = np.arange(0.0, 60.0, 0.01)
-    waved = np.column_stack([0.8 * np.sin(0.8 * t), 0.3 * np.sin(1.1 * t)])
-    corners = waved[corners_of(waved, np.radians(1.0))]
-    points = waved[::2] + np.radians(0.2) * RNG.standard_normal(waved[::2].shape)
-    tracemalloc.start()
-    found = along(corners, points)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert np.all(np.diff(found) >= 0.0)
-    off = [np.interp(found, np.arange(len(corners)), x) for x in corners.T] - points.T
-    assert np.abs(off).max() < np.radians(2.0)
-    assert found[-1] > len(corners) - 1.5, "no round is left out"
-    assert peak < 20e6

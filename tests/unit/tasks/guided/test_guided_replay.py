@@ -3,16 +3,12 @@
 import numpy as np
 import pytest
 
-from so101_motion.common.errors import (
-    InCollision,
-    Interrupted,
-    OutsideLimits,
-)
+from so101_motion.common.errors import InCollision, Interrupted, OutsideLimits
 from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.tasks.guided import GuidedPath, PathRecorder, plan_replay, start_replay
+from so101_motion.tasks.guided import GuidedPath, plan_replay, start_replay
 
 HERE = [0, -40, 40, 20, 0]
 LOOP = ([30, -40, 40, 20, 0], [30, -60, 60, 20, 40], [0, -40, 40, 20, 0], [-20, -50, 30, 40, -30])
@@ -73,31 +69,6 @@ def test_it_goes_as_fast_as_it_is_told_to(guest):
     slow = MotionLimits.uniform(velocity=0.2, acceleration=1.0, jerk=20.0)
     replay = plan_replay(guest.rig.arm, path, limits=slow)
     assert max(np.abs(plan.trajectory.qd).max() for plan in replay.plans) <= 0.2 * 1.001
-
-
-def test_a_recording_is_replayed_from_anywhere(guest):
-    rig = guest.rig
-    rig.arm.set_manual(True)
-    guest.lead(HERE)
-    recorder = PathRecorder(rig.executor, rig.gripper)
-    guest.lead(*LOOP[:2])
-    grab = rig.gripper.move(0.7, wait=False)
-    guest.finish(grab)
-    guest.lead(*LOOP[2:])
-    path = recorder.end()
-    rig.arm.set_manual(False)
-
-    for _ in range(2):  # the second begins at the path's end
-        replay = plan_replay(rig.arm, path, gripper=rig.gripper)
-        assert [leg.begin for leg in replay.legs] == pytest.approx([0.0, 0.7], abs=0.01)
-        begin = guest.clock.now()
-        guest.finish(start_replay(rig.arm, rig.gripper, replay))
-        assert np.degrees(rig.arm.state.q) == pytest.approx(LOOP[-1], abs=0.1)
-        assert rig.gripper.aperture == pytest.approx(0.7, abs=0.01)
-        _, q, q_jaw = guest.sent(begin)
-        opening = q[np.abs(np.gradient(q_jaw)) > 1e-3][-5:]
-        assert opening == pytest.approx(np.tile(LOOP[1], (5, 1)), abs=2.0)
-        assert guest.rig.arm.state.mode is Mode.HOLDING
 
 
 def test_the_jaw_is_where_it_was_at_each_place_however_fast_the_arm_goes(guest):

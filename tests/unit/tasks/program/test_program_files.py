@@ -69,19 +69,6 @@ def test_a_name_that_leads_elsewhere_is_no_program(name):
         files.file_of(name)
 
 
-def test_steps_of_several_arms_are_the_same_after_writing_and_reading(tmp_path):
-    a, b = (Waypoint(name=name, q=np.full(5, 0.1), aperture=0.8, speed=0.4) for name in "ab")
-    made = Program(
-        steps=({"left": a}, {"left": b, "right": a}), loops=(Loop(first=0, last=1, times=4),)
-    )
-    files.write(made, tmp_path / "wave.json")
-    again = files.read(tmp_path / "wave.json", {"left": None, "right": None})
-    assert again.loops == made.loops
-    assert [{name: told(each) for name, each in step.items()} for step in again.steps] == [
-        {name: told(each) for name, each in step.items()} for step in made.steps
-    ]
-
-
 def test_a_program_that_names_a_single_arm_runs_on_the_only_one_there_is(tmp_path):
     waypoint = Waypoint(name="a", q=np.zeros(5))
     files.write(Program(steps=({"left": waypoint},)), tmp_path / "wave.json")

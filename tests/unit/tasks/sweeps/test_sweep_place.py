@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import ruckig
 
 from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.geometry import SE3
@@ -27,7 +26,7 @@ from so101_motion.tasks.sweeps import (
     task_text,
     write_placement,
 )
-from so101_motion.tasks.sweeps.mounted_arm import cheapest, least_time
+from so101_motion.tasks.sweeps.mounted_arm import cheapest
 from so101_motion.tasks.sweeps.placement_task import task_from
 
 DOWN = {"approach": [0, 0, -1], "approach_tolerance_deg": 15}
@@ -226,15 +225,3 @@ def test_the_cheapest_path_is_the_cheapest_of_all(closed):
 
     assert total == pytest.approx(cost(options))
     assert total == pytest.approx(min(map(cost, itertools.product(*map(range, counts)))))
-
-
-def test_the_least_time_is_what_a_joint_alone_takes():
-
-    for d, (v, a, j) in itertools.product(
-        (1e-4, 0.02, 0.3, 4.0), ((3.0, 7.5, 500.0), (1.0, 30.0, 100.0))
-    ):
-        wanted, motion = ruckig.InputParameter(1), ruckig.Trajectory(1)
-        wanted.current_position, wanted.target_position = [0.0], [d]
-        wanted.max_velocity, wanted.max_acceleration, wanted.max_jerk = [v], [a], [j]
-        ruckig.Ruckig(1).calculate(wanted, motion)
-        assert least_time(np.array(-d), v, a, j) == pytest.approx(motion.duration)

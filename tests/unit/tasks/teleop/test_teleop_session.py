@@ -146,31 +146,3 @@ def test_a_stop_ends_a_session_whose_follower_waits_where_something_held_it_up()
         assert both.phase is Phase.WAITING
         both.run(both.follower.arm.stop)
         both.until_ended_by("stop")
-
-
-def test_a_broken_connection_is_trouble_and_not_the_end():
-    with pair() as both:
-        both.start()
-        both.advance(0.3)
-        arm = both.follower.executor.call(lambda driver: driver)
-        both.clock.advance(0.02)
-        assert arm.exception() is not None, "nobody else gets at the joints meanwhile"
-        both.run(both.teleop.stop)
-        driver = both.run(lambda: both.follower.executor.call(lambda driver: driver).result())
-        both.start()
-        both.advance(0.3)
-        driver.disconnect(ConnectionError("pulled"))
-        both.advance(0.2)
-        assert both.phase is Phase.WAITING
-        assert both.teleop.status.consecutive_errors > 5
-        driver.reconnect()
-        both.advance(1.0)
-        assert both.phase is Phase.MIRRORING
-
-
-def test_one_arm_may_lead_another_again_after_all_was_closed():
-    for _ in range(2):
-        with pair(guarded=True) as both:
-            both.start()
-            both.advance(0.1)
-            assert both.phase is Phase.MIRRORING
