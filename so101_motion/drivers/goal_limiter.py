@@ -99,7 +99,7 @@ class GoalLimiter(ctypes.Structure):
             offset_speed=OFFSET_SPEED, lead_speed=LEAD_SPEED, seed=SEED, spare=SLACK, begins=1.0,
             kept=SIX(*[CATCH_UP] * 6),
         )  # fmt: skip
-        self._names, self._in_c, self._at = names, quick(), ctypes.byref(self)
+        self._names, self._in_c, self._at = names, quick(), ctypes.c_void_p(ctypes.addressof(self))
 
     def begin(
         self, q_cmd: Sequence[float], q: Sequence[float], now: float, free: Collection[int] = ()

@@ -46,6 +46,22 @@ typedef struct {
     Limiter *limiter;
 } Goals;
 
+/* As KnownPosition in position_check.py. */
+typedef struct {
+    double scatter, fastest, push, close, enough; /* constants of that file */
+    double is_there, is_sure, t, ticks, v, sure_t, last, last_t, last_v, count;
+} Position;
+
+#define ROWS 32 /* more than are kept of a tenth of a second */
+
+/* As JointEstimate in joint_estimate.py. */
+typedef struct {
+    double window, direction[SERVOS], zero_ticks[SERVOS], seam[SERVOS]; /* a constant, and the joints' maps */
+    double q[SERVOS], qd[SERVOS], seen[SERVOS], seen_wanted[SERVOS];
+    double rows, time[ROWS], row[ROWS][SERVOS];
+    Position known[SERVOS];
+} Estimate;
+
 /* Of two numbers, as Python has it. */
 static inline double least(double a, double b) { return b < a ? b : a; }
 static inline double most(double a, double b) { return b > a ? b : a; }

@@ -82,10 +82,14 @@ class JointMap:
         """The position to send the joint to for angle ``q`` [rad], clamped to its limits."""
         return Ticks(min(max(self.to_ticks(q), self.lower_ticks), self.upper_ticks))
 
+    @property
+    def seam(self) -> int:
+        """The first position of the unrolled circle."""
+        return (self.lower_ticks + self.upper_ticks + 1) // 2 - TICKS_PER_TURN // 2
+
     def unrolled(self, ticks: Ticks) -> Ticks:
         """The same position, less than half a turn from the middle of the joint's range."""
-        seam = (self.lower_ticks + self.upper_ticks + 1) // 2 - TICKS_PER_TURN // 2
-        return Ticks(seam + (ticks - seam) % TICKS_PER_TURN)
+        return Ticks(self.seam + (ticks - self.seam) % TICKS_PER_TURN)
 
     def _angle(self, ticks: Ticks) -> float:
         return self.direction * (ticks - self.zero_ticks) * RAD_PER_TICK

@@ -22,6 +22,7 @@ hold meanwhile, and get no new goal before somebody asks for one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
@@ -34,6 +35,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus, Port
+from so101_motion.drivers.bus.protocol import Answer
 from so101_motion.drivers.bus.registers import LET_GO
 from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.ticks import JointMap, to_acceleration_units, to_speed_ticks
@@ -52,7 +54,7 @@ from so101_motion.drivers.servo_types import ServoFigures
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 """Base to jaw, the order of the servos along the cable."""
 
-_NO_GOALS: Sequence[None] = (None,) * 6
+_NO_GOALS: Sequence[float] = (math.nan,) * 6
 
 _REWRITE = 0.03
 """How long after the last setpoint the goals of a resting arm are sent again, with the trim [s]."""
@@ -348,18 +350,15 @@ class FeetechArm:
         count, missed = self._health_readings.count(now), self._presence.unanswering
         found, doubted = self._at.ask(bus, count, missed, self._clock)
         self._at.look(found, self._wanted(), now)
-        for servo_id, answer in found.items():
-            i = self._index[servo_id]
-            self._compensation.heard(i, answer.faults)
-            if self._is_held and self._compensation.held[i] is not None:
-                has_let_go = bool(answer.faults & LET_GO)
-                if self._out_of_range.sank(bus, i, self._at.ticks(i), has_let_go=has_let_go):
-                    self._compensation.held[i] = self._at.ticks(i)
-        if self._is_held and self._guide is None:
+        is_held = self._is_held
+        watched = self._compensation.weak or self._out_of_range.sinking
+        if watched or any([answer.faults for answer in found.values()]):
+            self._note_faults(bus, found, is_held=is_held)
+        if is_held and self._guide is None:
             if self._out_of_range:
                 self._out_of_range.arrive(bus, self._at.q)
             gone = self._out_of_range.left | self._compensation.weak
-            fresh = {self._index[servo_id] for servo_id in found} - gone
+            fresh = [i for servo_id in found if (i := self._index[servo_id]) not in gone]
             self._compensation.trim.measure(self._at.q, self._at.qd, fresh, now)
         for servo_id, volts in self._health_readings.take(now, found).items():
             self._compensation.supplied(self._index[servo_id], volts)
@@ -370,12 +369,21 @@ class FeetechArm:
         if back:
             self._take_back(bus, back)
 
+    def _note_faults(self, bus: Bus, found: Mapping[int, Answer], *, is_held: bool) -> None:
+        for servo_id, answer in found.items():
+            i = self._index[servo_id]
+            self._compensation.heard(i, answer.faults)
+            if is_held and self._compensation.held[i] is not None:
+                has_let_go = bool(answer.faults & LET_GO)
+                if self._out_of_range.sank(bus, i, self._at.ticks(i), has_let_go=has_let_go):
+                    self._compensation.held[i] = self._at.ticks(i)
+
     @property
     def _is_held(self) -> bool:
         return self._torque and self._compensation.is_set
 
-    def _wanted(self) -> Sequence[float | None]:
-        """The command of each joint [rad]; None if it is limp or a hand leads it."""
+    def _wanted(self) -> Sequence[float]:
+        """The command of each joint [rad]; NaN if it is limp or a hand leads it."""
         if not self._is_held:
             return _NO_GOALS
         q = self._compensation.q

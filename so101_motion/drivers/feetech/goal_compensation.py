@@ -92,7 +92,7 @@ class GoalCompensation(ctypes.Structure):
         self.is_set = False
         self.weak: set[int] = set()
         self._maps, self._figures = maps, figures
-        self._in_c, self._at = quick(), ctypes.byref(self)
+        self._in_c, self._at = quick(), ctypes.c_void_p(ctypes.addressof(self))
         self._given, self._goals, self._stray = _Given(), (ctypes.c_int * 6)(), SIX()
         self._index = tuple((joint.servo_id, i) for i, joint in maps.items())
 

@@ -108,7 +108,7 @@ class Trim(ctypes.Structure):
             settle_position=SETTLE_POSITION, left_alone=LEFT_ALONE,
         )  # fmt: skip
         self._gravity, self._load = gravity, per_kg
-        self._in_c, self._at = quick(), ctypes.byref(self)
+        self._in_c, self._at = quick(), ctypes.c_void_p(ctypes.addressof(self))
         self.models = [ServoModel() for _ in range(6)]
         for i, model in enumerate(self.models):
             self.put(i, model)
@@ -198,10 +198,9 @@ class Trim(ctypes.Structure):
         given = (SIX(*each) for each in (goal, known, self.own(goal), self.per_kg(goal)))
         self._in_c.so101_trim_start(self._at, *given, ctypes.c_double(now))
 
-    def measure(
-        self, q: Sequence[float], qd: Sequence[float], fresh: Collection[int], now: float
-    ) -> None:
-        """Learn from angles [rad] and velocities [rad/s] of ``fresh`` joints at ``now`` [s]."""
-        self._in_c.so101_trim_measure(
-            self._at, SIX(*q), SIX(*qd), as_bits(fresh), ctypes.c_double(now)
-        )
+    def measure(self, q: Six, qd: Six, fresh: Collection[int], now: float) -> None:
+        """Learn from the angles [rad] and velocities [rad/s] of ``fresh`` joints at ``now`` [s].
+
+        These are arrays of C.
+        """
+        self._in_c.so101_trim_measure(self._at, q, qd, as_bits(fresh), ctypes.c_double(now))

@@ -17,10 +17,9 @@ window late, which does not matter for deciding whether a joint is at rest.
 
 from __future__ import annotations
 
+import ctypes
 import math
-from collections import deque
 from collections.abc import Collection, Mapping, Sequence
-from operator import mul
 
 from so101_motion.common.clock import Clock
 from so101_motion.drivers.bus import registers as reg
@@ -28,92 +27,68 @@ from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.protocol import Answer
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
+from so101_motion.drivers.goal_limiter import SIX, Six
 from so101_motion.drivers.position_check import KnownPosition
+from so101_motion.native.library import quick
 
 WINDOW = 0.1
 """How far back the line reaches [s]; chosen, see above."""
 
-_SPACING = WINDOW / 16
-"""Measurements closer together than this [s] are left out: at 100 a second none, at 200 every other
-one. They would cost time and add little."""
-
-_FEWEST = 3  # with two points the scatter would be the slope; slow polling keeps this many
-
-
-class VelocityEstimate:
-    """Fits the slopes of ``n`` signals; plain Python is faster than numpy for six."""
-
-    def __init__(self, n: int) -> None:
-        self._t: deque[float] = deque()
-        self._signals: tuple[deque[float], ...] = tuple(deque() for _ in range(n))
-
-    def add(self, t: float, values: Sequence[float]) -> None:
-        """Add ``n`` values measured at ``t`` [s]."""
-        if self._t and t - self._t[-1] < _SPACING:
-            return
-        self._t.append(t)
-        for signal, value in zip(self._signals, values, strict=True):
-            signal.append(value)
-        while len(self._t) > _FEWEST and self._t[0] < t - WINDOW - 1e-9:
-            self._t.popleft()
-            for signal in self._signals:
-                signal.popleft()
-
-    def clear(self) -> None:
-        self._t.clear()
-        for signal in self._signals:
-            signal.clear()
-
-    def value(self) -> list[float]:
-        """Change per second of each signal; zero until two moments are known."""
-        middle = sum(self._t) / max(len(self._t), 1)
-        t = [moment - middle for moment in self._t]
-        spread = sum(map(mul, t, t))
-        if spread <= 0.0:
-            return [0.0] * len(self._signals)
-        return [sum(map(mul, t, signal)) / spread for signal in self._signals]
-
-
+_ROWS = 32  # as in ``servos.h``
 _START = reg.PRESENT_POSITION.address
 
 
-class JointEstimate:
-    """Angles ``q`` [rad] and velocities ``qd`` [rad/s] of the joints, 0 without a servo.
+class JointEstimate(ctypes.Structure):
+    """Angles ``q`` [rad] and velocities ``qd`` [rad/s] of six joints, 0 without a servo.
 
-    In plain lists, which are faster than numpy for six. ``maps`` has the servo of each joint.
+    ``maps`` has the servo of each joint. Computed in ``servo_readings.c``.
     """
 
-    def __init__(self, maps: Mapping[int, JointMap], n: int = 6) -> None:
-        self.q, self.qd = [0.0] * n, [0.0] * n
+    _fields_ = [
+        ("window", ctypes.c_double),
+        *((name, SIX) for name in ("direction", "zero_ticks", "seam")),
+        *((name, SIX) for name in ("q", "qd", "seen", "seen_wanted")),
+        ("rows", ctypes.c_double),
+        ("time", ctypes.c_double * _ROWS),
+        ("row", SIX * _ROWS),
+        ("known", KnownPosition * 6),
+    ]
+    q: Six
+    qd: Six
+
+    def __init__(self, maps: Mapping[int, JointMap]) -> None:
+        super().__init__(window=WINDOW, seen_wanted=SIX(*[math.nan] * 6))
+        for i, joint in maps.items():
+            self.direction[i], self.zero_ticks[i] = joint.direction, joint.zero_ticks
+            self.seam[i] = joint.seam
         self._maps = maps
         self._servos = {joint.servo_id: i for i, joint in maps.items()}
-        self._seen: list[tuple[float, float | None]] = [(0.0, None)] * n  # and where it was wanted
-        self._slope = VelocityEstimate(n)
-        self._known: dict[int, KnownPosition] = {}
+        self._ticks = (ctypes.c_int * 6)()
+        self._in_c, self._at = quick(), ctypes.c_void_p(ctypes.addressof(self))
 
     def ticks(self, i: int) -> Ticks:
         return self._maps[i].to_ticks(self.q[i])
 
     @property
-    def sure(self) -> list[float]:
+    def sure(self) -> Six:
         """The angles of the joints on which two answers agree [rad]; else NaN."""
-        known = self._known
-        return [q if i in known and known[i].is_sure else math.nan for i, q in enumerate(self.q)]
+        self._in_c.so101_estimate_sure(self._at, sure := SIX())
+        return sure[:]
 
     def found(self, i: int, ticks: Ticks, now: float) -> None:
         """Start from the confirmed position of joint ``i``'s servo ``now`` [s]."""
-        self._known[i] = KnownPosition(ticks % TICKS_PER_TURN, now, is_sure=True)
-        self.q[i] = self._maps[i].to_rad(ticks)
-        self._seen[i] = (self.q[i], None)
+        self.known[i].found(ticks % TICKS_PER_TURN, now, is_sure=True)
+        self.q[i] = self.seen[i] = self._maps[i].to_rad(ticks)
+        self.seen_wanted[i] = math.nan
 
     def forget(self) -> None:
         """Start the velocities anew, after a gap."""
-        self._slope.clear()
+        self.rows = 0.0
 
     def unconfirmed(self, since: float = -math.inf) -> list[int]:
         """The joints whose position no two answers have confirmed since then [s]."""
-        known = self._known
-        return [i for i in self._maps if not ((k := known.get(i)) and k.is_sure and k.t >= since)]
+        found = self._in_c.so101_estimate_unconfirmed(self._at, ctypes.c_double(since))
+        return [i for i in self._maps if found >> i & 1] if found else []
 
     def ask(
         self, bus: Bus, count: int, given_up: Collection[int], clock: Clock
@@ -137,43 +112,23 @@ class JointEstimate:
     def _doubted(
         self, answers: Mapping[int, Answer], asked: float, answered: float
     ) -> tuple[int, ...]:
-        doubted = []
-        for servo_id, answer in answers.items():
-            i, ticks = self._servos[servo_id], _position(answer)
-            known = self._known.get(i)
-            if known is None and 0 <= ticks < TICKS_PER_TURN:
-                self._known[i] = KnownPosition(ticks, asked, is_sure=False)
-            elif known is None or not known.judge(ticks, asked, answered):
-                doubted.append(servo_id)
-        return tuple(doubted)
+        times = ctypes.c_double(asked), ctypes.c_double(answered)
+        found = self._in_c.so101_estimate_judge(self._at, self._take(answers), self._ticks, *times)
+        return tuple(s for s, i in self._servos.items() if found >> i & 1) if found else ()
 
-    def look(
-        self, answers: Mapping[int, Answer], wanted: Sequence[float | None], now: float
-    ) -> None:
+    def look(self, answers: Mapping[int, Answer], wanted: Sequence[float], now: float) -> None:
         """Update the estimate from credible answers to a question ``now`` [s].
 
-        ``wanted`` are commanded angles [rad]; None for a joint without a command.
+        ``wanted`` are commanded angles [rad]; NaN for a joint without a command.
         """
-        for i, joint in self._maps.items():
-            answer = answers.get(joint.servo_id)
-            if answer is None:
-                self.q[i] = self._stand_in(i, wanted[i])
-            else:
-                self.q[i] = joint.to_rad(Ticks(_position(answer)))
-                self._seen[i] = (self.q[i], wanted[i])
-        self._slope.add(now, self.q)
-        self.qd = self._slope.value()
+        given = (self._take(answers), self._ticks, SIX(*wanted), ctypes.c_double(now))
+        self._in_c.so101_estimate_look(self._at, *given)
 
-    def _stand_in(self, i: int, wanted: float | None) -> float:
-        q, then = self._seen[i]
-        if wanted is None or then is None:
-            return q
-        lower, upper = sorted((q, wanted))
-        return min(max(q + wanted - then, lower), upper)
-
-
-def _position(answer: Answer) -> int:
-    low, high = answer.data[0], answer.data[1]
-    if high < TICKS_PER_TURN >> 8:  # nearly always, and four times as fast
-        return high << 8 | low
-    return reg.PRESENT_POSITION.decode(answer.data[: reg.PRESENT_POSITION.size])
+    def _take(self, answers: Mapping[int, Answer]) -> int:
+        """Note the positions in ``answers``; a bit for each joint that has answered."""
+        joints = 0
+        for servo_id, (data, _) in answers.items():
+            i = self._servos[servo_id]
+            self._ticks[i] = data[0] | data[1] << 8  # one with its sign set is none an encoder has
+            joints |= 1 << i
+        return joints

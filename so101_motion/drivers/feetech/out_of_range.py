@@ -32,15 +32,16 @@ _Ram = Mapping[int, Mapping[Register, int]]
 class OutOfRangeJoints:
     """The joints outside their limits, and which of those are on their way in.
 
-    ``ram`` is what RAM registers must hold, by servo. Joints that are ``left`` get no goal.
+    ``ram`` is what RAM registers must hold, by servo. Joints that are ``left`` get no goal; those
+    that are ``sinking`` are held ones whose servos have switched themselves off.
     """
 
     def __init__(self, maps: Mapping[int, JointMap], ram: _Ram) -> None:
         self.left: set[int] = set()
+        self.sinking: set[int] = set()
         self._maps, self._ram = maps, ram
         self._coming: set[int] = set()
         self._crawling: set[int] = set()  # whose caps are lowered
-        self._sinking: set[int] = set()  # held ones whose servos have switched themselves off
 
     def __bool__(self) -> bool:
         return bool(self.left or self._coming)
@@ -113,12 +114,12 @@ class OutOfRangeJoints:
         whether it was made to hold at ``here``.
         """
         if has_let_go:
-            self._sinking.add(i)
+            self.sinking.add(i)
             (self.left.add if is_outside(self._maps[i], here) else self.left.discard)(i)
             return False
-        if i not in self._sinking:
+        if i not in self.sinking:
             return False
-        self._sinking.discard(i)
+        self.sinking.discard(i)
         if i in self.left:
             self._stop(bus, i)
         return i in self.left

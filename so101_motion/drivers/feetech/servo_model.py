@@ -82,7 +82,11 @@ class ServoModel(ctypes.Structure):
         figures: ServoFigures = AS_SOLD,
     ) -> None:
         self.sold_as, self.p_gain, self.figures = sold_as, p_gain, figures
-        self.kind, self._in_c, self._at = figures.of(sold_as), quick(), ctypes.byref(self)
+        self.kind, self._in_c, self._at = (
+            figures.of(sold_as),
+            quick(),
+            ctypes.c_void_p(ctypes.addressof(self)),
+        )
         own: dict[str, Any] = {name: getattr(self.kind, name) for name in _OF_ITS_KIND}
         super().__init__(
             **own, over_shape=1.0 / self.kind.duty_shape,

@@ -8,10 +8,16 @@ from so101_motion.drivers.position_check import CLOSE, FASTEST, SCATTER, KnownPo
 DEG = math.radians(1.0) * TICKS_PER_RAD
 
 
+def known_at(ticks):
+    position = KnownPosition()
+    position.found(ticks, 0.0, is_sure=True)
+    return position
+
+
 @pytest.fixture
 def belief():
     """A joint known to be at 1000 ticks at 0 s."""
-    return KnownPosition(1000, 0.0, is_sure=True)
+    return known_at(1000)
 
 
 def judge(belief, ticks, t):
@@ -44,7 +50,7 @@ def test_what_is_seen_after_a_jump_is_believed_as_soon_as_it_is_possible_and_see
 
 
 def test_after_a_pause_one_is_possible_and_the_fourth_or_one_as_before_makes_it_sure(belief):
-    before = KnownPosition(1000, 0.0, is_sure=True)
+    before = known_at(1000)
     assert judge(before, 1000 + 15.0 * DEG, 0.05)
     assert not before.is_sure
     assert judge(before, 1001, 0.05)
@@ -69,7 +75,7 @@ def test_a_joint_that_flicks_through_its_play_is_believed_but_not_yet_sure(belie
 
 @pytest.mark.parametrize("seam", [4094, 0])
 def test_the_seam_is_a_place_like_any_other(seam):
-    belief = KnownPosition(seam, 0.0, is_sure=True)
+    belief = known_at(seam)
     assert judge(belief, (seam + 3) % 4096, 0.01)
     assert judge(belief, (seam - 3) % 4096, 0.02)
 

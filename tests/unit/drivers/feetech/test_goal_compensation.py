@@ -12,7 +12,7 @@ from so101_motion.drivers.emulator.motion import Profile
 from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
 from so101_motion.drivers.feetech.lag_compensation import BRAKING, DELAY, braking
 from so101_motion.drivers.feetech.servo_model import ServoModel
-from so101_motion.drivers.goal_limiter import GoalLimiter
+from so101_motion.drivers.goal_limiter import SIX, GoalLimiter
 from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoFigures
 from so101_motion.native.library import quick
 
@@ -53,7 +53,7 @@ def followed(*, behind_deg, seconds):
         at, rates = [*arm.q], [0.0] * 6
         at[LIFT] -= math.radians(behind_deg) * min(0.01 * k / 0.1, 1.0)
         rates[LIFT] = qd
-        arm.joint.trim.measure(at, rates, range(6), 0.01 * k)
+        arm.joint.trim.measure(SIX(*at), SIX(*rates), range(6), 0.01 * k)
     return math.degrees(arm.joint.trim.rest[LIFT])
 
 
@@ -226,7 +226,7 @@ def test_goals_and_what_is_learnt_are_what_they_were_before_they_were_compiled(k
         joint.point(q.tolist(), moving[0], t, q.tolist(), (), moving[1], follows_target=follows)
         goals = joint.goals(t)
         off = 0.01 * math.cos(t)
-        joint.trim.measure((q - off).tolist(), [0.0] * 6, range(6), t + 0.004)
+        joint.trim.measure(SIX(*(q - off)), SIX(), range(6), t + 0.004)
         k_sent += (k - 1) * sum(goals[i] * i for i in goals)
     sent, *learnt = RECORDED[kind, told, follows]
     assert k_sent == pytest.approx(sent, abs=1800), "a single one may round the other way"

@@ -47,7 +47,7 @@ def command(trim, goal, t):
 
 def hold(trim, q, seconds, t=0.0):
     for k in range(round(seconds / 0.01)):
-        trim.measure(np.asarray(q).tolist(), REST, ALL, t + 0.01 * k)
+        trim.measure(SIX(*q), SIX(), ALL, t + 0.01 * k)
 
 
 def test_weight_and_the_friction_on_the_way_are_made_up_for_at_once():
@@ -130,7 +130,7 @@ def test_while_the_command_moves_the_lag_is_not_learnt():
     start(trim, GOAL)
     for k in range(200):
         command(trim, GOAL + 0.01 * k, 0.01 * k)
-        trim.measure((GOAL + 0.01 * k - 0.02).tolist(), REST, ALL, 0.01 * k)
+        trim.measure(SIX(*(GOAL + 0.01 * k - 0.02)), SIX(), ALL, 0.01 * k)
     np.testing.assert_array_equal(trim.rest, 0.0)
 
 
@@ -143,7 +143,7 @@ def carried(figures, *, off):
     start(trim, GOAL, sag=(None,) * 6)
     for k in range(20):
         command(trim, GOAL + 0.01 * k, 0.01 * k)
-        trim.measure((GOAL + 0.01 * k - off).tolist(), REST, ALL, 0.01 * k)
+        trim.measure(SIX(*(GOAL + 0.01 * k - off)), SIX(), ALL, 0.01 * k)
     return trim.carried, np.abs(trim.rest).max()
 
 
@@ -154,7 +154,7 @@ def test_a_servo_at_its_torque_limit_learns_nothing_in_motion():
         trim.models[1].most_drive = most_drive
         for k in range(20):
             command(trim, GOAL + way * 0.01 * k, 0.01 * k)
-            trim.measure((GOAL + way * (0.01 * k - 0.02)).tolist(), REST, ALL, 0.01 * k)
+            trim.measure(SIX(*(GOAL + way * (0.01 * k - 0.02))), SIX(), ALL, 0.01 * k)
         return trim.rest[1]
 
     assert learnt(1.0, 1.0) > 0.0
@@ -188,7 +188,7 @@ def test_of_a_joint_that_moves_or_was_not_measured_nothing_is_learnt():
     trim = Trim(weightless)
     start(trim, GOAL)
     for k in range(100):
-        trim.measure((GOAL - 0.02).tolist(), [0.2, *REST[1:]], {0, 1, 3, 4, 5}, 0.01 * k)
+        trim.measure(SIX(*(GOAL - 0.02)), SIX(0.2), {0, 1, 3, 4, 5}, 0.01 * k)
     assert trim.offset[0] == trim.offset[2] == 0.0
     assert trim.offset[1] > 0.0
 

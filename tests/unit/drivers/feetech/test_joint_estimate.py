@@ -1,3 +1,4 @@
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.protocol import Answer
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import SETTLE_VELOCITY
-from so101_motion.drivers.feetech.joint_estimate import WINDOW, JointEstimate, VelocityEstimate
+from so101_motion.drivers.feetech.joint_estimate import WINDOW, JointEstimate
 
 PAN, LIFT = 0, 1
 
@@ -25,15 +26,15 @@ def seen(at, q, wanted, now=0.0):
 
 
 def sent(*q):
-    return [*q, None, None, None, None]
+    return [*q, math.nan, math.nan, math.nan, math.nan]
 
 
-NOWHERE = sent(None, None)
+NOWHERE = sent(math.nan, math.nan)
 
 
 def test_joints_are_where_their_servos_say_and_those_without_one_at_zero(at):
     seen(at, 0.5, NOWHERE)
-    assert at.q == pytest.approx([0.5, 0.5, 0.0, 0.0, 0.0, 0.0], abs=RAD_PER_TICK)
+    assert at.q[:] == pytest.approx([0.5, 0.5, 0.0, 0.0, 0.0, 0.0], abs=RAD_PER_TICK)
     assert JointMap(servo_id=8).to_rad(at.ticks(LIFT)) == at.q[LIFT]
 
 
@@ -45,8 +46,8 @@ def test_a_joint_that_is_not_seen_is_taken_to_follow_its_goals(at):
 
 
 def test_a_joint_sent_nowhere_or_told_to_stay_where_it_was_pushed_is_where_it_was_seen(at):
-    seen(at, 0.3, sent(None, 0.9))
-    at.look({}, sent(0.9, None), 0.01)
+    seen(at, 0.3, sent(math.nan, 0.9))
+    at.look({}, sent(0.9, math.nan), 0.01)
     assert at.q[:2] == pytest.approx([0.3, 0.3], abs=RAD_PER_TICK)
     seen(at, 0.3, sent(0.0, 0.0))
     for wanted in (0.3, 0.2):
@@ -67,39 +68,40 @@ def test_velocities_are_slopes_and_begin_anew_after_a_gap(at):
     assert at.qd[:2] == pytest.approx([1.0, 1.0], abs=0.02)
     at.forget()
     seen(at, 0.0, NOWHERE, 9.0)
-    assert at.qd == [0.0] * 6
+    assert at.qd[:] == [0.0] * 6
 
 
 # Velocities
 
 
-def test_nothing_known_is_no_movement():
-    slope = VelocityEstimate(3)
-    assert slope.value() == [0.0] * 3
-    slope.add(0.0, np.ones(3))
-    slope.add(0.0, np.ones(3))
-    assert slope.value() == [0.0] * 3
-    slope = VelocityEstimate(1)  # a stop is seen within the window
-    for k in range(100):
-        slope.add(0.01 * k, np.array([min(k, 50) * 0.01]))
-    assert slope.value() == pytest.approx([0.0])
+def pushed(at, q, period):
+    """The velocities of the pan [rad/s] while it is seen at ``q`` [rad], one by one."""
+    found = []
+    for k, each in enumerate(q):
+        seen(at, each, NOWHERE, period * k)
+        found.append(at.qd[PAN])
+    return np.array(found)
 
 
-def test_scatter_of_a_resting_encoder_stays_below_what_counts_as_rest():
-    rng = np.random.default_rng(1)
-    slope, worst = VelocityEstimate(1), []
-    for k in range(2000):
-        slope.add(0.01 * k, rng.integers(-1, 2, 1) * RAD_PER_TICK)
-        worst.append(abs(slope.value()[0]))
-    assert np.percentile(worst[20:], 99) < SETTLE_VELOCITY
+def test_a_stop_is_seen_within_the_window_and_a_second_reading_at_once_is_no_movement(at):
+    seen(at, 0.2, NOWHERE)
+    assert at.qd[:] == [0.0] * 6
+    seen(at, 0.3, NOWHERE)
+    assert at.qd[:] == [0.0] * 6
+    speeds = pushed(at, 0.01 * np.minimum(np.arange(100), 50), 0.01)
+    assert speeds[49] == pytest.approx(1.0, abs=0.02)
+    assert abs(speeds[61]) < 1e-9
+
+
+def test_scatter_of_a_resting_encoder_stays_below_what_counts_as_rest(at):
+    scatter = np.random.default_rng(1).integers(-1, 2, 2000) * RAD_PER_TICK
+    assert np.percentile(np.abs(pushed(at, scatter, 0.01))[20:], 99) < SETTLE_VELOCITY
 
 
 @pytest.mark.parametrize("period", [0.0005, 0.01, 2.0 * WINDOW])
-def test_a_steady_movement_has_its_velocity_however_often_it_is_measured(period):
-    slope = VelocityEstimate(2)
-    for k in range(round(10 + 0.5 / period)):
-        slope.add(period * k, np.array([0.5, -2.0]) * period * k)
-    np.testing.assert_allclose(slope.value(), [0.5, -2.0])
+def test_a_steady_movement_has_its_velocity_however_often_it_is_measured(at, period):
+    speeds = pushed(at, -0.5 * period * np.arange(round(10 + 0.5 / period)), period)
+    assert speeds[-1] == pytest.approx(-0.5, abs=0.02)
 
 
 def test_a_first_position_that_no_encoder_has_is_not_believed(at, clock):
