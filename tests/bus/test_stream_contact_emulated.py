@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from harness.setpoints import swing
 
 from so101_motion.common.errors import MotionError
 from so101_motion.common.geometry import SE3
-from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle
 
@@ -59,6 +59,4 @@ def fastest(q, q_goal, limits):
     seconds = max(
         1.9 * way / limits.velocity[0], math.sqrt(6.0 * way / limits.acceleration[0]), 0.4
     )
-    u = np.linspace(0.0, 1.0, round(seconds / 0.02) + 1)
-    share = 10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5
-    return [TimedPoint(t=0.02 * k, q=q + each * (q_goal - q)) for k, each in enumerate(share)]
+    return swing(q, q_goal, seconds)

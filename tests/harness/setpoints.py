@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.drivers.simulated import SimArm
 
 
@@ -11,6 +12,13 @@ def shares(q, dt, limits):
         np.max(np.abs(np.diff(q, order, axis=0)) / dt**order / getattr(limits, cap), initial=0.0)
         for order, cap in enumerate(("velocity", "acceleration", "jerk"), start=1)
     ]
+
+
+def swing(begin, end, seconds):
+    """Points of a smooth motion from rest to rest, every 20 ms, for a stream."""
+    u = np.linspace(0.0, 1.0, round(seconds / 0.02) + 1)
+    q = begin + (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)[:, None] * (np.asarray(end) - begin)
+    return [TimedPoint(t=0.02 * k, q=each) for k, each in enumerate(q)]
 
 
 class TapedArm(SimArm):

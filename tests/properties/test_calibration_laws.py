@@ -36,17 +36,6 @@ def readings(draw, corners):
         yield from [at] * draw(st.integers(2, 4))
 
 
-@given(st.data(), travels(), st.integers(-2047, 2047))
-def test_a_sweep_finds_the_stops_wherever_the_seam_is(data, found, offset):
-    lower, travel, home = found
-    ends = data.draw(st.permutations((lower, lower + travel)))
-    sweep = TravelRecorder()
-    for i, encoder in enumerate(readings(data.draw, (home, *ends))):
-        sweep.feed(0.01 * i, (encoder - offset) % 4096)
-    assert sweep.arc.travel == travel
-    assert (sweep.arc.lower + offset - lower) % 4096 == 0
-
-
 @given(st.data(), travels(), st.integers(0, 4095), st.integers(0, 200))
 def test_a_wrong_reading_anywhere_changes_nothing(data, found, wrong, when):
     lower, travel, home = found

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from harness.facing_arms import FAST, T_LEFT_RIGHT, Facing, FacingArms, crossing_task, in_time
 from harness.random_scenes import obstacle
+from harness.setpoints import swing
 
 from benchmarks.bench_crowd import LAYOUTS, Crowd, follow_targets
 from so101_motion.arm import cell_member as member_module
@@ -39,18 +40,6 @@ from so101_motion.planning.timing import online
 from so101_motion.rig.simulated_rig import open_simulated
 
 pytestmark = pytest.mark.usefixtures("planning_process")
-
-
-def test_a_move_that_begins_while_another_arm_moves_arrives_without_coming_near(pair_of):
-    facing = Facing(22)
-    starts, goals = crossing_task(facing)
-    pair = pair_of(facing, *starts)
-    first = pair.left.move(JointGoal(q=goals[0]), wait=False)
-    while not pair.left.is_moving:
-        pair.advance()
-    second = pair.right.move(JointGoal(q=goals[1]), wait=False)
-    pair.arrive(first, second)
-    np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
 
 
 def test_an_arm_that_waits_longer_than_planned_says_so_once_and_for_whom(pair_of, caplog):
@@ -172,21 +161,6 @@ def until_both_move(pair, *motions):
         pair.advance(0.0002)
 
 
-def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of):
-    pair, _, wanted = task_of(pair_of, 31)
-    motions = pair.cell.start_together(wanted)
-    until_both_move(pair, *motions.values())
-    moving = []
-    while not all(each.future.done() for each in motions.values()):
-        moving.append((pair.left.is_moving, pair.right.is_moving))
-        pair.advance()
-    for motion in motions.values():
-        motion.result()
-    assert sum(a != b for a, b in moving) <= 30, "one may take a little longer to settle"
-    for name, goal in wanted.items():
-        np.testing.assert_allclose(pair.arms[name].state.q_ref, goal.q, atol=1e-6)
-
-
 @pytest.mark.parametrize(("seconds", "overslept"), [(0.3, 0.0), (0.0, 0.3)])
 def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(
     pair_of, monkeypatch, seconds, overslept
@@ -212,17 +186,6 @@ def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(
     with pytest.raises(MotionError, match=r"ready 0\.\d+ s too late, .* how busy"):
         motions["left"].result()
     np.testing.assert_array_equal(pair.left.state.q_ref, before)
-
-
-def test_an_arm_that_was_stopped_before_a_common_motion_began_is_seen_where_it_stands(pair_of):
-    pair = pair_of(Facing(31), *crossing_task(Facing(31))[0])
-    left, stands = pair.cell.members["left"], pair.left.state.q_ref
-    goal = stands + np.array([0.5, 0.0, 0.0, 0.0, 0.0])
-    motion = online.point_to_point(stands, goal, FAST, 0.01)
-    left.expect(motion, pair.clock.now() + 0.05)
-    assert left.plan_at(pair.clock.now()).end > pair.clock.now() + 0.3
-    pair.advance(0.2)
-    np.testing.assert_allclose(left.plan_at(pair.clock.now()).q[-1, :5], stands)
 
 
 def planned_pair(pair_of):
@@ -440,10 +403,7 @@ def test_a_stream_into_another_arm_ends_before_it(pair_of, clock):
     starts = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
     pair = pair_of(Facing(0), *starts)
     stream = in_time(clock, pair.left.stream)
-    q, share = pair.left.state.q_ref, np.linspace(0.0, 1.0, 301)
-    turn = np.radians(-80.0) * (10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5)
-    pan = np.eye(5)[0]
-    stream.push([TimedPoint(t=0.02 * k, q=q + x * pan) for k, x in enumerate(turn)])
+    stream.push(swing(starts[0], starts[0] + np.radians([-80.0, 0.0, 0.0, 0.0, 0.0]), 6.0))
     pair.finish(stream)
     with pytest.raises(MotionError, match="right's"):
         stream.future.result()
@@ -653,13 +613,6 @@ def swift(clock):
         clock=clock, q_start=LEFT, speed=np.radians(150.0), acceleration=np.radians(500.0)
     ) as rig:
         yield rig.arm
-
-
-def swing(begin, end, seconds, period=0.02):
-    """Points from rest to rest."""
-    u = np.linspace(0.0, 1.0, round(seconds / period) + 1)
-    q = begin + (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)[:, None] * (end - begin)
-    return [TimedPoint(t=period * k, q=each) for k, each in enumerate(q)]
 
 
 class Played:

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from harness.retarget import retarget
-from harness.setpoints import shares
+from harness.setpoints import shares, swing
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import (
@@ -365,13 +365,10 @@ def test_after_closing_every_request_ends_with_shutdown(sim):
 TRAVEL = np.array([0.9, -0.6, 0.7, 0.4, -1.1])
 
 
-def batches(duration=2.0, period=0.02, size=10):
+def batches():
     """A smooth motion from zero to ``TRAVEL``, ten points a batch."""
-    t = np.arange(round(duration / period) + 1) * period
-    u = t / duration
-    q = (10 * u**3 - 15 * u**4 + 6 * u**5)[:, None] * TRAVEL
-    all_points = [TimedPoint(t=float(at), q=where) for at, where in zip(t, q, strict=True)]
-    return [all_points[k : k + size] for k in range(0, len(all_points), size)]
+    every = swing(np.zeros(5), TRAVEL, 2.0)
+    return [every[k : k + 10] for k in range(0, len(every), 10)]
 
 
 def used(sim, limits):
@@ -570,15 +567,6 @@ def test_late_ticks_are_left_out_and_counted_and_no_two_goals_are_sent_at_once(p
     assert sim.state.late_ticks == np.sum(np.isclose(gaps, 0.023))
     k = np.round((sim.arm.times - t0) / sim.dt - 0.2).astype(int)
     np.testing.assert_array_equal(sim.arm.goals, trajectory.q[np.minimum(k, 300)])
-
-
-def test_a_short_pause_is_made_up_for_by_arriving_later(pausing):
-    sim = pausing(hundredth, 0.1)
-    trajectory = sim.slow_move(3.0)
-    sim.after(5.0, sim.executor.execute(trajectory))
-    goals, expected = np.unique(sim.arm.goals, axis=0), np.unique(trajectory.q, axis=0)
-    np.testing.assert_array_equal(goals, expected)  # each setpoint, none twice
-    assert sim.state.late_ticks == 9  # 10 periods, and the tick after them comes
 
 
 def test_after_a_pause_in_which_joints_came_to_rest_they_speed_up_again(pausing):
@@ -786,12 +774,7 @@ def points(t, q):
     return [TimedPoint(t=float(at), q=where) for at, where in zip(t, q, strict=True)]
 
 
-def smooth(duration=2.0, period=0.02, travel=0.8, q_start=HOME):
-    """Dense points of a smooth motion of all joints, from rest to rest."""
-    t = np.arange(round(duration / period) + 1) * period
-    u = t / duration
-    q = q_start + travel * (10 * u**3 - 15 * u**4 + 6 * u**5)[:, None]
-    return t, q
+AWAY = HOME + 0.8
 
 
 def played(stream, until):
@@ -802,8 +785,7 @@ def played(stream, until):
 
 def test_playing_waits_for_points_enough_or_for_the_end():
     stream, short = make_stream(), make_stream()
-    t, q = smooth()
-    for point in points(t, q):
+    for point in swing(HOME, AWAY, 2.0):
         assert stream.is_primed == (point.t > LEAD)
         stream.push([point])
         if point.t > LEAD:
@@ -816,12 +798,13 @@ def test_playing_waits_for_points_enough_or_for_the_end():
 
 def test_dense_points_are_followed_closely_a_little_later():
     stream = make_stream()
-    t, q = smooth()
-    stream.push(points(t, q))
+    dense = swing(HOME, AWAY, 2.0)
+    t, q_pan = zip(*((each.t, each.q[0]) for each in dense), strict=True)
+    stream.push(dense)
     at, played_q = played(stream, 2.0)
 
     def off(delay):
-        return np.max(np.abs(played_q[:, 0] - np.interp(at - delay, t, q[:, 0])))
+        return np.max(np.abs(played_q[:, 0] - np.interp(at - delay, t, q_pan)))
 
     assert min(off(delay) for delay in np.arange(0.0, 0.15, 0.005)) < np.radians(0.3)
 
@@ -846,13 +829,13 @@ def test_a_start_a_little_off_fades_out_and_adds_at_most_a_tenth():
 
 def test_it_makes_no_difference_in_how_many_pieces_the_points_arrive():
     whole, pieces = make_stream(), make_stream()
-    t, q = smooth(duration=6.0)
-    whole.push(points(t, q))
-    pieces.push(points(t[:25], q[:25]))
+    every = swing(HOME, AWAY, 6.0)
+    whole.push(every)
+    pieces.push(every[:25])
     next_point = 25
     for k in range(500):
-        while next_point < len(t) and t[next_point] < k * DT + 0.3:
-            pieces.push(points(t[next_point : next_point + 1], q[next_point : next_point + 1]))
+        while next_point < len(every) and every[next_point].t < k * DT + 0.3:
+            pieces.push([every[next_point]])
             next_point += 1
         np.testing.assert_allclose(pieces.at(k * DT).q, whole.at(k * DT).q, rtol=0, atol=1e-12)
 
@@ -893,14 +876,15 @@ def test_points_too_fast_name_joint_time_and_figures_and_are_not_taken():
 
 def test_a_later_jolt_that_the_smoothing_cannot_take_is_refused():
     stream = make_stream()
-    t, q = smooth(duration=4.0)
-    stream.push(points(t[:100], q[:100]))
-    back = points(t[99] + np.array([0.1, 0.2]), q[99] - np.array([[0.14], [0.28]]))
+    every = swing(HOME, AWAY, 4.0)
+    stream.push(every[:100])
+    last = every[99]
+    back = points(last.t + np.array([0.1, 0.2]), last.q - np.array([[0.14], [0.28]]))
     with pytest.raises(OutsideLimits) as caught:
         stream.push(back)
     assert "deg/s^2" in str(caught.value)
     assert caught.value.value > LIMITS.acceleration[0]
-    stream.push(points(t[100:], q[100:]))
+    stream.push(every[100:])
 
 
 def test_an_empty_stream_cannot_be_finished_and_a_finished_one_takes_no_more():
@@ -911,6 +895,10 @@ def test_an_empty_stream_cannot_be_finished_and_a_finished_one_takes_no_more():
         stream.finish()
     stream.push(points([0.0], [HOME]))
     stream.finish()
+    assert stream.close() is stream.future, "it is over already"
+    left = make_stream()
+    left.close()
+    np.testing.assert_allclose(left.at(5.0).q, HOME)
     for ask in (lambda: stream.push(points([1.0], [HOME])), stream.finish):
         with pytest.raises(MotionError, match="has been finished"):
             ask()
@@ -967,7 +955,7 @@ def test_a_stop_that_takes_longer_than_the_points_reach_stops_each_joint():
 
 def test_a_stop_at_rest_stays_there_although_the_last_point_is_known():
     stream = make_stream()
-    stream.push(points(*smooth(duration=1.0)))
+    stream.push(swing(HOME, AWAY, 1.0))
     stream.finish()
     _, stop = stopped(stream, 1)
     np.testing.assert_allclose(stop.q[-1], HOME, atol=1e-3)

@@ -230,6 +230,24 @@ def test_the_driver_is_told_of_no_speed_that_the_command_will_not_have(sim):
     assert_bounded(sim)
 
 
+def test_the_driver_is_told_how_joints_brake_whose_target_said_how_it_accelerates(sim):
+    told, t_end = [], sim.clock.now() + 0.4
+
+    def sways(following):
+        t = sim.clock.now()
+        told.append((following.expected_acceleration.qdd, following.now.qdd))
+        if t > t_end:
+            return following.hold()
+        following.aim(np.full(5, 2.0 * t * t), np.full(5, 4.0 * t), np.full(5, 4.0))
+
+    follow(sim, each=sways)
+    sim.clock.advance(0.7)
+    braked = [(known, true) for known, true in told if np.any(true < 0.0)]
+    assert len(braked) > 10
+    for known, true in braked:
+        assert known == pytest.approx(true)
+
+
 def test_invalid_targets_are_refused_and_the_former_one_stays(sim):
     following = follow(sim, stale_after=None)
     following.aim(np.full(5, 0.2))

@@ -240,24 +240,6 @@ def test_a_loop_is_rehearsed_with_the_way_back_and_the_jaw_of_its_second_time(ri
     assert made.duration - loop(3).duration == pytest.approx(loop(3).duration - loop(2).duration)
 
 
-def test_a_run_goes_through_loops_and_says_which_time_it_is(rig):
-    made = program(at(A), at(B, pause=0.1), at(np.zeros(5)), rounds=2)
-    inner, outer = Loop(first=1, last=1, times=2), Loop(first=0, last=1, times=2)
-    run = start(rig, made.with_loop(outer).with_loop(inner))
-    shares = [0.0]
-
-    def look():
-        shares.append(run.share)
-        return run.where.round, run.where.index, run.where.laps
-
-    seen = finish(rig, run, look)
-    there = [(0, (0,)), (1, (0, 0)), (1, (0, 1)), (0, (1,)), (1, (1, 0)), (1, (1, 1)), (2, ())]
-    rounds = [(lap, *each) for lap in (0, 1) for each in there]
-    assert [where for where in seen if where in rounds] == rounds
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-
-
 @pytest.mark.parametrize("places", [(A, B), (np.zeros(5),)], ids=["endless", "goes nowhere"])
 def test_an_endless_run_goes_on_until_it_is_stopped(rig, places):
     run = start(rig, program(*map(at, places), rounds=None))
@@ -345,26 +327,6 @@ def among_things(clock, rig):
     rig.arm.scene = Scene(obstacles=(cube,))
     until(rig, rig.arm.move(JointGoal(q=START), wait=False).future.done)
     return rig
-
-
-def test_a_program_brings_an_item_there_and_back_as_often_as_it_should(among_things):
-    rig, there, back = among_things, "150,-150,0", "200,50,0"
-    steps = at(START, item="cube"), at(A), at(START, item="cube", place=there), at(A)
-    made = program(*steps, at(START, item="cube", place=back, pause=0.5), rounds=3)
-    rehearsal = rehearse(Solo.of(rig), made)
-    (first, *_) = [leg.picks[ARM] for leg in rehearsal.legs if leg.picks]
-    carried = rehearsal.legs[1]
-    assert carried.plan.q_start == pytest.approx(first.plans["lift"].q_goal)
-    moves = sum(each.leg.at[-1] for each in rehearsal.first_round)
-    picks = sum(p.duration for e in rehearsal.first_round for p in e.leg.picks.values())
-    assert rehearsal.duration == pytest.approx(moves + picks + 0.5)
-    run = start_program(Solo.of(rig), rehearsal)
-    seen = finish(
-        rig, run, lambda: (run.where.doing, tuple(np.round(rig.things.where("cube").p, 2)))
-    )
-    assert len([k for k, (doing, p) in enumerate(seen)
-                if p == (0.15, -0.15, 0.01) and (k == 0 or seen[k - 1][1] != p)]) == 3  # fmt: skip
-    np.testing.assert_allclose(rig.things.where("cube").p, (0.2, 0.05, FLOOR_Z + 0.015), atol=3e-3)
 
 
 def test_what_ends_the_picking_of_a_program_is_told_with_its_step(among_things):

@@ -1,7 +1,6 @@
 """Bases for a task: the ten best are planned, verified, and as good as those of a longer search."""
 
 import itertools
-import json
 import math
 from dataclasses import replace
 
@@ -83,18 +82,6 @@ def test_the_same_search_goes_on_and_finds_the_same(found):
     placement, folder = found
     (folder / "02-place" / "shards" / "000000.npz").unlink()
     assert find_bases(SMALL, folder).sha256 == placement.sha256
-
-
-def test_each_of_the_best_comes_with_its_program_and_there_is_a_map(found):
-    placement, folder = found
-    write_placement(placement, SMALL, folder)
-    table = json.loads((folder / "placement.json").read_text())
-    assert len(table["best"]) == len(placement.best)
-    program = files.read(folder / "best" / "01.json")
-    assert [each.name for each in program.waypoints] == ["left", "right"]
-    assert program.waypoints[0].q == pytest.approx(placement.best[0].q[0], abs=1e-4)
-    assert (folder / "best" / "01-scene.json").is_file()
-    assert (folder / "map.svg").read_text().count("<rect") == 1 + 2 * 2
 
 
 def test_a_task_out_of_reach_says_which_pose_is_missed(tmp_path):
