@@ -128,6 +128,12 @@ class ChannelPlayer:
         """Whether the motion under way is being brought to rest early."""
         return self._motion is not None and self._motion.ending is not None
 
+    @property
+    def lost(self) -> MotionError | None:
+        """Why the motion is ending where joints did not follow; None if it does not end so."""
+        motion = self._motion
+        return None if motion is None or motion.lost is None else motion.ending
+
     def is_playing(self, future: Future[Any]) -> bool:
         return self._motion is not None and self._motion.source.future is future
 

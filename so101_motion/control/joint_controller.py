@@ -15,6 +15,7 @@ import numpy as np
 from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.errors import (
     BusError,
+    CommandRefused,
     FollowingError,
     MotionError,
     NoReply,
@@ -325,9 +326,13 @@ class JointController:
             for player in players:
                 player.step(self.k)
             arm, jaw = self._arm, self._jaw
-            self._driver.write(
-                arm.command, float(jaw.command[0]), arm.speed, arm.acceleration, arm.follows_target
-            )
+            command = arm.command, float(jaw.command[0]), arm.speed, arm.acceleration
+            try:
+                self._driver.write(*command, arm.follows_target)
+            except CommandRefused as refused:
+                if arm.lost is None:
+                    raise
+                raise arm.lost from refused  # a joint did not follow, and is elsewhere by now
         if self._watch is not None:
             self._watch()
         reading = self._driver.read()

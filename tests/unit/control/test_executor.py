@@ -9,6 +9,7 @@ from harness.setpoints import shares, swing
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import (
     BusError,
+    CommandRefused,
     FollowingError,
     Interrupted,
     MotionError,
@@ -151,6 +152,26 @@ def test_a_joint_that_does_not_arrive_is_named_with_its_error(sim):
     assert "wrist_flex did not settle: after 1 s it is 2.86 deg from its goal" in str(error)
     assert "then move again" in str(error)
     assert sim.state.mode is Mode.HOLDING
+
+
+def test_what_is_refused_as_the_arm_stops_for_a_joint_does_not_hide_that_joint(
+    make_sim, taped_arm, clock
+):
+    """After a stall of the computer a joint is no longer where it is to stay."""
+
+    class Gone(taped_arm):
+        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, *more):
+            if qd_cmd is not None and np.isnan(qd_cmd).any():
+                raise CommandRefused("elbow_flex was to move by -6.3 deg", joint="elbow_flex")
+            super().write(q_cmd, q_jaw_cmd, qd_cmd, *more)
+
+    sim = make_sim(Gone(clock))
+    sim.executor.start()
+    sim.arm.jam("elbow_flex")
+    error = sim.error_after(3.0, sim.executor.execute(sim.to_goal(Q_GOAL)))
+    assert isinstance(error, FollowingError)
+    assert "elbow_flex is 8." in sim.state.fault
+    assert isinstance(error.__cause__, CommandRefused)
 
 
 def test_a_joint_that_comes_no_nearer_may_stay_a_little_farther_off(make_sim):
