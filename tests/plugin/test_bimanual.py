@@ -109,13 +109,17 @@ def test_with_a_cell_two_arms_that_are_sent_at_each_other_stay_apart(robot, capl
     assert "is held back by" in caplog.text
 
 
-def test_a_cell_of_other_arms_is_refused(tmp_path):
+def test_a_cell_of_other_arms_and_one_port_under_two_names_are_refused(tmp_path):
     cell = tmp_path / "cell.json"
     cell.write_text(json.dumps({"arms": FACING[:1]}))
     sides = (SO101MotionArmConfig(port=str(tmp_path / side)) for side in ("left", "right"))
     config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path, cell=cell)
     with pytest.raises(ConfigError, match='"left" and "right"'):
         BiSO101Motion(config)
+    (tmp_path / "by-id").symlink_to(tmp_path / "port")
+    sides = (SO101MotionArmConfig(port=str(tmp_path / name)) for name in ("port", "by-id"))
+    with pytest.raises(ConfigError, match="is the port of the left arm"):
+        BiSO101Motion(BiSO101MotionConfig(*sides, id="two"))
 
 
 def test_cameras_of_neither_arm_have_no_prefix_and_are_read_and_closed(made):
@@ -140,10 +144,3 @@ def test_an_arm_that_cannot_be_opened_leaves_the_other_closed(robot):
         robot.connect(calibrate=False)
     assert not robot.is_connected
     bench.other.emulator.plug()
-
-
-def test_one_port_under_two_names_is_no_second_arm(tmp_path):
-    (tmp_path / "by-id").symlink_to(tmp_path / "port")
-    sides = (SO101MotionArmConfig(port=str(tmp_path / name)) for name in ("port", "by-id"))
-    with pytest.raises(ConfigError, match="is the port of the left arm"):
-        BiSO101Motion(BiSO101MotionConfig(*sides, id="two"))

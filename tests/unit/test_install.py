@@ -57,7 +57,7 @@ def asked_of(installer):
     return asked.read_text().splitlines() if asked.exists() else []
 
 
-def test_a_complete_installation_is_left_alone(installer, capsys):
+def test_a_complete_installation_is_left_alone_until_there_is_a_new_version(installer, capsys):
     pretend_environment(installer)
     assert not installer.is_installed(set())
     assert installer.main([]) == 0
@@ -70,9 +70,6 @@ def test_a_complete_installation_is_left_alone(installer, capsys):
     assert told.out.count("installed already") == 2
     assert told.err == "", "viam-server logs that as an error"
     assert len(asked_of(installer)) == 1  # the imports, the first time
-
-
-def test_a_new_version_is_noticed(installer):
     pretend_environment(installer)
     assert installer.main([]) == 0
     with (installer.HERE / "constraints.txt").open("a") as file:

@@ -110,12 +110,14 @@ def test_a_plan_is_shown_and_saved_as_a_table_and_as_a_film_and_nothing_moves(so
     assert "Peak speed" in page
 
 
-def test_a_plan_is_one_object_for_programs_and_may_start_anywhere(told):
+def test_a_plan_from_anywhere_and_what_the_jaw_holds_are_objects_for_programs(told):
     content = told("plan --sim --joints 0,-45,45,60,0 --from 10,-40,40,60,0")
     assert content["schema"] == "so101/plan/1"
     assert content["q_start_deg"] == pytest.approx([10, -40, 40, 60, 0])
     assert content["q_goal_deg"] == pytest.approx([0, -45, 45, 60, 0])
     assert content["duration_s"] > 0.2
+    assert told("gripper open --sim --yes")["jaw_percent"] == 100
+    assert told("gripper grab --sim --yes")["holds"] is False
 
 
 def test_obstacles_of_a_scene_are_avoided_or_named(so101, tmp_path):
@@ -123,11 +125,6 @@ def test_obstacles_of_a_scene_are_avoided_or_named(so101, tmp_path):
     mug = {"name": "mug", "box_mm": [80] * 3, "position_mm": [250, 120, 150]}
     scene.write_text(json.dumps({"obstacles": [mug]}))
     assert "mug" in refused(so101("plan --sim --xyz 250,120,150 --scene", scene), 5)
-
-
-def test_the_jaw_opens_and_tells_what_it_holds(told):
-    assert told("gripper open --sim --yes")["jaw_percent"] == 100
-    assert told("gripper grab --sim --yes")["holds"] is False
 
 
 def test_each_group_shows_an_example_of_each_of_its_verbs(so101):

@@ -118,12 +118,21 @@ def test_a_log_line_is_one_line_and_shows_a_traceback_only_on_request(capsys, mo
     assert "Traceback" in trouble()
 
 
-def test_a_full_disk_is_no_defect_of_the_program(capsys):
+def test_a_full_disk_or_a_reader_who_closes_the_pipe_is_no_defect(capsys):
     with pytest.raises(SystemExit), reports_errors():
         raise OSError(errno.ENOSPC, "No space left on device")
     told = capsys.readouterr().err
     assert "No space left" in told
     assert "defect" not in told
+
+    @click.command()
+    @reports_errors()
+    def tells():
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    result = CliRunner().invoke(tells)
+    assert result.exit_code == 1
+    assert result.output == ""
 
 
 def test_an_error_is_printed_as_what_why_and_what_to_try():
@@ -137,14 +146,3 @@ def test_an_error_is_printed_as_what_why_and_what_to_try():
     assert (parts.what, parts.why, parts.advice) == (
         '"speed" = 200.0', "must be between 3 and 180 deg/s", "",
     )  # fmt: skip
-
-
-def test_a_reader_who_closes_the_pipe_is_no_defect():
-    @click.command()
-    @reports_errors()
-    def tells():
-        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
-
-    result = CliRunner().invoke(tells)
-    assert result.exit_code == 1
-    assert result.output == ""

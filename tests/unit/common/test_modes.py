@@ -29,11 +29,8 @@ def test_a_stop_and_the_end_of_a_motion_lead_to_an_arm_that_holds_or_was_not_hel
         assert after(mode, Event.REST) is Mode.HOLDING
 
 
-def test_every_mode_can_be_reached_and_left():
+def test_every_mode_can_be_reached_and_left_and_an_illegal_step_says_what_and_where():
     assert {mode for mode, _ in TRANSITIONS} == set(Mode)
     assert set(TRANSITIONS.values()) == set(Mode)
-
-
-def test_an_illegal_step_says_what_and_where():
     with pytest.raises(ValueError, match="a motion starts is not possible while limp"):
         after(Mode.LIMP, Event.MOVE)

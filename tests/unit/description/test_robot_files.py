@@ -104,9 +104,13 @@ def test_a_file_of_ones_own_is_planned_for(own_file):
     assert upper[0] == pytest.approx(3.0718)
 
 
-def test_the_box_of_a_link_stands_where_its_origin_says(own_file):
+def test_a_box_stands_where_its_origin_says_and_a_joint_about_another_axis_is_refused(own_file):
     corners = load_robot(str(own_file)).hull("wrist_link").vertices
     np.testing.assert_allclose(corners.min(axis=0), [-0.035, -0.015, -0.005], atol=1e-6)
+    urdf = own_file.with_name("arm.urdf")
+    urdf.write_text(urdf.read_text().replace('<axis xyz="0 0 1"/>', '<axis xyz="0 1 0"/>', 1))
+    with pytest.raises(RobotFileError, match="shoulder_pan must turn about its own z"):
+        load_robot(str(own_file))
 
 
 @pytest.mark.parametrize(
@@ -126,11 +130,4 @@ def test_a_wrong_file_says_what_is_wrong(own_file, key, value, says):
         del given[key]
     own_file.write_text(json.dumps(given))
     with pytest.raises(RobotFileError, match=re.escape(says)):
-        load_robot(str(own_file))
-
-
-def test_a_joint_about_another_axis_is_refused(own_file):
-    urdf = own_file.with_name("arm.urdf")
-    urdf.write_text(urdf.read_text().replace('<axis xyz="0 0 1"/>', '<axis xyz="0 1 0"/>', 1))
-    with pytest.raises(RobotFileError, match="shoulder_pan must turn about its own z"):
         load_robot(str(own_file))

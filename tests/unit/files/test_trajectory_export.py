@@ -87,9 +87,6 @@ def test_a_run_is_written_as_wanted_and_as_measured(run, tmp_path):
     content = json.loads((tmp_path / "run.json").read_text())
     assert content["schema"] == "so101/run/1"
     np.testing.assert_allclose(content["q_measured_deg"], np.degrees(run.q), atol=1e-9)
-
-
-def test_a_run_in_mcap_has_commands_and_states(run, tmp_path):
     export(run, tmp_path / "run.mcap")
     read = read_mcap(tmp_path / "run.mcap")
     states = [message for topic, message in read if topic == "/joint_states"]

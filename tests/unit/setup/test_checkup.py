@@ -214,7 +214,7 @@ def test_zeros_that_are_guesses_are_one_warning_and_known_ones_are_reported_one_
     }  # fmt: skip
 
 
-def test_what_is_wrong_with_the_computer_comes_first():
+def test_what_is_wrong_with_the_computer_comes_first_and_all_it_needs_is_listed():
     seen = Findings(
         software={"so101-motion": "1.0", "toppra": ""},
         planning_trouble="the planning process died",
@@ -231,9 +231,6 @@ def test_what_is_wrong_with_the_computer_comes_first():
     refused = check_up(Findings(port="/dev/x", port_trouble="in use by python3"))
     assert not is_healthy(refused)
     assert not is_healthy(check_up(Findings(port_trouble="no adapter")))
-
-
-def test_all_that_this_package_needs_is_listed_with_its_version():
     found = software()
     assert {"so101-motion", "numpy", "pin", "Python", "platform"} <= found.keys()
     assert all(found.values())

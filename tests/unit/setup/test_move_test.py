@@ -310,7 +310,7 @@ WELL = MoveReport(
 )
 
 
-def test_a_report_passes_when_all_joints_obey_and_nobody_saw_otherwise():
+def test_a_report_passes_when_all_joints_obey_and_nobody_saw_otherwise_and_is_a_file():
     assert WELL.passed
     assert replace(WELL, as_shown=True).passed
     assert not replace(WELL, as_shown=False).passed
@@ -318,9 +318,6 @@ def test_a_report_passes_when_all_joints_obey_and_nobody_saw_otherwise():
     assert not replace(WELL, ended_by="stop").passed
     untested = (*WELL.joints[:4], JointAccuracy(joint="wrist_roll"))
     assert replace(WELL, joints=untested).sentence == "Failed: wrist_roll"
-
-
-def test_a_report_is_a_file_for_programs():
     told = json.loads(WELL.file({"version": "1"}))
     assert told["schema"] == "so101/move-test/1"
     assert told["passed"] is True

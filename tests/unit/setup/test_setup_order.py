@@ -90,7 +90,7 @@ def test_the_connection_is_judged_as_the_doctor_does():
         assert CONNECT.check(SetupState(seen=seen)).verdict == "ok"
 
 
-def test_motors_that_are_left_are_counted_and_skipped_ones_are_a_warning():
+def test_motors_that_are_left_are_counted_and_a_finished_arm_needs_no_setup():
     check = MOTORS.check(SetupState(setup=motors(gripper="configured", wrist_roll="verified")))
     assert check.verdict == "fail"
     assert check.sentence == "4 of 6 motors are still to be set up, next wrist_flex"
@@ -101,9 +101,6 @@ def test_motors_that_are_left_are_counted_and_skipped_ones_are_a_warning():
     check = MOTORS.check(SetupState(setup=setup))
     assert check.verdict == "warn"
     assert "elbow_flex" in check.sentence
-
-
-def test_a_finished_arm_needs_no_motor_setup():
     known = SetupState(seen=replace(PORT, servos=chain()))
     assert MOTORS.check(known).verdict == "ok"
     assert MOTORS.check(replace(known, setup=motors(gripper="configured"))).verdict == "fail"

@@ -75,7 +75,7 @@ def test_a_servo_that_is_not_there_or_not_alone_cannot_be_read():
 # Calibration files
 
 
-def test_a_file_fits_the_arm_whose_servos_hold_it():
+def test_a_file_fits_the_arm_whose_servos_hold_it_and_one_that_cannot_be_used_nobody():
     bus = LentBus()
     seen = seen_on(bus)
     assert fits(seen, file_of(bus))
@@ -88,9 +88,6 @@ def test_a_file_fits_the_arm_whose_servos_hold_it():
     bus.set(2, homing_offset=-300)
     assert not fits(seen_on(bus), file)
     assert fits(seen_on(bus), file_of(bus))
-
-
-def test_a_file_that_cannot_be_used_fits_nobody():
     bus = LentBus()
     found = FoundFile(
         path=Path("/a"), origin="LeRobot", role="leader", name="a", stored=None, problem="not JSON"

@@ -58,7 +58,7 @@ def test_a_chain_that_is_cut_names_the_cable():
     assert "between servos 3 and 4, or set wrist_flex up again if it answers as 7 or 8 or 9" in fix
 
 
-def test_two_servos_with_one_id_are_named_and_whose_id_is_missing():
+def test_two_servos_with_one_id_are_named_and_garbled_answers_are_no_twins():
     _, setup = arm(ids=TWINS)
     twins = check(setup, "elbow_flex")
     assert twins.status == "duplicate"
@@ -66,9 +66,6 @@ def test_two_servos_with_one_id_are_named_and_whose_id_is_missing():
     assert check(setup, "wrist_flex").status == "not_responding"
     _, setup = arm(ids=TWINS, q_start=(0.0,) * 6, calibrated=False)  # though they hold the same
     assert check(setup, "elbow_flex").status == "duplicate"
-
-
-def test_garbled_answers_of_a_bad_cable_are_no_twins():
     bus, setup = arm()
     bus.faults.corrupt = 0.07
     assert "duplicate" not in {check.status for check in setup.verify().motors.values()}

@@ -127,11 +127,14 @@ def test_the_calibration_of_another_arm_is_refused_as_a_whole(changes):
         record.usable({"shoulder_pan": 5, "gripper": {"id": 6}})
 
 
-def test_defaults_are_the_published_ones():
+def test_defaults_are_the_published_ones_and_a_servo_with_its_first_limits_looks_as_new():
     pan, jaw = record.default("shoulder_pan"), record.default("gripper")
 
     assert (pan.id, pan.homing_offset, pan.range_min, pan.range_max) == (1, 0, 500, 3500)
     assert (jaw.id, jaw.range_min, jaw.range_max, jaw.norm_mode) == (6, 2048, 3248, 1)
+    for joint, expected in (("elbow_flex", True), ("wrist_roll", False)):
+        found, _ = record.from_registers(joint, 3, HeldCalibration())
+        assert record.looks_as_new(joint, found) is expected
 
 
 @pytest.mark.parametrize(
@@ -151,12 +154,6 @@ def test_registers_are_believed_when_they_make_sense(joint, held, believed, says
 
     assert (found.homing_offset, found.range_min, found.range_max) == believed
     assert odd is None if says is None else says in odd
-
-
-def test_a_servo_with_the_limits_it_came_with_looks_as_new():
-    for joint, expected in (("elbow_flex", True), ("wrist_roll", False)):
-        found, _ = record.from_registers(joint, 3, HeldCalibration())
-        assert record.looks_as_new(joint, found) is expected
 
 
 def test_an_arm_on_another_robot_is_read_under_its_prefix_and_two_arms_are_asked_about():

@@ -15,16 +15,13 @@ def positions(bus, ids=IDS, **how):
     return {servo_id: POSITION.decode(answer.data) for servo_id, answer in found.items()}
 
 
-def test_a_register_reads_as_the_servo_holds_it_though_answers_arrive_byte_by_byte(port, bus):
+def test_registers_read_as_servos_hold_them_byte_by_byte_and_a_sync_write_reaches_all(port, bus):
     assert bus.read(1, POSITION) == 2048
     assert bus.read(6, reg.MODEL_NUMBER) == reg.STS3215_MODEL
     assert bus.read(2, reg.MAX_ACCELERATION) == 100
     port.chunk = 1
     assert positions(bus) == dict.fromkeys(IDS, 2048)
     assert bus.read(3, POSITION) == 2048
-
-
-def test_a_sync_write_reaches_every_servo_and_nobody_answers(port, bus):
     bus.sync_write(reg.GOAL_POSITION.address, {i: bytes((i, 8)) for i in IDS})
     assert [port.memory(i, reg.GOAL_POSITION) for i in IDS] == [2048 + i for i in IDS]
     assert port.read(0.0) == b""

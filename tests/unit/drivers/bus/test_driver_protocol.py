@@ -114,13 +114,10 @@ def test_noise_before_and_between_answers_loses_none(noise, more):
     assert answers.skipped == len(noise) + len(more)
 
 
-def test_answers_of_another_length_or_servo_are_skipped():
+def test_answers_of_another_length_are_skipped_status_bits_kept_and_of_two_the_later_counts():
     answers = Answers({1, 2}, 2)
     answers.feed(packet(1, b"\x01\x02\x03") + packet(9, b"\x01\x02") + packet(2, b"\x07\x08"))
     assert answers.found.keys() == {2}
-
-
-def test_status_bits_come_with_a_valid_reading_and_of_two_the_later_one_counts():
     answers = Answers({6}, 2)
     answers.feed(packet(6, b"\x01\x00") + packet(6, b"\x00\x08", faults=0x20))
     assert answers.found[6] == Answer(b"\x00\x08", Fault.OVERLOAD)

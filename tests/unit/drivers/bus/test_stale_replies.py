@@ -54,14 +54,11 @@ def test_where_there_is_no_time_for_a_longer_one_the_oldest_straggler_is_put_up_
     assert lengths(stale, 1, 0.2, again=True) == [17]
 
 
-def test_some_lengths_can_be_told_apart_however_slow_the_wire():
+def test_what_is_needed_is_asked_for_however_slow_the_wire_and_at_the_end_of_the_registers():
     stale = StaleReplies()
     for length in range(2, 9):
         stale.missed([1], length, 0.0)
     assert lengths(stale, 1, 0.1, again=True, most=-3) == [9]
-
-
-def test_what_is_needed_is_asked_for_even_at_the_end_of_the_registers():
     stale = StaleReplies()
     for length in range(END):
         stale.missed([1], length, 0.0)

@@ -41,14 +41,13 @@ def test_silence(bench, packet):
     assert bench.raw(packet) == []
 
 
-def test_every_register_can_be_read(bench):
+def test_every_register_can_be_read_and_nobody_hears_a_terminal_that_is_hung_up(bench):
     whole = bench.ask_one(3, Code.READ, bytes((0, 87))).data
     assert len(whole) == 87
     assert whole[:6] == bytes((3, 10, 0, 9, 3, 3))  # firmware 3.10, model 777, id 3
-
-
-def test_unknown_instruction_is_acknowledged(bench):
     assert bench.ask_one(1, 0x63).data == b""
+    assert bench.raw(frame(1, Code.PING), baud=0) == []
+    assert bench.ask_one(1, Code.PING).servo_id == 1
 
 
 def test_status_level_zero_leaves_only_ping_and_read_answered(bench):
@@ -163,11 +162,6 @@ def test_readings_scatter_when_asked_to(make_bench):
     bench = make_bench(dither=3)
     seen = {bench.read(1, reg.PRESENT_POSITION) for _ in range(200)}
     assert seen == set(range(2045, 2052))
-
-
-def test_nobody_hears_a_terminal_that_is_hung_up(bench):
-    assert bench.raw(frame(1, Code.PING), baud=0) == []
-    assert bench.ask_one(1, Code.PING).servo_id == 1
 
 
 def test_a_goal_switches_torque_on_unless_told_otherwise(make_bench):

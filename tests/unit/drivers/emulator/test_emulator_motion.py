@@ -138,14 +138,11 @@ def test_goal_is_clamped_without_a_word_unless_the_limits_are_equal(bench, lower
     assert bench.read(1, reg.GOAL_POSITION) == 3000
 
 
-def test_loop_is_proportional_beyond_the_dead_zone_plus_startup_force():
+def test_loop_is_proportional_beyond_the_dead_zone_and_damps_what_changed_in_the_last_window():
     loop = Loop(GAINS)
     assert [loop.step(e, integrate=True) for e in (0, 1, -1, 2, -2, 26, 300)] == [
         0, 0, 0, 4 + 16, -4 - 16, 100 + 16, 1000,
     ]  # fmt: skip
-
-
-def test_loop_damps_what_changed_in_the_last_window():
     loop = Loop(replace(GAINS, p=0, d=32, startup=0))
     outputs = [loop.step(11 if step else 0, integrate=True) for step in range(21)]
     assert outputs[:20] == [0] * 20

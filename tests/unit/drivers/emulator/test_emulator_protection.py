@@ -143,13 +143,10 @@ def test_low_voltage_servos_on_twelve_volts_complain(make_bench):
 # Supply, heat and current
 
 
-def test_a_torque_of_one_and_a_half_newton_metres_is_held_at_forty_eight_degrees():
+def test_a_motor_that_holds_or_stalls_has_its_temperature_and_its_current():
     motor = Motor(STS3215_12V)
     motor.advance(3600.0, duty=1.47 / STS3215_12V.torque_per_volt / 12.0, volts=12.0, velocity=0.0)
     assert motor.temperature == pytest.approx(48.0, abs=3.0)
-
-
-def test_stalled_motor_draws_its_stall_current_and_a_resting_one_cools_to_room_temperature():
     motor = Motor(STS3215_12V)
     motor.advance(0.001, duty=1.0, volts=12.0, velocity=0.0)
     assert motor.current == pytest.approx(2.95, abs=0.01)

@@ -7,13 +7,10 @@ from so101_motion.drivers.emulator.memory import Memory
 from so101_motion.drivers.emulator.registers import REGISTERS
 
 
-def test_rows_do_not_overlap_and_stay_inside_the_map():
+def test_rows_do_not_overlap_stay_inside_the_map_and_have_defaults_in_their_range():
     rows = sorted(REGISTERS.values(), key=lambda row: row.address)
     assert all(a.address + a.size <= b.address for a, b in pairwise(rows))
     assert rows[-1].address + rows[-1].size == reg.SIZE
-
-
-def test_defaults_lie_in_range():
     for name, row in REGISTERS.items():
         assert row.lower <= row.decode(row.default) <= row.upper, name
 

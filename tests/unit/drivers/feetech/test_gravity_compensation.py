@@ -66,11 +66,8 @@ def sided():
     return trim
 
 
-def test_a_load_is_on_one_side_if_no_mass_in_the_hand_could_change_that():
+def test_a_joint_may_stand_in_its_play_unless_its_load_is_surely_on_one_side_or_lifted():
     assert sided().in_play() == [2, 4], "0.3 kg lift the third joint, and may turn the fifth"
-
-
-def test_a_joint_that_lifts_whatever_it_carries_stands_nowhere_in_its_play():
     trim = sided()
     command(trim, GOAL + 1.0, 0.1)
     assert trim.in_play() == [2], "a mass would be lifted by the fifth, not lead it on"

@@ -32,13 +32,10 @@ def sent(*q):
 NOWHERE = sent(math.nan, math.nan)
 
 
-def test_joints_are_where_their_servos_say_and_those_without_one_at_zero(at):
+def test_joints_are_where_their_servos_say_and_one_that_is_not_seen_follows_its_goals(at):
     seen(at, 0.5, NOWHERE)
     assert at.q[:] == pytest.approx([0.5, 0.5, 0.0, 0.0, 0.0, 0.0], abs=RAD_PER_TICK)
     assert JointMap(servo_id=8).to_rad(at.ticks(LIFT)) == at.q[LIFT]
-
-
-def test_a_joint_that_is_not_seen_is_taken_to_follow_its_goals(at):
     seen(at, 0.48, sent(0.5, 0.5))
     at.look({}, sent(0.7, 0.5), 0.01)
     assert at.q[PAN] == pytest.approx(0.68, abs=RAD_PER_TICK)

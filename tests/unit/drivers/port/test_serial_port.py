@@ -77,12 +77,11 @@ def test_a_moment_that_has_passed_still_brings_what_is_there_and_discarded_input
     assert port.read(soon()) == b"new"
 
 
-def test_a_port_in_use_is_refused_and_the_holder_is_named(terminal, port):
+def test_a_port_in_use_is_refused_under_each_of_its_names_and_the_holder_is_named(
+    terminal, port, tmp_path
+):
     with pytest.raises(PortUnavailable, match=rf"in use by .*process {os.getpid()}, this program"):
         SerialPort(terminal.name)
-
-
-def test_a_link_to_a_port_in_use_is_refused_too(terminal, port, tmp_path):
     link = tmp_path / "by-id"
     link.symlink_to(terminal.name)
     with pytest.raises(PortUnavailable, match="in use") as info:

@@ -108,12 +108,14 @@ async def test_what_hangs_from_joints_of_others_is_where_the_machine_says(around
         await reader.read()
 
 
-async def test_components_are_left_out_by_name(around):
+async def test_components_are_left_out_by_name_and_one_that_says_so_has_no_geometries(around):
     machine = FakeMachine(
         ARM, *(hanging(name, geometry=a_box(10, 10, 10)) for name in "ab"), things=[Thing("b")]
     )
     assert [body.name for body in (await around(machine, ignored=["a"]).read()).bodies] == ["b"]
     assert (await around(machine, ignored=[ALL]).read()).bodies == ()
+    a = Thing("a", GRPCError(Status.UNKNOWN, "rpc error: method Geometries unimplemented"))
+    assert (await around(FakeMachine(ARM, hanging("a"), things=[a])).read()).bodies == ()
 
 
 async def test_components_are_asked_each_time_unless_their_answer_adds_nothing(around, monkeypatch):
@@ -221,11 +223,6 @@ async def test_a_chain_and_a_frame_system_without_end_are_refused(around):
         await around(FakeMachine(ARM, hanging(names[0]), *chain[:-2])).read()
     with pytest.raises(SurroundingsUnknown, match="more than 1000 components"):
         await around(FakeMachine(ARM, *map(hanging, names))).read()
-
-
-async def test_a_component_of_another_language_has_none_when_it_says_so(around):
-    a = Thing("a", GRPCError(Status.UNKNOWN, "rpc error: method Geometries unimplemented"))
-    assert (await around(FakeMachine(ARM, hanging("a"), things=[a])).read()).bodies == ()
 
 
 async def test_a_machine_that_does_not_answer_is_not_waited_for(around):

@@ -74,7 +74,7 @@ def test_only_who_has_the_key_and_asks_from_our_own_page_gets_in(status, asked):
     assert (None if response is None else response.status_code) == status
 
 
-def test_the_link_is_answered_with_the_cookie_for_this_port_only_and_out_of_reach_of_scripts():
+def test_a_link_brings_the_cookie_for_this_port_out_of_reach_of_scripts_and_a_ticket_once():
     response = answered(path=KEY)
     assert response.status_code == 200
     cookie = response.headers["Set-Cookie"]
@@ -82,6 +82,12 @@ def test_the_link_is_answered_with_the_cookie_for_this_port_only_and_out_of_reac
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
     assert b"s3cret" not in (response.body or b"")
+    policy = RequestPolicy(key="s3cret", port=8080, names=frozenset({"127.0.0.1"}))
+    path = f"/?key={policy.ticket()}"
+    first, second = answered(policy, path), answered(policy, path)
+    assert first.status_code == 200
+    assert "s3cret" in first.headers["Set-Cookie"]
+    assert second.status_code == 401
 
 
 def test_a_cookie_of_bytes_that_are_no_text_is_a_wrong_one():
@@ -100,15 +106,6 @@ def test_pages_and_refusals_are_confined_to_talk_to_us_or_to_nobody():
     assert reply.headers["Referrer-Policy"] == "no-referrer"
     refusal = answered(host="evil.example")
     assert "connect-src 'none'" in refusal.headers["Content-Security-Policy"]
-
-
-def test_a_ticket_opens_once_and_brings_the_cookie():
-    policy = RequestPolicy(key="s3cret", port=8080, names=frozenset({"127.0.0.1"}))
-    path = f"/?key={policy.ticket()}"
-    first, second = answered(policy, path), answered(policy, path)
-    assert first.status_code == 200
-    assert "s3cret" in first.headers["Set-Cookie"]
-    assert second.status_code == 401
 
 
 PAGE = b"<!doctype html><html><head><title>Viser</title></head><body></body></html>"
