@@ -18,7 +18,6 @@ from harness.fake_page import (
     wait,
 )
 from so101_viewer.page.screen_state import Sentence, Tone
-from so101_viewer.panels.plan_panel import plan_facts
 from so101_viewer.view_model import MoveModel, ViewModel
 
 from so101_motion.common.errors import ConfigError, Interrupted, NoPath, ServoAlarm
@@ -471,17 +470,6 @@ def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):
     np.testing.assert_allclose(first.arm.state.q, aside(55.0), atol=to_rad(0.5))
     np.testing.assert_allclose(second.arm.state.q, aside(50.0), atol=to_rad(0.5))
     assert not bench.model.plan_is_current
-
-
-def test_an_arm_that_waits_for_another_is_among_the_figures_of_the_plan(bench):
-    bench.aim(first=aside(55.0), second=aside(50.0))
-    plan = bench.plan().common_plan
-    first, *others = plan.plans
-    assert not {first, *others} & dict(plan_facts(plan)).keys()
-    report = replace(plan.plans[first].report, waits=0.4, waits_for=(others[0],))
-    waiting = {**plan.plans, first: replace(plan.plans[first], report=report)}
-    facts = dict(plan_facts(replace(plan, plans=waiting)))
-    assert facts[first] == f"waits 0.40 s for {others[0]}"
 
 
 def test_stopping_one_arm_stops_all_and_the_page_says_so(bench):

@@ -4,8 +4,6 @@ import stat
 import threading
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from so101_motion.calib.record import store, versions
 from so101_motion.calib.record.record import JOINTS, JointCalibration
@@ -301,41 +299,6 @@ def test_versions_are_for_the_user_who_runs_the_program(monkeypatch, tmp_path):
     monkeypatch.setattr("sys.platform", "win32")
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
     assert versions.root() == tmp_path / "local/so101_motion/calibrations"
-
-
-entries = st.dictionaries(
-    st.sampled_from(JOINTS),
-    st.tuples(
-        st.integers(0, 1), st.integers(-2047, 2047), st.integers(0, 95), st.integers(200, 4000),
-        st.integers(1, 3),
-    ),
-    min_size=1,
-)  # fmt: skip
-
-
-@settings(max_examples=30)
-@given(st.lists(entries, min_size=1, max_size=4))
-def test_after_any_saves_the_file_says_the_last_of_each_joint(tmp_path_factory, saves):
-    file = tmp_path_factory.mktemp("law") / "arm.json"
-    wanted = {}
-    for save in saves:
-        calibration = {
-            joint: JointCalibration(
-                id=JOINTS.index(joint) + 1, drive_mode=mode, homing_offset=offset,
-                range_min=lower, range_max=upper, norm_mode=norm,
-            )
-            for joint, (mode, offset, lower, upper, norm) in save.items()
-        }  # fmt: skip
-        zeros = {
-            joint: Zero(by="pose", angle=e.range_min / 100) for joint, e in calibration.items()
-        }
-        wanted |= calibration
-        store.save(file, calibration, zeros=zeros)
-    found = store.read(file)
-
-    assert found.calibration == wanted
-    for joint, entry in wanted.items():
-        assert found.zeros[joint].angle == pytest.approx(entry.range_min / 100, abs=1e-5)
 
 
 def test_a_calibration_that_is_in_its_place_is_saved_though_the_disk_is_full_by_then(

@@ -10,7 +10,6 @@ from so101_viewer.scene.scene_view import hit
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
-from so101_motion.files.scene_file import scene_from, scene_to
 from so101_motion.planning.collision.scene import (
     FLOOR_Z,
     Attached,
@@ -40,7 +39,6 @@ SCENE = Scene(
     may_touch=frozenset([frozenset(["mug", "gripper"]), frozenset(["cube", "mug"])]),
 )
 
-names = st.text(st.characters(categories=["L", "N", "P", "S"]), min_size=1, max_size=12)
 poses = st.builds(
     lambda rpy, p: SE3.from_rpy(rpy, p),
     st.tuples(*[st.floats(-1.0, 1.0)] * 3),
@@ -107,38 +105,6 @@ def test_what_is_attached_and_detached_is_where_it_was(T_base_tool, T_base_mug):
     np.testing.assert_allclose(there.matrix, T_base_mug.matrix, atol=1e-9)
     back = scene_edits.let_go(held, "mug", T_base_tool).obstacles[0]
     np.testing.assert_allclose(back.T_base_obstacle.matrix, T_base_mug.matrix, atol=1e-9)
-
-
-@given(st.lists(st.tuples(st.sampled_from(["add", "drop", "name", "hold", "move"]), names, poses)))
-def test_every_row_of_edits_ends_in_a_scene_that_a_file_can_hold(edits):
-    scene = SCENE
-    for what, name, pose in edits:
-        there = [each.name for each in scene_edits.things(scene)]
-        try:
-            if what == "add" or not there:
-                scene = scene_edits.added(scene, NEW_SHAPES["box"], name=name)
-            elif what == "drop":
-                scene = scene_edits.without(scene, there[0])
-            elif what == "name":
-                scene = scene_edits.renamed(scene, there[-1], name)
-            elif what == "move":
-                thing = scene_edits.thing_named(scene, there[0])
-                scene = scene_edits.with_thing(scene, scene_edits.moved(thing, pose))
-            elif isinstance(scene_edits.thing_named(scene, there[0]), Obstacle):
-                scene = scene_edits.held(scene, there[0], pose)
-            else:
-                scene = scene_edits.let_go(scene, there[0], pose)
-        except ConfigError:
-            continue
-    again = scene_from(scene_to(scene))
-    assert [each.name for each in scene_edits.things(again)] == [
-        each.name for each in scene_edits.things(scene)
-    ]
-    assert again.may_touch == scene.may_touch
-    for one, other in zip(scene_edits.things(again), scene_edits.things(scene), strict=True):
-        np.testing.assert_allclose(
-            scene_edits.pose_of(one).matrix, scene_edits.pose_of(other).matrix, atol=1e-7
-        )
 
 
 DOWN = np.array([0.0, 0.0, -2.0])  # of any length
