@@ -27,24 +27,21 @@ def offered(*words):
     return [line for line in told.output.splitlines() if line]
 
 
-def test_verbs_are_offered_and_poses_those_of_ones_own_too():
+def test_verbs_poses_and_programs_are_offered_ones_own_too_and_files_where_none_fits():
     assert {"plain,calibrate", "plain,calibration"} <= set(offered("calib"))
     assert offered("plan", "--pose", "") == ["plain,home", "plain,ready", "plain,rest"]
     SavedPoses().save("over the mug", np.zeros(5))
     assert offered("move", "--sim", "--pose", "o") == ["plain,over the mug"]
+    made = Program.of_waypoints([Waypoint(name="a", q=np.zeros(5))])
+    files.write(made, files.file_of("stack it"))
+    assert offered("run", "") == ["plain,stack it"]
+    assert offered("run", "wave") == ["file,wave"]
 
 
 def test_a_pose_file_that_cannot_be_read_is_no_reason_to_complain(data):
     data.mkdir(parents=True)
     (data / "poses.json").write_text("{")
     assert offered("plan", "--pose", "r") == ["plain,ready", "plain,rest"]
-
-
-def test_programs_are_offered_and_files_where_there_is_none_that_fits():
-    made = Program.of_waypoints([Waypoint(name="a", q=np.zeros(5))])
-    files.write(made, files.file_of("stack it"))
-    assert offered("run", "") == ["plain,stack it"]
-    assert offered("run", "wave") == ["file,wave"]
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,9 @@ async def test_viam_server_is_told_what_an_arm_lacks(without_libgomp, monkeypatc
             )
 
 
-def test_a_package_is_named_without_apt_and_when_nobody_knows_it(monkeypatch, tmp_path):
+def test_a_package_is_named_without_apt_or_when_unknown_and_a_defect_of_ours_not_explained(
+    monkeypatch, tmp_path
+):
     monkeypatch.setenv("PATH", str(tmp_path))
     assert import_check.sentence(ImportError(LOST)).endswith("holds it (Debian: libgomp1)")
     error = ImportError("libodd.so.7: cannot open shared object file: No such file or directory")
@@ -86,9 +88,6 @@ def test_a_package_is_named_without_apt_and_when_nobody_knows_it(monkeypatch, tm
     error = import_check.first_failure(["json", "no_such_package.part"])
     assert "no_such_package is not installed" in import_check.sentence(error)
     assert f"try: {ROOT / 'setup.sh'}" in import_check.sentence(error)
-
-
-def test_a_defect_of_ours_is_not_explained_away():
     assert import_check.explain(ImportError("cannot import name 'x' from 'y'")) is None
     assert import_check.explain(ModuleNotFoundError("no", name="so101_motion.gone")) is None
 

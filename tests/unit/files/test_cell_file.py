@@ -48,7 +48,7 @@ def test_arms_are_read_and_each_sees_the_scene_from_its_own_base(tmp_path):
     assert right.floor_z == pytest.approx(-0.0024)
 
 
-def test_a_written_file_reads_back_the_same(tmp_path):
+def test_a_written_file_reads_back_the_same_with_what_arms_hold(tmp_path):
     cell = read_cell(written(tmp_path, CELL))
     moved = SE3.from_rpy((0.0, 0.0, 3.0), (0.4, 0.01, 0.0))
     path = tmp_path / "again.json"
@@ -57,6 +57,16 @@ def test_a_written_file_reads_back_the_same(tmp_path):
     np.testing.assert_allclose(right.T_cell_base.p, moved.p, atol=1e-6)
     np.testing.assert_allclose(right.T_cell_base.R, moved.R, atol=1e-5)
     assert (left.port, right.calibration_id) == ("/dev/ttyACM0", "two")
+    stick = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
+    content = {"arms": [{**CELL["arms"][0], "attached": [stick]}, CELL["arms"][1]]}
+    path = tmp_path / "again.json"
+    write_cell(read_cell(written(tmp_path, content)), path)
+    cell = read_cell(path)
+    left, right = (cell.scene_of(arm) for arm in cell.arms)
+    [held] = left.attached
+    assert (held.name, held.mass) == ("stick", 0.04)
+    np.testing.assert_allclose(held.T_tool_object.p, [0.0, 0.0, 0.15])
+    assert right.attached == ()
 
 
 def test_a_floor_needs_arms_that_stand_upright(tmp_path):
@@ -79,16 +89,3 @@ def test_nobody_drives_an_arm_faster_than_its_cell_allows(tmp_path):
         assert arm.tool.name == "uvc-32x32"
         with pytest.raises(ConfigError, match=r"max_speed_degs_per_sec, 30 deg/s"):
             arm.set_speed(np.radians(31.0))
-
-
-def test_what_an_arm_holds_is_in_its_scene_and_written_again(tmp_path):
-    stick = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
-    content = {"arms": [{**CELL["arms"][0], "attached": [stick]}, CELL["arms"][1]]}
-    path = tmp_path / "again.json"
-    write_cell(read_cell(written(tmp_path, content)), path)
-    cell = read_cell(path)
-    left, right = (cell.scene_of(arm) for arm in cell.arms)
-    [held] = left.attached
-    assert (held.name, held.mass) == ("stick", 0.04)
-    np.testing.assert_allclose(held.T_tool_object.p, [0.0, 0.0, 0.15])
-    assert right.attached == ()

@@ -118,7 +118,7 @@ def test_nobody_on_the_cable_is_no_trouble_until_it_has_been_so_for_a_while():
     assert "dead" not in asked.view.note
 
 
-def test_a_motor_that_is_done_can_be_set_up_again():
+def test_a_motor_that_is_done_can_be_set_up_again_and_rows_name_the_ids():
     asked = operation(**dict.fromkeys(SetupView().motors, DONE))
     assert (asked.view.state, asked.view.is_over) == ("done", True)
     assert asked.view.offer("discover") is None, "nobody looks"
@@ -126,9 +126,6 @@ def test_a_motor_that_is_done_can_be_set_up_again():
     assert asked.view.state == "elbow_flex"
     put(asked, elbow_flex=NEW)
     assert can_write(asked.view)
-
-
-def test_rows_name_the_id_a_motor_has_and_the_one_it_gets():
     states = {"gripper": {"state": "skipped"}, "wrist_roll": {**NEW, "found_id": 6}}
     rows = {row.label: row.cells[0] for row in operation(**states).view.rows}
     assert rows["gripper"] == "skipped"

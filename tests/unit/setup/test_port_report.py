@@ -42,15 +42,12 @@ def test_an_arm_with_a_name_has_a_file_of_that_name_and_never_another_arms(data,
             connect.calibration_file(bare, name)
 
 
-def test_without_a_file_the_arm_asks_its_servos_and_the_sensor_gets_a_file_of_its_own():
+def test_all_three_name_one_file_as_it_is_called_there_and_without_it_only_the_sensor_does(data):
     found = by_model(report())
     assert found["arm"].attributes == {"port": PORT.name}
     assert found["gripper"].attributes == {"port": PORT.name}
     own = {"port": PORT.name, "calibration_file": "58CD_calibration.json"}
     assert found["calibration"].attributes == own
-
-
-def test_all_three_name_the_same_file_as_it_is_called_in_the_data_directory(data):
     found = by_model(report(calibration=data / "mine.json"))
     assert {one.attributes["calibration_file"] for one in found.values()} == {"mine.json"}
     for elsewhere in (data.parent / "elsewhere.json", data / "deeper" / "x.json"):

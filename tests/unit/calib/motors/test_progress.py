@@ -5,7 +5,7 @@ import pytest
 from so101_motion.calib.motors.setup_view import SetupProgress
 
 
-def test_a_setup_goes_on_where_it_ended(tmp_path):
+def test_a_setup_goes_on_where_it_ended_and_without_a_place_to_write_only_memory_is_lost(tmp_path):
     path = tmp_path / "new" / "setup.json"
     SetupProgress(path, "/dev/a").add("gripper")
     progress = SetupProgress(path, "/dev/a")
@@ -15,6 +15,12 @@ def test_a_setup_goes_on_where_it_ended(tmp_path):
     assert SetupProgress(path, "/dev/a").done == ["gripper", "wrist_roll"]
     progress.clear()
     assert SetupProgress(path, "/dev/a").done == []
+    (tmp_path / "file").write_text("")
+    progress = SetupProgress(tmp_path / "file" / "setup.json", "/dev/a")
+    progress.add("gripper")
+    progress.reach("full", "motors")
+    assert progress.done == ["gripper"]
+    progress.clear()
 
 
 def test_step_and_port_are_found_again_without_arguments(tmp_path):
@@ -44,12 +50,3 @@ def test_a_file_that_makes_no_sense_is_no_progress(tmp_path, content):
     for port in ("/dev/a", None):
         progress = SetupProgress(tmp_path / "setup.json", port)
         assert (progress.done, progress.workflow, progress.step) == ([], "", "")
-
-
-def test_a_place_that_cannot_be_written_to_costs_only_the_memory(tmp_path):
-    (tmp_path / "file").write_text("")
-    progress = SetupProgress(tmp_path / "file" / "setup.json", "/dev/a")
-    progress.add("gripper")
-    progress.reach("full", "motors")
-    assert progress.done == ["gripper"]
-    progress.clear()

@@ -45,7 +45,9 @@ MIDDLES = (2048, 2048, 2048, 2048, 2048)
 # The format of today
 
 
-def test_an_exported_file_holds_lerobot_s_five_whole_numbers_and_nothing_else(tmp_path):
+def test_an_exported_file_holds_five_whole_numbers_reads_back_the_same_and_keeps_the_old_one(
+    tmp_path,
+):
     file = tmp_path / "robots" / "so_follower" / "arm.json"
     lerobot.export(ALL, file)
     content = json.loads(file.read_text())
@@ -55,9 +57,6 @@ def test_an_exported_file_holds_lerobot_s_five_whole_numbers_and_nothing_else(tm
         assert list(entry) == ["id", "drive_mode", "homing_offset", "range_min", "range_max"]
         assert all(type(value) is int for value in entry.values())
         assert entry["homing_offset"] == ALL[joint].homing_offset
-
-
-def test_an_exported_file_reads_back_the_same_and_the_one_that_was_there_is_kept(tmp_path):
     (tmp_path / "arm.json").write_text("somebody's")
     calibration = {**ALL, "gripper": JointCalibration(id=6, norm_mode=1)}
     lerobot.export(calibration, tmp_path / "arm.json")

@@ -62,27 +62,6 @@ def test_limp_arm_falls_onto_its_stop_and_light_joints_stay_by_friction(make_ben
     assert abs(bench.world.q[3]) < math.radians(0.5)  # only through the play
 
 
-def test_a_standing_output_yields_to_another_load_or_a_wall(bench):
-    shaft = bench.world.servo(1).drive.shaft
-    for _ in range(50):
-        shaft.step(0.0, bridge=True, load=0.1)
-    stood = shaft.output
-    shaft.step(0.0, bridge=True, load=0.1)
-    assert shaft.output == stood
-    shaft.upper = stood - 20.0
-    for _ in range(50):
-        shaft.step(0.0, bridge=True, load=0.1)
-    pushed = shaft.output
-    assert pushed < stood
-    for _ in range(50):
-        shaft.step(0.0, bridge=True, load=-1.0)
-    assert shaft.output < pushed
-    shaft.put(stood - 500.0)
-    for _ in range(50):
-        shaft.step(0.0, bridge=True, load=0.1)
-    assert stood - 500.0 < shaft.output < stood - 490.0  # through the play, no further
-
-
 def test_load_register_shows_the_duty_and_its_direction(make_bench, constant_load):
     bench = make_bench(gravity=constant_load(j2=-0.6, j3=0.6))
     for servo_id in (2, 3):

@@ -266,7 +266,7 @@ async def has(scene, wanted):
     return places(await scene()) == wanted
 
 
-async def test_a_change_that_does_not_say_all_is_asked_for():
+async def test_a_change_that_does_not_say_all_is_asked_for_and_so_is_what_moved_without_a_stream():
     store = FakeStore(seen_thing("crate"))
     async with watched(store) as scene:
         await scene()
@@ -275,9 +275,6 @@ async def test_a_change_that_does_not_say_all_is_asked_for():
         store.things[b"crate"] = seen_thing("crate", x=700.0)
         store.say("updated", Transform(uuid=b"crate"))
         await until(lambda: has(scene, {"crate": 0.6, "mug": 0.2}))
-
-
-async def test_what_moved_while_the_stream_was_down_is_where_it_is_now():
     store = FakeStore(seen_thing("crate"))
     async with watched(store) as scene:
         assert places(await scene()) == {"crate": 0.2}

@@ -206,7 +206,9 @@ async def test_invalid_and_unreadable_parts_are_refused_in_a_sentence(
     assert len(str(refused.value)) < 1001
 
 
-async def test_two_components_of_one_name_are_refused_with_what_helps(around):
+async def test_two_components_of_one_name_and_frames_without_end_are_refused_with_what_helps(
+    around,
+):
     """As a remote machine without a prefix brings along; none can be left out by its name."""
     with pytest.raises(SurroundingsUnknown) as refused:
         await around(FakeMachine(ARM, hanging("a"), hanging("a", x=300.0))).read()
@@ -214,9 +216,6 @@ async def test_two_components_of_one_name_are_refused_with_what_helps(around):
         'two components of the machine are called "a"; rename one, or give the remote machine'
         ' that has it a "prefix"'
     )
-
-
-async def test_a_chain_and_a_frame_system_without_end_are_refused(around):
     names = [f"part {i}" for i in range(machine_view.MOST_PARTS + 1)]
     chain = [hanging(name, above) for name, above in zip(names[1:], names, strict=False)]
     with pytest.raises(SurroundingsUnknown, match="is attached to itself, or has more than"):

@@ -61,14 +61,11 @@ def test_modes_and_faults_are_reported_in_words(seen, changes, words):
     assert seen.after(mode=Mode.HOLDING) == ["The arm holds"]
 
 
-def test_a_plan_is_reported_once_whoever_made_it(seen):
+def test_a_plan_and_a_lost_source_are_reported_once_and_the_latter_not_as_a_fault_too(seen):
     plan = SimpleNamespace(trajectory=SimpleNamespace(duration=2.34))
     seen.arm.newest = (None, plan)
     assert seen.after() == ["Planned a 2.3 s motion"]
     assert seen.after() == []
-
-
-def test_a_lost_source_is_reported_once_and_not_as_a_fault_too(seen):
     seen.rig.connection = ArmConnection(to="arm on X", problem="the port went away")
     told = seen.after(mode=Mode.FAULT, fault="the port went away")
     assert told == ["Lost the arm on X: the port went away"]

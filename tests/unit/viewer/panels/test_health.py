@@ -132,7 +132,7 @@ def test_what_is_wrong_with_a_servo_is_said_with_what_to_do(trouble, tone, words
     assert words in alarm.sentence.text
 
 
-def test_one_supply_is_one_alarm_for_all_its_servos():
+def test_one_supply_is_one_alarm_for_all_its_servos_and_a_silent_servo_is_said_once():
     joints = ("shoulder_pan", "shoulder_lift", "elbow_flex")
     weak = [replace(WELL, joint=joint, volts=5.1) for joint in joints]
     (alarm,) = servo_alarms([*weak, replace(WELL, joint="gripper")])
@@ -141,9 +141,6 @@ def test_one_supply_is_one_alarm_for_all_its_servos():
     (of_all,) = servo_alarms(weak)
     assert of_all.sentence.text.startswith("Every joint: it gets only 5.1 V; ")
     assert "Also" not in of_all.sentence.text
-
-
-def test_a_servo_that_falls_silent_is_said_once():
     alarms = servo_alarms(
         [replace(WELL, is_silent=True), replace(WELL, joint="gripper", temperature_c=67)]
     )

@@ -162,7 +162,9 @@ def file(tmp_path, monkeypatch):
     return tmp_path / "so101_motion" / "page-keys.json"
 
 
-def test_a_page_has_the_same_key_when_it_is_started_again_until_a_new_one_is_made(file):
+def test_a_page_has_the_same_key_until_a_new_one_is_made_and_without_a_folder_a_new_one(
+    file, tmp_path, monkeypatch
+):
     key = key_for(ARM, 8080)
     assert key_for(ARM, 8080) == key
     assert len(key) == len(new_key()) >= 43
@@ -171,6 +173,9 @@ def test_a_page_has_the_same_key_when_it_is_started_again_until_a_new_one_is_mad
     new = key_for(ARM, 8080, is_new=True)
     assert new != key
     assert key_for(ARM, 8080) == new
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "file"))
+    assert len(key_for(ARM, 8080)) >= 43
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such permissions")
@@ -196,9 +201,3 @@ def test_a_key_that_is_old_or_no_key_is_replaced(file, key, age):
     assert new not in (key, None)
     file.write_text("{")
     assert key_for(ARM, 8080) != new
-
-
-def test_without_a_folder_for_files_there_is_a_key_all_the_same(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "file"))
-    assert len(key_for(ARM, 8080)) >= 43
