@@ -8,13 +8,14 @@ import pytest
 from so101_motion.calib.motors.setup_view import MotorCheck, SetupView, Verification
 from so101_motion.calib.procedure import view as calibration_view
 from so101_motion.calib.procedure.steps import State
+from so101_motion.calib.record.record import JOINTS
 from so101_motion.calib.record.store import Stored
-from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.operation import Picture
 from so101_motion.setup import setup_steps
+from so101_motion.setup.assembly import AssemblyOperation
 from so101_motion.setup.checkup import Check, Findings, check_up
 from so101_motion.setup.setup_steps import CHAIN, CONNECT, FULL, MOTORS, MOTORS_ONLY, SetupState
 
-JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 PORT = Findings(port="/dev/ttyACM0", adapter="CH343")
 
 
@@ -148,3 +149,22 @@ def test_the_doctor_names_the_step_where_a_setup_has_to_go_on():
     stored = Stored(path=Path("/data/arm.json"), calibration={}, zeros={}, notes=())
     assert next_of(servos=chain(), file=stored.path, stored=stored) is None
     assert next_of(servos=chain(), file=stored.path, stored=stored, is_unfinished=True) == "pose"
+
+
+def test_each_joint_is_shown_swinging_until_all_are_right():
+    now = [0.0]
+    check = AssemblyOperation(lambda: now[0])
+    assert check.view.rows[0].text.startswith("Motor 1 turns the arm on its base. Turn it by hand")
+    for k, joint in enumerate(JOINTS):
+        now[0] += 0.75
+        picture: Picture = check.view.picture
+        assert picture.lit == (joint,)
+        assert [i for i in range(5) if picture.q[i]] == ([k] if k < 5 else [])
+        assert (picture.q[5] > 0.6) is (joint == "gripper")
+        assert not check.view.is_over
+        check.ask("accept", **check.view.offers[0].arguments)
+    assert check.view.is_over
+    check.ask("look_at", joint="elbow_flex")
+    assert check.view.rows[2].mark == "●"
+    now[0] += 60.0
+    assert not any(check.view.picture.q[:5]), "it swings for a while only"
