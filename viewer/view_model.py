@@ -417,6 +417,8 @@ class MoveModel:
             problem = arm.problem
             if problem is not None:
                 return texts.named(name, problem)
+            if arm.state.mode in (Mode.MOVING, Mode.STOPPING) and arm.motion is None:
+                return texts.named(name, texts.IN_USE)
         return self._sentence
 
     @property

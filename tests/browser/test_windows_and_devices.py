@@ -85,6 +85,8 @@ def test_one_window_has_control_until_another_takes_it_loses_its_network_or_is_c
     guest.until(lambda: not guest.says("has control. Stop works here too"))
     guest.press("home")
     guest.until(lambda: not guest.button("Execute").is_enabled())
+    guest.in_front("Jog")
+    guest.until(lambda: guest.says("Off. Start jogging"))
 
 
 def box(where):

@@ -83,6 +83,9 @@ class Part:
     def show(self) -> None:
         """Update widgets and scene; viser sends only what differs."""
 
+    def left(self) -> None:
+        """End what only somebody at a window may go on with; the one in control has gone."""
+
     def close(self) -> None:
         """Release what does not belong to the page."""
 

@@ -134,6 +134,9 @@ class JogPart(Part):
             return Sentence(f"Held back: {held}", Tone.WARM)
         return _ARROWS if jogging.mode == ARROWS else _ON
 
+    def left(self) -> None:
+        self.jogging.close()
+
     def close(self) -> None:
         self.jogging.close()
 

@@ -142,6 +142,8 @@ class ServedPage:
         """Show what belongs to no tab; the window in control may have been loaded again."""
         if self._context is not None:
             self._turn_to("")
+        for part in self._parts:
+            self.post(part.left)
 
     def _turn_to(self, name: str) -> None:
         self.front.name = name

@@ -244,6 +244,7 @@ def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(page
         (Mode.LIMP, "limp"),
         (Mode.FAULT, "in a fault, so nothing can move"),
         (Mode.CALIBRATING, "calibrated"),
+        (Mode.MOVING, "jogging is on. To plan, end it"),
         (Mode.HOLDING, "elbow_flex has let go: support the arm."),
     ],
 )
