@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from so101_motion.calib.procedure.eeprom import write_held
-from so101_motion.calib.procedure.travel import TravelRecorder, fit, homing_offset
+from so101_motion.calib.procedure.travel import TravelRecorder
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS, HeldCalibration
 
@@ -48,26 +48,6 @@ def test_a_wrong_reading_anywhere_changes_nothing(data, found, wrong, when):
         return  # among the first and last three there is no telling
     assert sweep.arc.travel == travel
     assert (sweep.arc.lower - lower) % 4096 == 0
-
-
-@given(travels(), st.integers(0, 4095))
-def test_homing_and_fitting_leave_the_stops_where_they_are(found, turned):
-    lower, travel, home = found
-    offset = homing_offset(home + turned)
-    reads = (lower + turned - offset) % 4096
-    sweep = TravelRecorder()
-    for i, ticks in enumerate([*[reads] * 3, *range(reads, reads + travel, 40)]):
-        sweep.feed(0.01 * i, ticks)
-    for _ in range(3):
-        i += 1
-        sweep.feed(0.01 * i, reads + travel)
-    fitted = fit(sweep.arc, offset=offset, home=(home + turned - offset) % 4096)
-    assert abs(fitted.homing_offset) <= 2047
-    assert 0 <= fitted.lower < fitted.upper <= 4095
-    assert fitted.upper - fitted.lower == travel
-    assert (fitted.lower + fitted.homing_offset - lower - turned) % 4096 == 0
-    assert (fitted.home + fitted.homing_offset - home - turned) % 4096 == 0
-    assert fitted.lower <= fitted.home <= fitted.upper
 
 
 @pytest.fixture(scope="module", autouse=True)

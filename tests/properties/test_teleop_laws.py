@@ -68,35 +68,6 @@ def test_a_following_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target
     assert max(shares(steps, DT, HIGHEST)) <= 1.01
 
 
-@settings(max_examples=20)
-@given(
-    q_start=inside,
-    goals=st.lists(angles, min_size=1, max_size=5),
-    fence=st.floats(-1.5, 1.5),
-)
-def test_guarded_distances_are_kept(q_start, goals, fence):
-    class Fence:
-        look_every, against = 0.02, ()
-
-        def words(self, each):
-            return str(each)
-
-        def within_reach(self, q, q_target, others):
-            return q_target
-
-        def admits(self, way, *, ahead=False):
-            return bool(np.all(way[:, 0] <= max(fence, q_start[0])))
-
-    motion = following(q_start, PACE.full, guard=Fence(), stale_after=None)
-    steps = []
-    for goal in goals:
-        motion.aim(goal)
-        steps += [motion.sample(0).q for _ in range(60)]
-    motion.close()
-    steps += [motion.sample(0).q for _ in range(60)]
-    assert np.all(np.array(steps)[:, 0] <= max(fence, q_start[0]) + 5e-4)
-
-
 @given(
     q=inside, qd=inside, target=inside, rate=st.lists(st.floats(-1.0, 1.0), min_size=5, max_size=5)
 )

@@ -43,19 +43,6 @@ def run_until(clock, condition):
         clock.advance(0.01)
 
 
-def test_a_retarget_into_the_table_stops_short_of_it_and_says_what_it_was(arm, clock):
-    finish(clock, arm.move(JointGoal(q=READY), wait=False))
-    down = np.radians([0.0, 60.0, 0.0, 40.0, 0.0])
-    motion = arm.retarget(down)
-    with pytest.raises(
-        MotionError, match=r"short of where it was sent, with .* close to the floor"
-    ):
-        finish(clock, motion)
-    assert arm.T_base("jaw_tip").p[2] > 0.0
-    finish(clock, arm.retarget(down, guard=None))
-    assert arm.T_base("jaw_tip").p[2] < 0.0
-
-
 def test_a_point_is_reached_with_the_joints_of_this_very_arm(arm):
     p = np.array([0.25, 0.0, 0.12])
     assert np.degrees(arm.plan(PoseGoal.at_point(p)).q_goal[2]) > 30.0

@@ -13,7 +13,6 @@ from so101_motion.common.errors import (
     Interrupted,
     MotionError,
     NotHolding,
-    ServoAlarm,
 )
 from so101_motion.common.units import to_rad
 from so101_motion.control.joint_group import Tolerances
@@ -138,19 +137,6 @@ def test_a_limp_jaw_cannot_be_moved(rig, gripper):
 
     assert isinstance(rig.error_after(0.1, gripper.grab(wait=False).future), NotHolding)
     assert not gripper.is_holding
-
-
-def test_an_alarm_of_the_jaw_ends_its_motion_and_not_the_arm_s(rig, gripper):
-    arm = rig.executor.execute(rig.to_goal([0.5, 0, 0, 0, 0]))
-    jaw = gripper.move(1.0, wait=False)
-    rig.clock.advance(0.1)
-    rig.arm.alarms = {"gripper": "71 degC"}
-    error = rig.error_after(1.0, jaw.future)
-
-    assert isinstance(error, ServoAlarm)
-    assert (error.joint, error.reason) == ("gripper", "71 degC")
-    assert error.recent
-    rig.after(3.0, arm)
 
 
 def test_a_stop_of_a_grab_that_has_just_met_something_presses_no_further(rig, gripper):

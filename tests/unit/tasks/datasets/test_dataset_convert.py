@@ -159,19 +159,6 @@ def test_statistics_of_all_episodes_are_those_of_all_frames(tmp_path):
     assert "unknown" not in found
 
 
-def test_only_the_arm_that_is_meant_is_converted(tmp_path):
-    names = [f"{side}_{name}" for side in ("left", "right") for name in NAMES]
-    both = np.concatenate([swing(), swing(phase=1.0)], axis=1)
-    root = write_data_set(tmp_path / "old", [both], names=names)
-    old = units_of("old")
-    right = open_data_set(root, side="right")
-    convert_data_set(right, tmp_path / "new", source=MODEL, target=old)
-    left = open_data_set(tmp_path / "new", side="left").episode(0).action
-    assert np.allclose(left, swing(), atol=1e-4)
-    found = open_data_set(tmp_path / "new", side="right").episode(0).action
-    assert np.allclose(old.to_model(found), MODEL.to_model(swing(phase=1.0)), atol=1e-5)
-
-
 def test_what_is_beyond_the_new_travel_is_kept_and_counted(tmp_path):
     action = swing()
     action[:7, 3] = 110.0
@@ -211,21 +198,20 @@ def test_nothing_is_left_of_a_conversion_that_fails(tmp_path):
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_each_arm_of_two_is_declared_and_a_contradiction_is_refused(tmp_path):
+def test_each_arm_of_two_is_converted_and_declared_alone_and_a_contradiction_is_refused(tmp_path):
     names = [f"{side}_{name}" for side in ("left", "right") for name in NAMES]
-    root = write_data_set(tmp_path / "two", [np.hstack([swing(), swing()])], names=names)
+    both = np.hstack([swing(), swing(phase=1.0)])
+    root = write_data_set(tmp_path / "two", [both], names=names)
     old = units_of("old")
-    left = open_data_set(root, side="left")
-    convert_data_set(left, tmp_path / "one", source=old, target=MODEL)
-    once = open_data_set(tmp_path / "one", side="left")
-    assert (once.declared, open_data_set(once.metadata.root, side="right").declared) == (
-        "model",
-        "",
-    )
+    convert_data_set(open_data_set(root, side="left"), tmp_path / "one", source=old, target=MODEL)
+    left, right = (open_data_set(tmp_path / "one", side=side) for side in ("left", "right"))
+    assert (left.declared, right.declared) == ("model", "")
+    assert np.allclose(right.episode(0).action, swing(phase=1.0), atol=1e-4)
+    found = MODEL.to_model(left.episode(0).action)
+    assert np.allclose(found, old.to_model(swing()), atol=1e-5)
     with pytest.raises(ConfigError, match="declares model"):
-        convert_data_set(once, tmp_path / "twice", source=old, target=MODEL)
-    assert any("contradicts" in note for note in check_data_set(once, units="old").notes)
-    right = open_data_set(tmp_path / "one", side="right")
+        convert_data_set(left, tmp_path / "twice", source=old, target=MODEL)
+    assert any("contradicts" in note for note in check_data_set(left, units="old").notes)
     convert_data_set(right, tmp_path / "both", source=old, target=old)
     sides = [open_data_set(tmp_path / "both", side=side).declared for side in ("left", "right")]
     assert sides == ["model", "old"]
