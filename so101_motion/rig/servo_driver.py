@@ -31,7 +31,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, RETRIES, Bus, Port
 from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
-from so101_motion.drivers.command_record import CommandListener, SentCommand
+from so101_motion.drivers.command_record import CommandListener
 from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_pull import Pull
@@ -424,6 +424,7 @@ class ServoDriver:
             )
         if self._arm is None:
             self._arm = self._found()
+        self._arm.on_command = self.on_command  # any thread may have set it
         return self._arm
 
     def _found(self) -> FeetechArm:
@@ -471,7 +472,6 @@ class ServoDriver:
             figures=found.figures,
             compensates=settings.compensates is not False,
         )
-        arm.on_command = self._record
         try:
             if GRIPPER_JOINT in found.setups:
                 arm.set_torque_limit(GRIPPER_JOINT, JAW_DRIVE)
@@ -480,10 +480,6 @@ class ServoDriver:
             raise
         self._take(settings, found)
         return arm
-
-    def _record(self, command: SentCommand) -> None:
-        if self.on_command is not None:
-            self.on_command(command)
 
     def _take(self, settings: ServoSettings, found: JointSetups) -> None:
         known = self.notes  # a motor setup gives the bus back again and again

@@ -34,6 +34,7 @@ from so101_motion.drivers.bus.protocol import (
     packet_size,
     sync_read_packet,
     sync_write_packet,
+    sync_write_words_packet,
     whole_packets,
 )
 from so101_motion.drivers.bus.registers import BROADCAST, ID, LOCK, MODEL_NUMBER, Fault, Register
@@ -348,6 +349,10 @@ class Bus:
         """Write each servo's bytes in ``data`` from address ``start``; without acknowledgement."""
         self.port.write(sync_write_packet(start, data))
 
+    def sync_write_words(self, start: int, words: Mapping[int, int]) -> None:
+        """The same with numbers of two bytes, which must not be negative."""
+        self.port.write(sync_write_words_packet(start, words))
+
     # How
 
     def _once(
@@ -377,8 +382,8 @@ class Bus:
 
         A control loop that misses a few answers need not wait for them.
         """
-        lateness = self.counters.lateness
-        if lateness.typical <= _PROMPT * self._reply_timeout:
+        lateness, prompt = self.counters.lateness, _PROMPT * self._reply_timeout
+        if lateness.longest <= prompt or lateness.typical <= prompt:
             return 0.0
         if not lateness.is_told and self._reply_timeout:
             lateness.is_told = True
@@ -405,21 +410,19 @@ class Bus:
         answers, received, late = Answers(asked, count), b"", 0
         wire = 10.0 * (len(packet) + len(asked) * (packet_size(count) + _GAP)) / self.port.baud
         until = sent + max(self._reply_timeout_for(tried), wire + self._rest)
-        while not answers.is_complete and asked[-1] not in answers.found:
-            data = self.port.read(until)
-            if not data:
-                break
-            now = time.monotonic()
+        while data := self.port.read(until):
+            now, is_first = time.monotonic(), not answers.found
             received += data
-            if not answers.found:
-                answers.feed(data)
+            answers.feed(data)
+            if is_first:
                 late += self._take_late(received, now, but=count)
                 if answers.found and now <= until:  # else this computer was late, not the answer
                     self.counters.lateness.measured(now - sent - wire, len(asked))
+            if asked[-1] in answers.found:
+                break
+            if is_first:
                 end = sent + max(self._reply_timeout_for(tried), wire + self._rest)
                 until = min(end, now + wire + self._rest)
-            else:
-                answers.feed(data)
         for servo_id, answer in answers.found.items():
             self.counters[servo_id].heard(answer.faults)
         if not answers.is_complete:

@@ -14,6 +14,7 @@ answer whose checksum FF turns out to be the first byte of the next header is ta
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Collection, Container, Iterator, Mapping
 from enum import IntEnum
 from functools import lru_cache
@@ -74,6 +75,13 @@ def sync_write_packet(start: int, data: Mapping[int, bytes]) -> bytes:
         params.append(servo_id)
         params += share
     return instruction_packet(BROADCAST, Instruction.SYNC_WRITE, bytes(params))
+
+
+def sync_write_words_packet(start: int, words: Mapping[int, int]) -> bytes:
+    """The same for numbers of two bytes; of many servos in one step, for every cycle."""
+    pairs = [each for pair in words.items() for each in pair]
+    params = struct.pack("<BB" + "BH" * len(words), start, 2, *pairs)
+    return instruction_packet(BROADCAST, Instruction.SYNC_WRITE, params)
 
 
 def whole_packets(data: bytes) -> Iterator[tuple[int, int]]:

@@ -52,21 +52,25 @@ class Lateness:
     """How much later the last 64 answers came than the wire explains.
 
     Attributes:
-        typical: 55 % of them came no later [s].
-        longest: The longest [s].
+        longest: The longest delay [s].
         is_told: Whether the user has been warned of it.
     """
 
     def __init__(self) -> None:
-        self.typical = self.longest = 0.0
+        self.longest = 0.0
         self.is_told = False
         self._delays: deque[float] = deque(maxlen=_DELAYS)
+
+    @property
+    def typical(self) -> float:
+        """55 % of them came no later [s]."""
+        ranked = sorted(self._delays) or [0.0]
+        return ranked[int(_TYPICAL * len(ranked))]
 
     def measured(self, delay: float, answers: int) -> None:
         """Note that so many answers came ``delay`` [s] late."""
         self._delays.extend([max(delay, 0.0)] * answers)
-        ranked = sorted(self._delays)
-        self.typical, self.longest = ranked[int(_TYPICAL * len(ranked))], ranked[-1]
+        self.longest = max(self._delays)
 
 
 class ReplyCounters(dict[int, ReplyCounter]):

@@ -12,8 +12,7 @@ where no goal can keep it, is left as it is (``out_of_range.py``).
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import CorruptReply, NoReply, PortUnavailable, ServoFault
@@ -78,16 +77,14 @@ class Chain:
         self.t_sent = clock.now()
         self._maps, self._compensation, self._clock = maps, compensation, clock
 
-    @contextlib.contextmanager
-    def watching(self) -> Iterator[None]:
-        """Note the loss of the port in this block; the error goes on."""
-        try:
-            yield
-        except PortUnavailable as error:
+    def __enter__(self) -> None:
+        """Begin a block in which a loss of the port is noted; the error goes on."""
+
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        if isinstance(error, PortUnavailable):
             if self.connection.is_open:
                 self.connection.lost(error)
             self.is_set_up = False
-            raise
 
     def bus(self) -> Bus:
         """The bus, with the servos found; ``PortUnavailable`` if there is no port at present."""
@@ -210,12 +207,11 @@ class Chain:
     def send(self) -> None:
         """Send the goals, except to silent servos and to joints outside their limits."""
         self.t_sent = self._clock.now()
-        encode, left, goals = reg.GOAL_POSITION.encode, self.out_of_range.left, self._goals()
+        left, goals = self.out_of_range.left, self._goals()
         if left:
             goals = {i: goal for i, goal in goals.items() if self.index[i] not in left}
         if goals:
-            data = {i: encode(goal) for i, goal in goals.items()}
-            self.bus().sync_write(reg.GOAL_POSITION.address, data)
+            self.bus().sync_write_words(reg.GOAL_POSITION.address, goals)
             self._sent(goals)
 
     def lead(

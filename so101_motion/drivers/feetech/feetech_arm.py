@@ -134,7 +134,7 @@ class FeetechArm:
             NoReply: A servo has fallen silent (raised once), or all are.
             ServoFault: A servo has restarted by itself (raised once).
         """
-        with self._chain.watching():
+        with self._chain:
             self._measure(self._reach())
             if self._guide is not None:
                 goals = self._guide.step(self._at.q, self._at.qd, self._clock.now())
@@ -143,21 +143,21 @@ class FeetechArm:
                 self._pull.step()
             elif self._is_held and self._clock.now() - self._chain.t_sent >= _REWRITE:
                 self._chain.send()
-        q, qd = self._at.q, self._at.qd
         # The estimate of a servo that did not answer is no surer than its last answer.
-        silent = self._presence.silent
+        silent, unanswering = self._presence.silent, self._presence.unanswering
         unconfirmed = [i for i in self._at.unconfirmed() if self._maps[i].servo_id not in silent]
-        out_of_range = self._out_of_range.nearest(q) if self._out_of_range else {}
+        q, qd, in_play = self._at.q[:], self._at.qd[:], self._compensation.in_play()
+        outside = self._out_of_range.nearest(q) if self._out_of_range else {}
         return JointReading(
             q=np.array(q[:5]),
             qd=np.array(qd[:5]),
             q_jaw=q[5],
             qd_jaw=qd[5],
-            out_of_range={JOINTS[i]: q_inside for i, q_inside in out_of_range.items()},
-            unanswered=frozenset(JOINTS[self._index[i]] for i in self._presence.unanswering),
-            silent=self._absent | {JOINTS[self._index[servo_id]] for servo_id in silent},
-            unconfirmed=frozenset(JOINTS[i] for i in unconfirmed),
-            in_play={JOINTS[i]: off for i, off in self._compensation.in_play().items()},
+            out_of_range={JOINTS[i]: q_inside for i, q_inside in outside.items()},
+            unanswered=frozenset([JOINTS[self._index[i]] for i in unanswering]),
+            silent=self._absent | {JOINTS[self._index[i]] for i in silent},
+            unconfirmed=frozenset([JOINTS[i] for i in unconfirmed]),
+            in_play={JOINTS[i]: off for i, off in in_play.items()},
         )
 
     def write(
@@ -183,7 +183,7 @@ class FeetechArm:
             Raises: CommandRefused: It is further away than the caps allow; the joints hold the last
             command. NoReply: The position of a joint that is to be held is not confirmed.
         """
-        with self._chain.watching():
+        with self._chain:
             bus, now = self._chain.bus(), self._clock.now()
             here, free = self._at.sure, self._out_of_range.free
             if self._guide is not None:
@@ -217,7 +217,7 @@ class FeetechArm:
         A joint outside its limits and a silent jaw are left as they are; if another servo is
         silent, the arm is not switched on. Off, all servos are tried before an error is raised.
         """
-        with self._chain.watching():
+        with self._chain:
             bus = self._chain.bus()
             if on:
                 self._end_guiding(bus)
@@ -240,7 +240,7 @@ class FeetechArm:
         Without a ``compliance`` it ends, and they hold where they are. ``wall`` says how far a hand
         may lead them without resistance; None for anywhere.
         """
-        with self._chain.watching():
+        with self._chain:
             bus = self._chain.bus()
             if compliance is None:
                 self._end_guiding(bus)
@@ -256,7 +256,7 @@ class FeetechArm:
 
         ``read`` has to be called a hundred times a second then. Only RAM registers are written.
         """
-        with self._chain.watching():
+        with self._chain:
             if self._torque:
                 raise RuntimeError("joints that are held are not pulled; let go of them first")
             self._chain.bus()
@@ -279,7 +279,7 @@ class FeetechArm:
     def set_torque_limit(self, joint: str, share: float) -> None:
         """Limit the drive of ``joint`` to ``share``, 0 to 1, also after a restart."""
         i, share = JOINTS.index(joint), min(max(share, 0.0), 1.0)
-        with self._chain.watching():
+        with self._chain:
             self._chain.bus()
             self._chain.put(self._maps[i].servo_id, reg.TORQUE_LIMIT, round(1000.0 * share))
         self.models[i].most_drive = share
@@ -349,7 +349,7 @@ class FeetechArm:
         now = self._clock.now()
         count, missed = self._health_readings.count(now), self._presence.unanswering
         found, doubted = self._at.ask(bus, count, missed, self._clock)
-        self._at.look(found, self._wanted(), now)
+        fresh = self._at.look(found, self._wanted(), now)
         is_held = self._is_held
         watched = self._compensation.weak or self._out_of_range.sinking
         if watched or any([answer.faults for answer in found.values()]):
@@ -357,8 +357,8 @@ class FeetechArm:
         if is_held and self._guide is None:
             if self._out_of_range:
                 self._out_of_range.arrive(bus, self._at.q)
-            gone = self._out_of_range.left | self._compensation.weak
-            fresh = [i for servo_id in found if (i := self._index[servo_id]) not in gone]
+            for i in self._out_of_range.left | self._compensation.weak:
+                fresh &= ~(1 << i)
             self._compensation.trim.measure(self._at.q, self._at.qd, fresh, now)
         for servo_id, volts in self._health_readings.take(now, found).items():
             self._compensation.supplied(self._index[servo_id], volts)

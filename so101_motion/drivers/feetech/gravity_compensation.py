@@ -26,14 +26,14 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.feetech.servo_model import LARGEST_SAG, ServoModel
-from so101_motion.drivers.goal_limiter import SIX, Six, as_bits, limited
+from so101_motion.drivers.goal_limiter import SIX, Six, limited
 from so101_motion.native.library import quick
 
 Gravity = Callable[[Array], Array]
@@ -198,9 +198,9 @@ class Trim(ctypes.Structure):
         given = (SIX(*each) for each in (goal, known, self.own(goal), self.per_kg(goal)))
         self._in_c.so101_trim_start(self._at, *given, ctypes.c_double(now))
 
-    def measure(self, q: Six, qd: Six, fresh: Collection[int], now: float) -> None:
+    def measure(self, q: Six, qd: Six, fresh: int, now: float) -> None:
         """Learn from the angles [rad] and velocities [rad/s] of ``fresh`` joints at ``now`` [s].
 
-        These are arrays of C.
+        Angles and velocities are arrays of C; ``fresh`` has a bit for each joint.
         """
-        self._in_c.so101_trim_measure(self._at, q, qd, as_bits(fresh), ctypes.c_double(now))
+        self._in_c.so101_trim_measure(self._at, q, qd, fresh, ctypes.c_double(now))

@@ -116,13 +116,16 @@ class JointEstimate(ctypes.Structure):
         found = self._in_c.so101_estimate_judge(self._at, self._take(answers), self._ticks, *times)
         return tuple(s for s, i in self._servos.items() if found >> i & 1) if found else ()
 
-    def look(self, answers: Mapping[int, Answer], wanted: Sequence[float], now: float) -> None:
+    def look(self, answers: Mapping[int, Answer], wanted: Sequence[float], now: float) -> int:
         """Update the estimate from credible answers to a question ``now`` [s].
 
-        ``wanted`` are commanded angles [rad]; NaN for a joint without a command.
+        ``wanted`` are commanded angles [rad]; NaN for a joint without a command. Returns a bit for
+        each joint that has answered.
         """
-        given = (self._take(answers), self._ticks, SIX(*wanted), ctypes.c_double(now))
+        fresh = self._take(answers)
+        given = (fresh, self._ticks, SIX(*wanted), ctypes.c_double(now))
         self._in_c.so101_estimate_look(self._at, *given)
+        return fresh
 
     def _take(self, answers: Mapping[int, Answer]) -> int:
         """Note the positions in ``answers``; a bit for each joint that has answered."""

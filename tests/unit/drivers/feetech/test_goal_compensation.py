@@ -53,7 +53,7 @@ def followed(*, behind_deg, seconds):
         at, rates = [*arm.q], [0.0] * 6
         at[LIFT] -= math.radians(behind_deg) * min(0.01 * k / 0.1, 1.0)
         rates[LIFT] = qd
-        arm.joint.trim.measure(SIX(*at), SIX(*rates), range(6), 0.01 * k)
+        arm.joint.trim.measure(SIX(*at), SIX(*rates), 0b111111, 0.01 * k)
     return math.degrees(arm.joint.trim.rest[LIFT])
 
 
@@ -223,7 +223,7 @@ def test_goals_and_what_is_learnt_are_what_they_were_before_they_were_compiled(k
         joint.point(q.tolist(), moving[0], t, q.tolist(), (), moving[1], follows_target=follows)
         goals = joint.goals(t)
         off = 0.01 * math.cos(t)
-        joint.trim.measure(SIX(*(q - off)), SIX(), range(6), t + 0.004)
+        joint.trim.measure(SIX(*(q - off)), SIX(), 0b111111, t + 0.004)
         k_sent += (k - 1) * sum(goals[i] * i for i in goals)
     sent, *learnt = RECORDED[kind, told, follows]
     assert k_sent == pytest.approx(sent, abs=1800), "a single one may round the other way"

@@ -23,7 +23,7 @@ from so101_motion.drivers.servo_types import (
 )
 from so101_motion.native.library import quick
 
-ALL = range(6)
+ALL, EACH = range(6), 0b111111
 REST = [0.0] * 6
 GOAL = np.array([0.1, -0.2, 0.3, 0.0, 0.0, 0.5])
 
@@ -47,7 +47,7 @@ def command(trim, goal, t):
 
 def hold(trim, q, seconds, t=0.0):
     for k in range(round(seconds / 0.01)):
-        trim.measure(SIX(*q), SIX(), ALL, t + 0.01 * k)
+        trim.measure(SIX(*q), SIX(), EACH, t + 0.01 * k)
 
 
 def test_weight_and_the_friction_on_the_way_are_made_up_for_at_once():
@@ -127,7 +127,7 @@ def test_while_the_command_moves_the_lag_is_not_learnt():
     start(trim, GOAL)
     for k in range(200):
         command(trim, GOAL + 0.01 * k, 0.01 * k)
-        trim.measure(SIX(*(GOAL + 0.01 * k - 0.02)), SIX(), ALL, 0.01 * k)
+        trim.measure(SIX(*(GOAL + 0.01 * k - 0.02)), SIX(), EACH, 0.01 * k)
     np.testing.assert_array_equal(trim.rest, 0.0)
 
 
@@ -140,7 +140,7 @@ def carried(figures, *, off):
     start(trim, GOAL, sag=(None,) * 6)
     for k in range(20):
         command(trim, GOAL + 0.01 * k, 0.01 * k)
-        trim.measure(SIX(*(GOAL + 0.01 * k - off)), SIX(), ALL, 0.01 * k)
+        trim.measure(SIX(*(GOAL + 0.01 * k - off)), SIX(), EACH, 0.01 * k)
     return trim.carried, np.abs(trim.rest).max()
 
 
@@ -151,7 +151,7 @@ def test_a_servo_at_its_torque_limit_learns_nothing_in_motion():
         trim.models[1].most_drive = most_drive
         for k in range(20):
             command(trim, GOAL + way * 0.01 * k, 0.01 * k)
-            trim.measure(SIX(*(GOAL + way * (0.01 * k - 0.02))), SIX(), ALL, 0.01 * k)
+            trim.measure(SIX(*(GOAL + way * (0.01 * k - 0.02))), SIX(), EACH, 0.01 * k)
         return trim.rest[1]
 
     assert learnt(1.0, 1.0) > 0.0
@@ -185,7 +185,7 @@ def test_of_a_joint_that_moves_or_was_not_measured_nothing_is_learnt():
     trim = Trim(weightless)
     start(trim, GOAL)
     for k in range(100):
-        trim.measure(SIX(*(GOAL - 0.02)), SIX(0.2), {0, 1, 3, 4, 5}, 0.01 * k)
+        trim.measure(SIX(*(GOAL - 0.02)), SIX(0.2), 0b111011, 0.01 * k)
     assert trim.offset[0] == trim.offset[2] == 0.0
     assert trim.offset[1] > 0.0
 
