@@ -58,7 +58,7 @@ class FacingArms:
             self.rigs.append(rig)
             self.arms[name] = rig.arm
 
-    def pass_time(self, futures, until, look):
+    def pass_time(self, futures, until=lambda: False, look=lambda: None):
         """Let time pass until ``until()`` or all futures are done; ``look()`` after each step."""
         moving = 0  # cycles; how many pass while a plan is made depends on how busy the machine is
         while moving < 4000:
@@ -154,13 +154,10 @@ class Pair(FacingArms):
             each.result()
 
     def finish(self, *motions, room=0.7 * GUARDED):
-        moving = 0  # cycles; how many pass while a plan is made depends on how busy the machine is
-        while moving < 3000:
-            if all(each.future.done() for each in motions):
-                return
-            self.advance(room=room)
-            moving += self.left.is_moving or self.right.is_moving
-        raise AssertionError("it goes on and on")
+        def look():
+            assert self.are_apart(room)
+
+        self.pass_time([each.future for each in motions], look=look)
 
 
 def crossing_task(facing):

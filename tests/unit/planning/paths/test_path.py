@@ -176,14 +176,7 @@ def test_when_the_time_is_up_the_best_route_so_far_is_taken(monkeypatch):
     assert found.motion.length > 0.0
 
 
-def test_a_cap_on_the_tool_and_weak_servos_hold(planner):
-    capped = MotionLimits(
-        velocity=LIMITS.velocity,
-        acceleration=LIMITS.acceleration,
-        jerk=LIMITS.jerk,
-        tool_speed=0.2,
-    )
-    assert planner.plan(request(16, limits=capped)).report.routes == 0
+def test_weak_servos_hold(planner):
     hard = MotionLimits.uniform(velocity=8.0, acceleration=80.0, jerk=5000.0)
     weak = Strength(holding=1.1, moving=0.6)
     made = planner.plan(request(16, limits=hard, strength=weak))
