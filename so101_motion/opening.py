@@ -35,6 +35,8 @@ def open(arm: str, *, calibration: str | Path | None = None) -> Rig | MachineRig
         BusError: The port cannot be opened, or a servo does not answer.
         MachineUnavailable: The machine cannot be reached.
     """
+    if not isinstance(arm, str):
+        raise ConfigError("arm", arm, 'must be "sim", a serial port or "viam://HOST:PORT"')
     if calibration is not None and (arm == "sim" or arm.startswith(_MACHINE)):
         raise ConfigError("calibration", str(calibration), "is for an arm on a serial port")
     with planner_started():

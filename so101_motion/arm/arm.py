@@ -173,6 +173,8 @@ class Arm(CappedJoints):
         Goals may name its frames, of which ``"tcp"`` is its point. Its mass counts besides the
         payload.
         """
+        if not isinstance(tool, Tool | None):
+            raise ConfigError("tool", tool, "must be a Tool; files.tool_file.find_tool reads one")
         scene = self._scene if self._tool is None else self._tool.off(self._scene)
         checked = scene if tool is None else tool.on(scene)
         model = self._bare
@@ -765,4 +767,14 @@ def _goal(to: Goal | ArrayLike) -> Goal:
     """A goal as it is, or that of five joint angles; ``ConfigError`` if these are not five."""
     if isinstance(to, Goal):
         return to
-    return JointGoal(q=joint_angles("goal", to))
+    if isinstance(to, str):
+        raise ConfigError(
+            "goal", to, f"a named pose is files.saved_poses.SavedPoses().find({to!r}).q"
+        )
+    try:
+        return JointGoal(q=joint_angles("goal", to))
+    except ConfigError as error:
+        if isinstance(to, Sequence) and len(to) and isinstance(to[0], Goal | Sequence):
+            many = "of several points a ToolPathGoal or a PathGoal is made"
+            raise ConfigError("goal", to, f"{error.reason}; {many}") from None
+        raise

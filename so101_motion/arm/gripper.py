@@ -16,6 +16,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from numbers import Real
 from typing import Protocol, Unpack
 
 import so101_description
@@ -452,8 +453,10 @@ class Gripper(JawVerbs):
 
     def angle_of(self, aperture: float) -> float:
         """The jaw angle [rad] that an aperture stands for; ``ConfigError`` outside 0 to 1."""
-        if not 0.0 <= aperture <= 1.0:
-            raise ConfigError("aperture", aperture, "must be between 0 (closed) and 1 (open)")
+        if not isinstance(aperture, Real) or not 0.0 <= aperture <= 1.0:
+            is_percent = isinstance(aperture, Real) and 1.0 < aperture <= 100.0
+            hint = f"; {aperture:g} % is {aperture / 100.0:g}" if is_percent else ""
+            raise ConfigError("aperture", aperture, f"must be a number from 0 (closed) to 1{hint}")
         return self.closed + aperture * (self.opened - self.closed)
 
     def _start(self, move: _JawMove, wait: bool) -> Motion:

@@ -42,6 +42,9 @@ class Motion:
         self._wake = threading.Event()  # set when it is interrupted
         self.halt: Callable[[str], object] | None = None
 
+    def __dir__(self) -> list[str]:
+        return ["future", "interrupt", "plan", "result"]
+
     def __repr__(self) -> str:
         if not self.future.done():
             return "<Motion under way>"

@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.stop_order import STOP, forget_request, is_older, refuse_older
-from so101_motion.common.errors import SUPERSEDED, MotionError
+from so101_motion.common.errors import CLOSED, SUPERSEDED, MotionError
 from so101_motion.control.motion_source import S
 
 T = TypeVar("T")
@@ -93,7 +93,7 @@ class MotionQueue:
                 # as ``asyncio.to_thread`` has it: large contents of a request are in its context
                 self._threads.submit(copy_context().run, self._run, motion, [previous], run)
             except RuntimeError as error:  # no more threads after ``close``
-                raise MotionError("this arm has been closed; open it again") from error
+                raise MotionError(CLOSED) from error
             self.current = motion
             if goes_on and previous.playing is not None:
                 motion.playing = previous.playing

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
 
 from so101_motion.arm.planning_process import CAN_COPY, HANG_TIMEOUT, ChildDied, PlanningProcess
 from so101_motion.common import interrupts
-from so101_motion.common.errors import ConfigError, So101Error, WorkerError
+from so101_motion.common.errors import CLOSED, ConfigError, So101Error, WorkerError
 
 if TYPE_CHECKING:
     from so101_motion.planning.cell.team_requests import TeamTask
@@ -44,8 +44,6 @@ SHARE = 4
 ask for any number of previews, and each takes the memory of a copy."""
 
 _MOST_CHILDREN = 32  # most children in all; chosen: eight arms with their share
-
-_CLOSED = "the planning process has been closed; open the arm again"
 
 
 class PlannedBatch:
@@ -131,7 +129,7 @@ class PlanningWorker:
         answer: Future[Any] = Future()
         with self._lock:
             if self._closed:
-                answer.set_exception(WorkerError(_CLOSED))
+                answer.set_exception(WorkerError(CLOSED))
             else:
                 self._waiting.append(_Asked(answer, request, owner))
                 if (taken := self._next()) is not None:
@@ -161,7 +159,7 @@ class PlanningWorker:
             each.kill()
         for asked in waiting:
             if asked.answer.set_running_or_notify_cancel():
-                asked.answer.set_exception(WorkerError(_CLOSED))
+                asked.answer.set_exception(WorkerError(CLOSED))
         for thread in threads:
             thread.join()
         for each in slots:
@@ -338,7 +336,7 @@ class _ChildSlot:
             self._replace_dead(old, ChildDied(f"{old.ending()} while it had nothing to do"))
         with self._lock:
             if self._closed:
-                raise WorkerError(_CLOSED)
+                raise WorkerError(CLOSED)
             if self._process is not None:
                 return self._process, False
         process = self._copied() or PlanningProcess(self._hang_timeout)
@@ -348,7 +346,7 @@ class _ChildSlot:
                 self._process = process
         if closed:
             process.close()
-            raise WorkerError(_CLOSED)
+            raise WorkerError(CLOSED)
         return process, not process.is_ready
 
     def _copied(self) -> PlanningProcess | None:
@@ -368,7 +366,7 @@ class _ChildSlot:
             closed = self._closed
         process.close()
         if closed:
-            raise WorkerError(_CLOSED) from death
+            raise WorkerError(CLOSED) from death
         self._deaths += 1
         _log.warning("the planning process %s; it is replaced", death)
 

@@ -263,6 +263,7 @@ class MotionError(So101Error):
 
 
 SUPERSEDED = "a newer motion"
+CLOSED = "this arm has been closed; open it again"
 """``Interrupted.by`` of a motion that a newer one replaced; any other value is a stop."""
 
 

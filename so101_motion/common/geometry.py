@@ -91,11 +91,11 @@ def given_array(key: str, given: ArrayLike, shape: tuple[int, ...], what: str) -
     except (TypeError, ValueError, OverflowError) as error:
         wanted = f"{'rows of ' if len(shape) == 2 else ''}{shape[-1] if shape else 'a'} {what}"
         try:
-            there = " x ".join(map(str, np.shape(given))) or "one"
+            there = " x ".join(map(str, np.shape(given)))
         except ValueError:  # rows of different lengths
             there = "rows of different lengths"
         numbers = there == " x ".join(map(str, shape))  # as many, but not numbers
-        seen = "" if numbers or isinstance(given, str) else f"; these are {there}"
+        seen = "" if numbers or not there else f"; these are {there}"
         if there == "3" and shape == (5,):
             seen += "; a point is so101.point(x, y, z)"
         raise ConfigError(key, given, f"must be {wanted}{seen}") from error
@@ -129,8 +129,12 @@ class SE3:
 
     @classmethod
     def from_rpy(cls, rpy: Iterable[float], p: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
-        """From roll, pitch, yaw [rad] as in URDF: ``Rz(yaw) Ry(pitch) Rx(roll)``."""
-        roll, pitch, yaw = rpy
+        """From roll, pitch, yaw [rad] as in URDF: ``Rz(yaw) Ry(pitch) Rx(roll)``.
+
+        ``ConfigError`` if one is more than two turns: it is in degrees.
+        """
+        angles = given_array("rpy", tuple(rpy), (3,), "angles in radians")
+        roll, pitch, yaw = in_radians("rpy", angles, 4.0 * math.pi)
         return cls(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), np.asarray(p, dtype=np.float64))
 
     @classmethod

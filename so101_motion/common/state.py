@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from so101_motion.common.errors import ServoAlarm
 from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.modes import Mode
+from so101_motion.common.units import to_deg
 
 ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 """The five joints of the arm, in the order of every ``q``."""
@@ -75,7 +76,7 @@ class JointReading:
         return {**dict(arm), GRIPPER_JOINT: float(self.q_jaw)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class JointState:
     """State of the arm at one instant, measured and commanded.
 
@@ -107,6 +108,10 @@ class JointState:
 
     def __post_init__(self) -> None:
         freeze(self, q_ref=(5,), qd_ref=(5,))
+
+    def __repr__(self) -> str:
+        at_deg = ", ".join(f"{to_deg(angle):.1f}" for angle in self.q)
+        return f"<JointState: {self.mode.value}, joints at {at_deg} deg>"
 
     @property
     def q(self) -> Array:

@@ -127,7 +127,8 @@ class Rig:
         return _SHOWN.split()
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.connection.to}, {self.arm.state.mode.value}>"
+        now = "closed" if self._closed else self.arm.state.mode.value
+        return f"<{type(self).__name__}: {self.connection.to}, {now}>"
 
     @property
     def connection(self) -> ArmConnection:

@@ -37,7 +37,7 @@ class Setpoint:
         return cls(q=np.array(q, dtype=np.float64), qd=zeros, qdd=zeros)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Trajectory:
     """Joint motion over time, at rest at the end and usually at the start.
 
@@ -61,6 +61,10 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def __repr__(self) -> str:
+        samples = f"{len(self)} samples, {1e3 * self.dt:g} ms apart"
+        return f"<Trajectory of {self.duration:.2f} s: {samples}>"
 
     @property
     def n(self) -> int:

@@ -159,7 +159,7 @@ def test_closing_ends_every_plan_with_an_error_of_ours():
     assert not is_alive(pid)
     assert time.monotonic() < begin + 20.0, "not the 60 s of one of them"
     for answer in [*answers, worker.plan(request_to([0.0] * 5)), worker.start()]:
-        with pytest.raises(WorkerError, match="open the arm again"):
+        with pytest.raises(WorkerError, match="open it again"):
             answer.result(0.0)
 
 

@@ -72,7 +72,7 @@ def test_limits_of_a_finished_plan_and_three_angles_are_refused(rig):
         rig.arm.move([0.1, 0.2, 0.3])
 
 
-def test_what_looks_like_degrees_or_millimetres_is_asked_about(rig):
+def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
     at, arm = so101.SE3.from_translation, rig.arm
     doors = {
         "60 rad: did you mean degrees": lambda: arm.plan([0, -45, 45, 60, 0]),
@@ -83,6 +83,13 @@ def test_what_looks_like_degrees_or_millimetres_is_asked_about(rig):
             velocity=30, acceleration=60, jerk=600
         ),
         "20 rad/s: did you mean degrees": lambda: arm.set_speed(20),
+        "90 rad: did you mean degrees[?] 90 deg is": lambda: so101.SE3.from_rpy((0, 90, 0)),
+        "50 % is 0.5": lambda: rig.gripper.move(50),
+        "number from 0": lambda: rig.gripper.move("open"),
+        "must be a Tool": lambda: arm.set_tool("pen"),
+        "a serial port": lambda: so101.open(3),
+        "SavedPoses": lambda: arm.move("ready"),
+        "2 x 3; of several points": lambda: arm.plan([[0.2, 0, 0.1], [0.25, 0, 0.1]]),
         "250 m: did you mean millimetres": lambda: so101.point(250, 120, 150),
         "40 m: did you mean millimetres": lambda: so101.ApproachGoal(
             T_base_tool=at([0.2, 0.0, 0.1]), hover=[0, 0, 40]

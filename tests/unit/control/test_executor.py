@@ -368,14 +368,14 @@ def test_closing_stops_smoothly_ends_the_thread_and_releases_the_driver(sim):
     sim.executor.close()
 
 
-def test_after_closing_every_request_ends_with_shutdown(sim):
+def test_after_closing_every_request_says_that_the_arm_has_been_closed(sim):
     sim.executor.close()
     for request in (
         sim.executor.execute(sim.to_goal(Q_GOAL)),
         sim.executor.hold(),
         sim.executor.call(lambda driver: driver.read()),
     ):
-        with pytest.raises(Interrupted, match="shutdown"):
+        with pytest.raises(MotionError, match="has been closed; open it again"):
             request.result(timeout=0)
     assert sim.executor.stop().result(timeout=0) is None
 
