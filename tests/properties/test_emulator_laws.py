@@ -36,21 +36,6 @@ def test_garbage_before_a_packet_costs_nothing_but_itself(garbage, packet):
     assert packet in heard(listener, b"\x00" + packet)
 
 
-headers = st.sampled_from([b"\xff", b"\xff\xff", b"\xff\xff\x01\x02", b"\xff\xff\x01\xff\x83"])
-
-
-@given(st.lists(st.one_of(packets, headers, st.binary(max_size=4)), max_size=8))
-def test_a_chunk_means_the_same_as_its_bytes_one_by_one(pieces):
-    data, whole, single = b"".join(pieces), Listener(), Listener()
-    ends = [(i.servo_id, i.code, i.params, i.end) for i in whole.hear(data)]
-    assert ends == [
-        (i.servo_id, i.code, i.params, at)
-        for at, byte in enumerate(data, start=1)
-        for i in single.hear(bytes((byte,)))
-    ]
-    assert whole.state is single.state
-
-
 @settings(max_examples=40)
 @given(
     address=st.integers(0, reg.SIZE + 3),

@@ -711,12 +711,3 @@ def test_what_comes_while_it_is_played_stops_it(swift, clock):
     with pytest.raises(MotionError, match="'crate'"):
         finish(clock, stream.future)
     assert clearance(swift) > 0.003
-
-
-def test_an_unguarded_stream_is_not_stopped(swift, clock):
-    swift.scene = swift.scene.with_obstacles([CRATE])
-    stream = in_time(clock, lambda: swift.start_stream(guard=None).opened.result())
-    stream.push(swing(LEFT, RIGHT, 4.0))
-    stream.finish()
-    finish(clock, stream.future)
-    assert swift.state.q == pytest.approx(RIGHT, abs=1e-3)

@@ -233,19 +233,24 @@ def test_a_listener_that_fails_harms_nobody(sim, caplog):
 # Manual mode
 
 
-def test_released_joints_can_be_pushed_and_are_held_where_they_are(sim):
-    sim.after(0.0, sim.executor.release())
-    assert sim.state.mode is Mode.LIMP
-    assert not sim.arm.torque
-    sim.arm.push(Q_GOAL, 0.7)
-    sim.clock.advance(0.05)
-    np.testing.assert_array_equal(sim.state.q, Q_GOAL)
-    np.testing.assert_array_equal(sim.state.q_ref, Q_GOAL)
+@pytest.mark.parametrize("guided", [False, True])
+def test_joints_let_go_of_or_guided_stay_where_they_are_pushed_and_are_held_there(sim, guided):
+    sim.after(0.0, sim.executor.guide(Compliance()) if guided else sim.executor.release())
+    assert sim.state.mode is (Mode.GUIDING if guided else Mode.LIMP)
+    assert sim.arm.torque is guided
+    before = sim.state.t
+    sim.clock.advance(0.0101)
+    assert not guided or sim.state.t == pytest.approx(before + 0.01, abs=1e-3), "in every tick"
+    sim.arm.push(Q_GOAL)
+    sim.clock.advance(0.5)
+    np.testing.assert_array_equal([sim.state.q, sim.state.q_ref], [Q_GOAL] * 2)
     sim.after(0.0, sim.executor.hold())
     assert sim.state.mode is Mode.HOLDING
     sim.clock.advance(1.0)
     np.testing.assert_array_equal(sim.state.q, Q_GOAL)
-    np.testing.assert_array_equal(sim.arm.torques[-1][1], Q_GOAL)
+    assert guided or np.array_equal(sim.arm.torques[-1][1], Q_GOAL)
+    with pytest.raises(RuntimeError, match="driven"):
+        sim.arm.push(np.zeros(5))
 
 
 def looks(sim, seconds):
@@ -300,23 +305,6 @@ def test_limp_and_guided_joints_refuse_to_move(sim, guided, says):
     ):
         with pytest.raises(NotHolding, match=says):
             sim.after(0.02, future)
-
-
-def test_a_guided_arm_stays_where_it_is_pushed_and_is_held_there(sim):
-    sim.after(0.0, sim.executor.guide(Compliance()))
-    assert sim.state.mode is Mode.GUIDING
-    assert sim.arm.torque
-    before = sim.state.t
-    sim.clock.advance(0.0101)
-    assert sim.state.t == pytest.approx(before + 0.01, abs=1e-3), "it is looked at in every tick"
-    sim.arm.push(Q_GOAL)
-    sim.clock.advance(0.5)
-    np.testing.assert_array_equal(sim.state.q, Q_GOAL)
-    np.testing.assert_array_equal(sim.state.q_ref, Q_GOAL)
-    sim.after(0.0, sim.executor.hold())
-    assert sim.state.mode is Mode.HOLDING
-    with pytest.raises(RuntimeError, match="driven"):
-        sim.arm.push(np.zeros(5))
 
 
 def test_holding_what_is_held_changes_nothing(sim):

@@ -90,15 +90,6 @@ def test_a_look_may_ask_for_more_than_the_margin(model, collision):
 # The library beside coal
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_verdicts_are_coals_far_from_contact_and_close_to_it(model, seed):
-    rng = np.random.default_rng(seed)
-    told = verdicts.compare(rng, model, 400)
-    assert told["false_free"] == 0
-    assert told["false_touching"] == 0
-    assert told["by_coal"] < 40, "hardly any is left to coal"
-
-
 @pytest.mark.parametrize("lanes", [4, 8])
 def test_the_width_of_vectors_changes_no_verdict(model, lanes):
     rng = np.random.default_rng(7)
