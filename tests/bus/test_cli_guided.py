@@ -12,6 +12,7 @@ from harness.terminal_user import Typist
 
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JOINTS
 from so101_motion.cli.verbs import main
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.drivers.emulator import registers as reg
@@ -150,6 +151,19 @@ def test_a_motor_that_is_not_as_it_must_be_is_named_with_what_to_do(arm):
     assert result.exit_code == 6
     assert "servo 3 (elbow_flex)" in result.stderr
     assert "try:" in result.stderr
+
+
+@pytest.mark.long  # half a minute of real time
+def test_a_kit_as_new_is_set_up_motor_by_motor(make_kit):
+    kit = make_kit(ids=dict.fromkeys(range(1, 7), 1), loose=True, calibrated=False)
+    with Typist("setup", "--port", kit.port, "--yes", "--within", "100") as person:
+        for joint in reversed(JOINTS):
+            person.sees(f"only the motor of {joint}")
+            kit.begin(parse_fault(f"only:{joint}"))
+        person.sees("Put all six")
+        kit.begin(parse_fault("chain"))
+        assert person.code() == 0
+    assert [servo.memory.raw(reg.ID) for servo in kit.world.servos] == [1, 2, 3, 4, 5, 6]
 
 
 def test_a_motor_that_was_replaced_is_set_up_alone(make_kit):

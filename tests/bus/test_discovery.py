@@ -7,7 +7,7 @@ import time
 from contextlib import ExitStack
 
 import pytest
-from harness.emulated_rig import ModelBench, hardware_bench
+from harness.emulated_rig import hardware_bench
 from harness.heard_port import HeardEmulator, HeardPort
 
 from so101_motion.calib.record import store
@@ -19,7 +19,6 @@ from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.drivers.servo_types import STS3215_7V4
 from so101_motion.setup import discovery
-from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
 APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
 
@@ -232,34 +231,6 @@ def test_a_running_arm_is_not_disturbed_and_is_still_suggested(table, tmp_path):
     assert names(report) == ["so101-gripper-58CD", "so101-calibration-58CD"]
     assert report.servo_ids == (1, 2, 3, 4, 5, 6)
     assert report.sentence == "used by a component of this machine, with 5 joints and a gripper"
-
-
-@pytest.mark.parametrize(
-    ("shares", "suggested"),
-    [
-        ([{}], ["so101-calibration-58CD"]),
-        ([{"gripper_id": None}, {"servo_ids": None}], ["so101-calibration-58CD"]),
-        ([{"servo_ids": None}], ["so101-arm-58CD", "so101-calibration-58CD"]),
-        ([{"servo_ids": None, "gripper_id": None}], ["so101-arm-58CD", "so101-gripper-58CD"]),
-    ],
-)
-def test_what_is_configured_on_a_port_is_not_suggested_again(table, tmp_path, shares, suggested):
-    with hardware_bench(tmp_path) as bench:
-        for share in shares:
-            bench.open(**share)
-        table.port("58CD", str(bench.port))
-        assert names(table.only()) == suggested
-
-
-async def test_a_gripper_that_names_its_arm_is_not_suggested_again(table, tmp_path):
-    bench = ModelBench(tmp_path)
-    try:
-        bench.new_arm()
-        bench.new(HardwareGripper, "gripper", arm="arm")
-        table.port("58CD", str(bench.port))
-        assert table.only().configured == {"arm", "gripper", "calibration"}, "and the bench itself"
-    finally:
-        await bench.end()
 
 
 def test_by_whatever_name_the_running_arm_was_opened(table, tmp_path):

@@ -1,7 +1,6 @@
 """The emulator on a pseudo-terminal: plugging, locks, timing, and the command line around it."""
 
 import fcntl
-import io
 import os
 import queue
 import select
@@ -81,16 +80,6 @@ def test_every_byte_value_survives_the_way_there_and_back(make_emulator):
             assert ask(port, frame(1, Code.WRITE, params), 6) == PONG
             reply = ask(port, frame(1, Code.READ, bytes((reg.GOAL_TIME.address, 1))), 7)
             assert reply[5] == value
-
-
-def test_port_works_for_a_client_that_sets_nothing(make_emulator):
-    fd = os.open(make_emulator().port, os.O_RDWR | os.O_NOCTTY)
-    try:
-        os.write(fd, PING)
-        assert select.select([fd], [], [], 30.0)[0]
-        assert os.read(fd, 100) == PONG
-    finally:
-        os.close(fd)
 
 
 def test_unplugging_ends_reads_and_writes_and_plugging_in_brings_the_link_back(make_emulator, link):
@@ -241,15 +230,6 @@ def test_program_in_the_background_leaves_what_is_typed_to_the_shell(link, monke
             stop.set()
             program.join(60.0)
     os.close(keyboard)
-
-
-def test_program_lives_on_without_input(link):
-    stop = threading.Event()
-    stop.set()
-    run_emulator(
-        EmulatorOptions(link=link), announce=lambda _: None, stop=stop, commands=io.StringIO()
-    )
-    assert not link.is_symlink()
 
 
 def test_a_client_that_serves_its_port_waits_for_late_answers_and_for_nobody_else(link, clock):

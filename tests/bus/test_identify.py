@@ -117,15 +117,6 @@ def test_a_check_keeps_nothing_and_says_how_far_the_twin_is(bench, rig, tmp_path
     assert servo_file.servos_path(file).read_bytes() == kept
 
 
-def test_an_arm_that_is_stopped_holds_and_nothing_is_kept(bench, rig, tmp_path):
-    identification = Identification(rig, ("shoulder_pan",))
-    outline = identification.outline()
-    identification.cancel()
-    with pytest.raises(Interrupted):
-        moved(bench, identification, outline)
-    assert servo_file.read(tmp_path / "arm.json") is None
-
-
 @pytest.mark.parametrize("silences", [1, 100])
 def test_a_joint_that_did_not_answer_for_a_while_moves_again_or_gets_no_figures(
     bench, rig, silences, monkeypatch

@@ -183,16 +183,6 @@ async def test_an_arm_that_was_limp_stays_limp(bench):
     assert not any(bench.driven)
 
 
-async def test_what_leaves_asks_for_nothing_any_more(bench):
-    arm = bench.new_arm(calibration_file="a.json", at_end="release", servo_ids=[2, 1, 3, 4, 5])
-    gripper = bench.new_gripper()
-    await bench.in_time(arm.close())
-
-    settings = gripper.rig.settings
-    assert settings.servo_ids is settings.calibration_file is settings.at_end is None
-    assert settings.port == str(bench.port)
-
-
 async def test_another_file_waits_for_the_end_of_a_motion(bench, caplog):
     arm = bench.new_arm(calibration_file="a.json")
     gripper = bench.new_gripper()

@@ -84,12 +84,6 @@ def test_a_machine_that_cannot_be_asked_is_a_sentence_and_an_exit_code(arguments
     assert says in result.stderr
 
 
-def test_an_arm_that_is_not_there_is_named(machine):
-    result = run("status", "--machine", machine.address, "--arm", "armm")
-    assert result.exit_code == 2
-    assert 'did you mean "arm"' in result.stderr
-
-
 def test_the_doctor_has_nothing_against_a_machine_whose_arm_has_no_servos(machine):
     result = run("doctor", "--machine", machine.address)
     assert result.exit_code == 0, result.output

@@ -138,24 +138,6 @@ async def test_what_it_logs_reaches_the_parent(process):
 
 
 @shared
-async def test_attributes_of_another_model_are_ignored_and_named_in_the_log(process):
-    left = {"port": "/dev/ttyACM0", "arm": "my-arm", "_comment": "was the real one"}
-    for _ in range(3):
-        await process.validate(ARM, SIMULATED, left)
-    await process.add(ARM, SIMULATED, {**left, "use_urdf": True}, "was-real")
-    await process.add(GRIPPER, SIMULATED_GRIPPER, {**left, "arm": "was-real"}, "gripper-was-real")
-
-    def lines():
-        return [text for _, text in process.parent.lines if "no such attribute" in text]
-
-    await until(lambda: len(lines()) > 1)
-    assert len(lines()) == 2, "once for each component, however often it was checked"
-    arms, grippers = sorted(lines(), key=lambda line: "gripper" in line)
-    assert "_comment, arm, port" in arms
-    assert "_comment, port" in grippers
-
-
-@shared
 async def test_our_motion_service_asks_the_machine_where_the_arm_stands(process):
     arm = await process.add(ARM, SIMULATED, {"acceleration_degs_per_sec_per_sec": 500.0}, "arm")
     motion = await process.add(MOTION, "devrel:so101:motion", {}, "planner")

@@ -111,15 +111,6 @@ async def names(component, joint):
     await until(is_named)
 
 
-async def test_servos_whose_answers_come_late_at_first_are_waited_for(port, module):
-    port.process.send_signal(signal.SIGSTOP)
-    arm = await module.add(ARM, HARDWARE_ARM, {"port": port.port, **PATIENT}, "arm")
-    asked = asyncio.create_task(arm.get_joint_positions())
-    await asyncio.sleep(0.06)  # longer than two short looks, shorter than a patient one
-    port.process.send_signal(signal.SIGCONT)
-    assert len((await asked).values) == 5
-
-
 async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated, module):
     attributes = {"port": emulated.port, **PATIENT}
     arm = await within(AT_ONCE, module.add(ARM, HARDWARE_ARM, attributes, "arm"))

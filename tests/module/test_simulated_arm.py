@@ -14,14 +14,11 @@ from harness.in_process_module import (
     guarded_arm,
     in_time,
     joints,
-    new_arm,
     positions,
     refused,
 )
 from viam.components.arm import KinematicsFileFormat, MoveOptions, Pose
 from viam.services.motion import Motion
-
-from so101_motion.common.modes import Mode
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 ELSEWHERE = [30.0, -30.0, 30.0, 40.0, 20.0]
@@ -92,32 +89,6 @@ async def test_an_arm_that_is_being_removed_begins_no_other_move():
 # Manual mode, requests, geometries and configuration
 
 
-async def test_the_request_of_ours_carries_parts_of_a_second(arm, client):
-    seen = set()  # the time limit is one of real time, and may pass between two looks
-    end = arm.rig.executor.listen(lambda state: seen.add(state.mode))
-    await client.do_command({"command": "enter_manual_mode", "enabled_for": 0.2})
-    async with asyncio.timeout(60):
-        while Mode.GUIDING not in seen or await client.get_manual_mode():
-            await advance(client, 0.01)
-    end()
-
-
-async def test_manual_mode_for_less_than_no_time_is_refused(client):
-    for call in (
-        client.set_manual_mode(True, enabled_for=-1),
-        client.do_command({"command": "enter_manual_mode", "enabled_for": -1}),
-    ):
-        await refused(call, Status.INVALID_ARGUMENT)
-    assert not await client.get_manual_mode()
-
-
-async def test_manual_mode_is_mirrored_for_servers_that_do_not_know_it(client):
-    assert await client.do_command({"command": "enter_manual_mode"}) == {"mode": "manual"}
-    assert await client.get_manual_mode()
-    assert await client.do_command({"command": "exit_manual_mode"}) == {"mode": "auto"}
-    assert not await client.get_manual_mode()
-
-
 async def test_the_motion_parameters_are_answered_in_both_styles(client):
     assert await client.do_command({"command": "get_motion_params"}) == {"speed_degs_per_sec": 90.0}
     assert await client.do_command({"get_motion_params": True}) == {
@@ -139,6 +110,9 @@ async def test_a_refused_request_has_changed_nothing(client):
         ({"set_speed": 2.9}, ("set_speed", "3", "180")),
         ({"set_speed": 60.0, "get_motion_params": 1.0}, ("get_motion_params", "true or false")),
         ({"set_speed": "fast"}, ("set_speed", "a number")),
+        ({"command": "advance_time", "seconds": -1.0}, ("seconds",)),
+        ({"command": "advance_time", "seconds": math.nan}, ("seconds",)),
+        ({"command": "enter_manual_mode", "enabled_for": -1}, ("enabled_for",)),
         ({"set_speed": 60.0, "set_sped": 60.0}, ("set_sped", 'did you mean "set_speed"?')),
     ]:
         await refused(client.do_command(request_), Status.INVALID_ARGUMENT, *says)
@@ -163,14 +137,6 @@ async def test_an_unknown_request_is_answered_with_the_known_ones(client):
         assert says in caught.value.message, caught.value.message
         listed = caught.value.message.partition("known: ")[2].split(", ")
         assert len(set(listed)) == len(listed), "no word twice"
-
-
-async def test_time_does_not_run_backwards_or_away(client):
-    for seconds in [-1.0, math.nan, 1e9, "soon"]:
-        await refused(
-            client.do_command({"command": "advance_time", "seconds": seconds}),
-            Status.INVALID_ARGUMENT,
-        )
 
 
 async def test_geometries_and_models_go_together_and_follow_the_joints(client):
@@ -236,17 +202,6 @@ async def test_a_named_motion_service_plans_instead():
     assert (destination.pose.x, destination.pose.y, destination.pose.z) == (1, 2, 3)
     assert sent == {"goal_metric_type": "position_only", "max_ik_solutions": 5.0}
     assert service.calls[1][2] == {"goal_metric_type": "own"}
-
-
-def test_a_motion_service_that_is_not_there_is_named():
-    with pytest.raises(GRPCError, match="mine") as caught:
-        new_arm(motion="mine")
-    assert caught.value.status is Status.INVALID_ARGUMENT
-
-
-def test_an_invalid_obstacle_is_named():
-    with pytest.raises(GRPCError, match="crate"):
-        new_arm(obstacles=[{"name": "crate", "box_mm": [80, 80, -1]}])
 
 
 async def test_a_new_configuration_leaves_the_joints_where_they_are():

@@ -171,18 +171,6 @@ async def test_its_kinematics_have_no_joints_and_so_no_inputs(client):
     await refused(client.go_to_inputs([0.5]), Status.OUT_OF_RANGE)
 
 
-async def test_a_leader_has_a_handle_and_a_trigger():
-    gripper = new_gripper(gripper_type="leader", mesh_detail="high")
-    try:
-        async with gripper_client(gripper) as client:
-            labels = [g.label for g in await client.get_geometries()]
-    finally:
-        await gripper.close()
-        await gripper.close()
-
-    assert labels == ["gripper_body_0", "gripper_body_1", "gripper_moving"]
-
-
 async def test_a_new_configuration_leaves_the_jaw_where_it_is(client, gripper, in_time):
     await in_time(client.open())
     await gripper.close()

@@ -172,18 +172,6 @@ async def test_manual_mode_that_was_asked_for_has_its_time_limit_although_nobody
             await asking
 
 
-async def test_of_two_recordings_begun_at_once_one_is_refused(arm, client, tmp_path, monkeypatch):
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
-    requests = [{"command": "record_path", "name": name} for name in ("one", "two", "three")]
-    answers = await asyncio.gather(*map(client.do_command, requests), return_exceptions=True)
-    refused = [answer for answer in answers if isinstance(answer, GRPCError)]
-    assert len(refused) == 2
-    assert all("is being recorded already" in error.message for error in refused)
-    kept = await client.do_command({"command": "end_path"})
-    assert (tmp_path / "paths" / f"{kept['name']}.json").exists()
-    assert (await client.do_command({"command": "list_paths"}))["recording"] == ""
-
-
 # Status codes: one truth for whatever moves the arm
 
 
