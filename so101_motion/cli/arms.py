@@ -89,7 +89,10 @@ def arms(
         raise SystemExit(NO_DEVICE)
     names = [f"arm {number}" for number in range(1, len(found) + 1)]
     if nudge:
-        names = [_nudged(report, name) for report, name in zip(found, names, strict=True)]
+        called = list[str]()
+        for report, name in zip(found, names, strict=True):
+            called.append(_nudged(report, name, called))
+        names = called
     if cell is not None:
         made = [
             CellArm(
@@ -119,13 +122,19 @@ def _wrong(report: PortReport) -> list[str]:
     ]
 
 
-def _nudged(report: PortReport, name: str) -> str:
+def _nudged(report: PortReport, name: str, taken: list[str]) -> str:
     """Nudge an arm, and ask what it is to be called; a limp arm is limp again afterwards."""
+
+    def its_own(given: str) -> str:
+        if given in taken:
+            raise click.UsageError(f'another arm is called "{given}"')
+        return given
+
     from so101_motion.cli.status import is_held
     from so101_motion.rig.hardware_rig import HardwareRig
 
     port = report.port.name
-    have_agreed(f"Move the jaw of the arm on {port} by 3 deg and back?")
+    have_agreed(f"Move the jaw of the arm on {port} by 3 deg and back?", else_="")
     source = Source(port=port, calibration_file=report.calibration, say=lambda _: None)
     with quietly(), closing(source.open_to_look()) as rig:
         was_held = isinstance(rig, HardwareRig) and is_held(rig)
@@ -135,4 +144,5 @@ def _nudged(report: PortReport, name: str) -> str:
         rig.gripper.move(min(max(at, 0.0), 1.0))
         if not was_held:
             rig.arm.set_torque(False)
-    return str(click.prompt("What is the arm that moved called?", default=name, err=True))
+    asked = "What is the arm that moved called?"
+    return str(click.prompt(asked, default=name, err=True, value_proc=its_own))

@@ -124,11 +124,16 @@ class Verbs(click.Group):
             formatter.write_dl(sorted(rows))
 
 
-def have_agreed(question: str, yes: bool = False) -> None:
-    """Ask a person before something moves, unless ``yes``; ends the verb if the answer is no."""
+def have_agreed(
+    question: str, yes: bool = False, else_: str = "; give --yes to start without asking"
+) -> None:
+    """Ask a person before something moves, unless ``yes``; ends the verb if the answer is no.
+
+    ``else_`` says what to do where nobody can be asked.
+    """
     if yes:
         return
-    nobody = click.UsageError("there is no terminal to ask on; give --yes to start without asking")
+    nobody = click.UsageError(f"there is no terminal to ask on{else_}")
     if sys.stdin is None:  # it was closed
         raise nobody
     try:

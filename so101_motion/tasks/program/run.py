@@ -204,18 +204,19 @@ class ProgramRun:
             self._left -= 1
             if self._left > 0:
                 return
-        problems = [self._problem(name) for name in self.motions]
-        problems = [each for each in problems if each is not None]
+        ended = {name: self._problem(name) for name in self.motions}
+        problems = [(name, error) for name, error in ended.items() if error is not None]
         if not problems:
             self._finish_leg()
             self._where = Where(round=self._where.round, index=len(self.program))
             self.future.set_result(None)
             return
         self._where, self._began = self.where, None
-        cause = next((e for e in problems if not isinstance(e, Interrupted)), problems[0])
+        name, cause = next((p for p in problems if not isinstance(p[1], Interrupted)), problems[0])
         named = isinstance(cause, Interrupted) or cause is self._error
         if isinstance(cause, So101Error) and not named:
-            cause = cause.about(self.program.called(self._where.index))
+            whose = f", {name}" * (len(ended) > 1)
+            cause = cause.about(f"{self.program.called(self._where.index)}{whose}")
         self.future.set_exception(cause)
 
 
