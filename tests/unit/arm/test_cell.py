@@ -711,3 +711,19 @@ def test_what_comes_while_it_is_played_stops_it(swift, clock):
     with pytest.raises(MotionError, match="'crate'"):
         finish(clock, stream.future)
     assert clearance(swift) > 0.003
+
+
+@pytest.mark.parametrize("how", ["retarget", "follow", "stream"])
+def test_without_a_guard_nothing_of_the_scene_stops_an_arm(swift, clock, how):
+    swift.scene = swift.scene.with_obstacles([CRATE])
+    if how == "retarget":
+        finish(clock, swift.retarget(RIGHT, guard=None).future)
+    elif how == "follow":
+        following = in_time(clock, partial(swift.follow, guard=None))
+        lead(swift, clock, following.aim, RIGHT, seconds=5.0)
+        finish(clock, following.close())
+    else:
+        stream = in_time(clock, lambda: swift.start_stream(guard=None).opened.result())
+        stream.push(swing(LEFT, RIGHT, 4.0))
+        finish(clock, stream.finish())
+    assert swift.state.q == pytest.approx(RIGHT, abs=1e-3)
