@@ -117,7 +117,8 @@ class ChannelPlayer:
         self.reference = Setpoint.at_rest(np.zeros(len(channel.joints)))
         self._recovery = LimitRecovery(channel.joints)
         self._following = FollowingCheck(tolerances, dt)
-        self._unanswered, self._in_play = frozenset[str](), dict[str, float]()
+        self._unanswered: frozenset[str] = frozenset()
+        self._in_play: Mapping[str, float] = {}
 
     @property
     def is_moving(self) -> bool:
@@ -157,23 +158,24 @@ class ChannelPlayer:
     def acceleration(self) -> Array | None:
         """Acceleration expected from now on, shape (n,), [rad/s^2]; None if it is not known."""
         source = None if self._motion is None else self._motion.source
-        if isinstance(source, Following):
-            return source.expected_acceleration.qdd
         if isinstance(source, PlannedMotion):
             return source.acceleration
+        if isinstance(source, Following):
+            return source.expected_acceleration.qdd
         return self.reference.qdd if source is None else None
 
     @property
     def follows_target(self) -> bool:
         """Whether it follows targets instead of a planned motion."""
-        return self._motion is not None and isinstance(self._motion.source, Following)
+        source = None if self._motion is None else self._motion.source
+        return not isinstance(source, PlannedMotion) and isinstance(source, Following)
 
     def rest_at(self, q: Array) -> None:
         self.reference = Setpoint.at_rest(q)
 
     def update(self, q: Array, reading: JointReading) -> None:
         """Note the measured angles, shape (n,), [rad], and what else was read."""
-        self._unanswered, self._in_play = reading.unanswered, dict(reading.in_play)
+        self._unanswered, self._in_play = reading.unanswered, reading.in_play
         self._recovery.update(q, reading.out_of_range)
         if self._recovery and self._motion is None:
             self.reference = Setpoint.at_rest(self._recovery.inside(self.reference.q))
@@ -311,7 +313,7 @@ class ChannelPlayer:
                 return
             held_up = self._held_up(motion, q)
             waits = motion.waits_until is not None
-            if (waits or held_up.any() or not self._following.is_near(q)) and self._is_over(
+            if (waits or held_up or not self._following.is_near(q)) and self._is_over(
                 motion, q, held_up
             ):
                 return
@@ -320,16 +322,17 @@ class ChannelPlayer:
 
     # How
 
-    def _held_up(self, motion: _Motion, q: Array) -> NDArray[np.bool_]:
+    def _held_up(self, motion: _Motion, q: Array) -> int:
+        """A bit for each joint that is held up."""
         joints = self._channel.joints
         if not isinstance(motion.source, PlannedMotion):
-            return np.zeros(len(q), dtype=np.bool_)  # the others lag too much to tell
-        in_play = np.array([self._in_play.get(joint, 0.0) for joint in joints])
+            return 0  # the others lag too much to tell
+        in_play = [self._in_play.get(joint, 0.0) for joint in joints]
         return self._following.held_up(q, in_play, silent=self._unanswered >= {*joints})
 
-    def _is_over(self, motion: _Motion, q: Array, held_up: NDArray[np.bool_]) -> bool:
+    def _is_over(self, motion: _Motion, q: Array, held: int) -> bool:
         """End the motion if a joint does not follow; whether there is no more to check."""
-        off = self._following.off(q)
+        off, held_up = self._following.off(q), (held >> np.arange(len(q)) & 1).astype(np.bool_)
         if held_up.any() and self._following.silence and self._rest_a_while(motion):
             return True
         if motion.waits_until is not None:

@@ -22,9 +22,9 @@ from __future__ import annotations
 import ctypes
 import math
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from so101_motion.common.errors import WorkerError
 from so101_motion.common.geometry import Array
@@ -169,8 +169,8 @@ class FollowingCheck:
     def begin(self, q_ref: Array) -> None:
         """Forget everything; the joints have stood at ``q_ref``, shape (n,), [rad]."""
         self._watch.joints = len(q_ref)
-        self._given: Array = np.zeros(len(q_ref))
-        self._given_at = ctypes.c_void_p(self._given.ctypes.data)
+        self._given: Any = (ctypes.c_double * MOST)()
+        self._latest: list[float] = q_ref.tolist()
         for _ in range(self._kept):
             self._wanted.append(q_ref)
         self._forget_seen()
@@ -190,6 +190,7 @@ class FollowingCheck:
     def want(self, q_ref: Array) -> None:
         """Note the setpoint of this tick, ``q_ref``, shape (n,), [rad]."""
         self._wanted.append(q_ref)
+        self._latest = q_ref.tolist()
         self._late -= 1
         if self._late < 0:
             self._ran_to = None
@@ -197,8 +198,10 @@ class FollowingCheck:
     def is_near(self, q: Array) -> bool:
         """Whether no joint at ``q``, shape (n,), [rad], is far from the latest setpoint."""
         self._q, most = q, self._tolerances.following_error
-        setpoint: list[float] = self._wanted.last(1)[0].tolist()
-        return all(abs(w - at) <= most for w, at in zip(setpoint, q.tolist(), strict=True))
+        for wanted, at in zip(self._latest, q.tolist(), strict=True):
+            if not abs(wanted - at) <= most:
+                return False
+        return True
 
     def off(self, q: Array) -> Array:
         """How far the joints at ``q`` are from all the latest setpoints, shapes (n,), [rad]."""
@@ -210,21 +213,20 @@ class FollowingCheck:
         off: Array = np.maximum(low - q, q - high)
         return off
 
-    def held_up(self, q: Array, in_play: Array, *, silent: bool = False) -> NDArray[np.bool_]:
-        """Which of the joints, seen at ``q`` in this tick, stand while their setpoints go on; (n,).
+    def held_up(self, q: Array, in_play: list[float], *, silent: bool = False) -> int:
+        """A bit for each joint, seen at ``q`` now, that stands while its setpoints go on.
 
         Args:
             q: Measured angles, shape (n,), [rad].
-            in_play: How far they stray while their motors go through the play, shape (n,), [rad]; 0
-                for gears that are kept on one side of it.
+            in_play: How far they stray while their motors go through the play [rad]; 0 for gears
+                that are kept on one side of it.
             silent: Whether none of them has answered in this tick, so that ``q`` is a guess.
         """
-        held = np.zeros(len(q), dtype=np.bool_)
+        held = 0
         if not self._sees_contact:
             return held
-        stray = self._wanted.last(1)[0] - q
         if not silent:
-            held |= self._have_missed_goals(stray)
+            held = self._have_missed_goals(q)
         else:
             self._silent += 1
         if self._silent >= SILENCE or self._blind:
@@ -234,13 +236,12 @@ class FollowingCheck:
         self._seen.append(q)
         if len(self._wanted) < self._kept:
             return held
-        self._given[:] = in_play
-        found = quick().so101_held_up(
-            self._watch_at, self._wanted.end, self._seen.end, len(self._seen), self._given_at
+        self._given[: len(in_play)] = in_play
+        return held | int(
+            quick().so101_held_up(
+                self._watch_at, self._wanted.end, self._seen.end, len(self._seen), self._given
+            )
         )
-        if found:
-            held |= (found >> np.arange(len(q)) & 1).astype(np.bool_)
-        return held
 
     def words(self, i: int, *, held_up: bool) -> tuple[str, str]:
         """What has happened to joint ``i``, which does not follow, and what to check."""
@@ -270,16 +271,15 @@ class FollowingCheck:
         self._watch.pressed[:] = [0.0] * MOST
         self._watch.in_play[:] = [math.inf] * MOST
 
-    def _have_missed_goals(self, stray: Array) -> NDArray[np.bool_] | bool:
-        """Which joints, ``stray`` [rad] from their setpoints now, fell behind in a silence."""
+    def _have_missed_goals(self, q: Array) -> int:
+        """A bit for each joint, at ``q`` [rad] now, that fell behind in a silence."""
+        stray = self._wanted.last(1)[0] - q
         if self._silent >= MISSED:
             self._left, self.silence = self._doubted, self._silent * self._dt
         self._silent = 0
         if not self._left:
             self._stray, self.silence = stray, 0.0
-            return False
+            return 0
         self._left -= 1
-        missed: NDArray[np.bool_] = (
-            np.abs(stray - self._stray) > BEHIND * self._tolerances.contact_distance
-        )
-        return missed
+        missed = np.abs(stray - self._stray) > BEHIND * self._tolerances.contact_distance
+        return sum(1 << int(i) for i in np.flatnonzero(missed))

@@ -135,6 +135,7 @@ class JointController:
         self._quiet_from = 0.0
         self.outcomes = Outcomes()
         self.recent = RecentStates(dt)
+        self._published: dict[str, Any] = {}
 
         def player(channel: Channel, limits: MotionLimits, tolerances: Tolerances) -> ChannelPlayer:
             return ChannelPlayer(
@@ -316,7 +317,7 @@ class JointController:
             late: How many ticks have been left out since the start.
             missed: How many of them just before this one.
         """
-        players = (self._arm, self._jaw)
+        players = arm, jaw = self._arm, self._jaw
         if missed:
             for player in players:
                 player.run_on((missed + 1) * self._dt)
@@ -325,7 +326,6 @@ class JointController:
         if self.is_moving:
             for player in players:
                 player.step(self.k)
-            arm, jaw = self._arm, self._jaw
             command = arm.command, float(jaw.command[0]), arm.speed, arm.acceleration
             try:
                 self._driver.write(*command, arm.follows_target)
@@ -340,8 +340,9 @@ class JointController:
             self._rest_at(reading)
         elif self.mode is Mode.GUIDING:
             self._arm.rest_at(reading.q)
-        self._arm.update(reading.q, reading)
-        self._jaw.update(np.array([reading.q_jaw]), reading)
+        q_jaw = np.array([reading.q_jaw])
+        arm.update(reading.q, reading)
+        jaw.update(q_jaw, reading)
         if reading.alarms and self.mode is Mode.HOLDING:
             missing = reading.unanswered | reading.unconfirmed
             if missing.isdisjoint(ARM_JOINTS) and self._arm.yield_to_push(
@@ -355,8 +356,8 @@ class JointController:
         self.recent.append(self.state)
         if reading.unconfirmed.isdisjoint(ARM_JOINTS):
             self._arm.check(reading.q, reading.qd, reading.alarms)
-        if GRIPPER_JOINT not in reading.unconfirmed:
-            self._jaw.check(np.array([reading.q_jaw]), np.array([reading.qd_jaw]), reading.alarms)
+        if jaw.is_moving and GRIPPER_JOINT not in reading.unconfirmed:
+            jaw.check(q_jaw, np.array([reading.qd_jaw]), reading.alarms)
         moving = [player for player in players if player.is_moving]
         if self.mode in (Mode.MOVING, Mode.STOPPING):
             if not moving:
@@ -483,6 +484,7 @@ class JointController:
         self.mode = after(self.mode, event)
 
     def _snapshot(self, reading: JointReading, now: float, late: int) -> JointState:
+        self._published = self._words()
         return JointState(
             t=now,
             reading=reading,
@@ -490,7 +492,7 @@ class JointController:
             qd_ref=self._arm.reference.qd,
             q_jaw_ref=float(self._jaw.reference.q[0]),
             late_ticks=late,
-            **self._words(),
+            **self._published,
         )
 
     def _words(self) -> dict[str, Any]:
@@ -503,9 +505,9 @@ class JointController:
         }
 
     def _republish(self) -> None:
-        state, words = self.state, self._words()
-        if state is not None and any(getattr(state, name) != now for name, now in words.items()):
-            self.state = replace(state, **words)
+        words = self._words()
+        if self.state is not None and words != self._published:
+            self.state, self._published = replace(self.state, **words), words
 
     def _conclude(self, future: Future[Any], error: BaseException | None = None) -> None:
         if isinstance(error, FollowingError | ServoAlarm):

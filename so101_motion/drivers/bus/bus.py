@@ -322,9 +322,7 @@ class Bus:
         """
         found: dict[int, Answer] = {}
         # The silent ones first, so that the last one is there to be waited for.
-        asked = [i for i in servo_ids if i in given_up] + [
-            i for i in servo_ids if i not in given_up
-        ]
+        asked = sorted(servo_ids, key=lambda i: i not in given_up) if given_up else [*servo_ids]
         for attempt in range(tries):
             if attempt:
                 for servo_id in asked:
@@ -334,12 +332,13 @@ class Bus:
             )
             skip = start - begin
             packet = sync_read_packet(tuple(asked), begin, length)
-            for servo_id, answer in self._transact(packet, asked, length, attempt)[0].items():
-                found[servo_id] = (
-                    answer
-                    if length == count
-                    else Answer(answer.data[skip : skip + count], answer.faults)
-                )
+            answers, _ = self._transact(packet, asked, length, attempt)
+            if length != count:
+                end = skip + count
+                answers = {
+                    i: Answer(data[skip:end], faults) for i, (data, faults) in answers.items()
+                }
+            found.update(answers)
             asked = [i for i in asked if i not in found and i not in given_up]
             if not asked:
                 break

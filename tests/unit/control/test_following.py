@@ -453,7 +453,7 @@ def seen(setpoints, joints, tolerances=TOLERANCES, pressed_from=1000, in_play=IN
     check.begin(np.radians(setpoints[:1]))
     for k, (setpoint, joint) in enumerate(zip(setpoints, joints, strict=True)):
         check.want(np.radians([setpoint]))
-        if check.held_up(np.radians([joint]), np.radians([in_play * (k < pressed_from)]))[0]:
+        if check.held_up(np.radians([joint]), [np.radians(in_play * (k < pressed_from))]):
             return k
     return None
 
@@ -549,7 +549,7 @@ def told_in_silence(missed, ticks, speed=15.0, tolerances=TOLERANCES):
         behind = min(max(k - 80, 0), ticks) * (way[1] - way[0]) if missed else 0.0
         check.want(np.array([setpoint]))
         q = setpoint if silent else setpoint - behind
-        if check.held_up(np.array([q]), np.array([np.radians(IN_PLAY)]), silent=silent)[0]:
+        if check.held_up(np.array([q]), [np.radians(IN_PLAY)], silent=silent):
             return check.words(0, held_up=True)
     return None
 
