@@ -10,7 +10,6 @@ from so101_motion.common.errors import NoReply
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.stale_replies import OVERDUE
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
-from so101_motion.drivers.feetech.feetech_arm import JOINTS
 from so101_motion.drivers.feetech.gravity_compensation import SETTLE_POSITION, SETTLE_VELOCITY
 
 # Beginning
@@ -93,17 +92,6 @@ def test_a_missing_servo_is_an_error_that_says_where_to_look(make_stand):
     with pytest.raises(NoReply, match=r"wrist_flex.*wrist_roll.*gripper.*between servos 3 and 4"):
         stand.connect()
     assert stand.port.closed
-
-
-def test_a_chain_of_five_servos_works_without_a_jaw(make_stand):
-    stand = make_stand(ids={place: place for place in range(1, 6)})
-    maps = {joint: MAPS[joint] for joint in JOINTS[:5]}
-    arm = stand.connect(maps)
-    stand.hold()
-    reading = stand.follow(1.0, [0.2] * 5)
-    np.testing.assert_allclose(reading.q, 0.2, atol=0.01)
-    assert reading.q_jaw == 0.0
-    assert [one.joint for one in arm.health] == list(JOINTS[:5])
 
 
 @pytest.mark.parametrize(

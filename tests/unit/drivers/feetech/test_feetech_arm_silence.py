@@ -211,17 +211,6 @@ def test_writing_and_switching_without_a_port_is_refused(stand):
             use()
 
 
-def test_servos_without_power_after_a_replug_are_looked_for_until_they_are_there(stand):
-    stand.port.unplugged = True
-    stand.look(0.5)
-    stand.port.world.power(0.0)
-    stand.port.unplugged = False
-    assert all(isinstance(error, (NoReply, PortUnavailable)) for error in stand.look(1.0))
-    stand.port.world.power(12.0)
-    stand.look(2.0)
-    assert stand.arm.is_connected
-
-
 def test_closing_leaves_the_servos_holding_and_they_are_taken_over_without_a_jump(make_stand):
     stand = make_stand(gravity=heavy)
     stand.connect()

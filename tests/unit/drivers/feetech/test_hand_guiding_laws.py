@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from harness.servo_stand import POSE, Guided, hand_leads
+from harness.servo_stand import Guided, hand_leads
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -41,22 +41,6 @@ def test_only_ram_registers_are_written(make):
 
     assert after == before
     assert [servo.memory.flash for servo in arm.port.world.servos] == saved
-
-
-def test_the_jaw_holds_on_and_may_be_moved(make):
-    arm = make()
-    arm.arm.guide(Compliance())
-    jaw = arm.q_deg[5]
-    arm.look(0.5)
-    assert arm.q_deg[5] == pytest.approx(jaw, abs=0.3)
-    assert arm.limits()[5] == 1000
-    for q_jaw in np.linspace(math.radians(jaw), 0.6, 50):
-        arm.arm.write(np.zeros(5), q_jaw)
-        arm.look(0.01)
-    arm.look(1.0)
-
-    assert arm.q_deg[5] == pytest.approx(math.degrees(0.6), abs=1.5)
-    assert arm.q_deg[:5] == pytest.approx(np.degrees(POSE[:5]), abs=0.7)
 
 
 def test_no_joint_is_given_more_than_its_torque_limit(make):
