@@ -293,7 +293,7 @@ def clearance(left, right, held_left, held_right):
 def test_a_stick_in_a_random_pose_is_passed_on_without_contact(planner):
     random, model = np.random.default_rng(0), Facing(0).model
     jaw = JawGeometry(model)
-    for _ in range(3):
+    for _ in range(2):
         thing = stick_in_hand(random, jaw)
         plan = plan_handover(planner, request_for(thing))
         left, right = plan.approach["left"], plan.approach["right"]
@@ -417,6 +417,31 @@ def test_an_arm_that_follows_a_target_and_is_pushed_towards_another_may_only_par
     still = [(facing.bodies, Course.resting(q, 0.0)) for q in pair]
     assert following_apart(*still, T_LEFT_RIGHT, since=0.0, beside=beside) is None
     assert beside.gained == pytest.approx(far - apart.PARTING, abs=2e-4)
+
+
+def stop_from(q, qd):
+    """A stop from a velocity, within 0.3 s."""
+    passed = np.linspace(0.0, 0.3, 16)
+    path = q + np.outer(passed - passed**2 / 0.6, qd)
+    return Course(t=0.0, dt=0.02, q=np.column_stack([path, np.zeros(16)]))
+
+
+def test_what_is_known_from_the_cycle_before_changes_no_verdict():
+    facing, verdicts = Facing(12), []
+    for _ in range(3):
+        beside, known = Beside(), [facing.near(), facing.near()]
+        qd = facing.random.uniform(-1.0, 1.0, (2, 5))
+        for _ in range(60):
+            known = [q + 0.01 * v for q, v in zip(known, qd, strict=True)]
+            pair = [(facing.bodies, stop_from(q, v)) for q, v in zip(known, qd, strict=True)]
+            fresh = Beside()
+            fresh.gained = beside.gained
+            met = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+            same = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=fresh)
+            assert (met is None) == (same is None)
+            assert beside.gained == pytest.approx(fresh.gained, abs=2e-4)
+            verdicts.append(met is None)
+    assert 0.1 < np.mean(verdicts) < 0.9
 
 
 def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_nearer():

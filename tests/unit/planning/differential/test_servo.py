@@ -10,12 +10,10 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.differential.guard import (
     AHEAD,
     FAST,
-    GAP,
     INEXACT,
     MOST,
     BoundedStep,
     Guard,
-    room_of,
 )
 from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
@@ -287,25 +285,6 @@ def test_a_long_step_keeps_clearer_for_servos_that_are_driven_ahead_of_it(guard,
     assert guard.admits(path(q, pan + 0.05 * DOWN))
     assert not guard.admits(path(q, pan + 0.05 * DOWN), ahead=True)
     assert guard.admits(path(q, 0.01 * pan), ahead=True)
-
-
-def test_bodies_that_are_too_close_may_part_but_come_no_closer(collision):
-    wide = CollisionModel(RobotModel.load(), Scene(margin=0.02))
-    guard = Guard(wide, lambda: 0.3, acceleration=ACCELERATION)
-    q = LOW
-    assert not wide.is_free(q, 0.3)
-    assert room_of(guard.look(q)[0]) < GAP
-    assert guard.admits(path(q, -1.0 * DOWN))
-    guard.look(q)
-    assert not guard.admits(path(q, 1.0 * DOWN))
-
-
-def test_a_path_is_shown_often_enough_that_it_cannot_bend_by_more_than_is_allowed_for(
-    guard, collision
-):
-    bend = float(ACCELERATION @ collision.reach) * guard.look_every**2 / 8.0
-    assert bend <= 0.5 * guard.margin
-    assert Guard(collision, lambda: 0.3).look_every == np.inf
 
 
 # The step nearest to a wanted one that keeps its bounds
