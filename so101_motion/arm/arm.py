@@ -201,7 +201,7 @@ class Arm(CappedJoints):
     @property
     def is_movable_by_hand(self) -> bool:
         """Whether the joints can be moved by hand: guided, or limp."""
-        return self.state.mode in (Mode.GUIDING, Mode.LIMP)
+        return self.state.mode is Mode.GUIDING or self.state.is_limp
 
     @property
     def q(self) -> Array:

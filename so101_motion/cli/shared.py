@@ -229,12 +229,12 @@ def _state_of(what: str, rig: RigLike) -> str:
         return f"what the {what} does is not known: {error}"
     if state.mode is Mode.FAULT:
         return f"the {what} is in a fault and may not hold: {state.fault}"
-    if state.mode is Mode.LIMP and isinstance(rig, HardwareRig) and rig.held is not False:
-        return f"the {what} " + ("holds, as it was found" if rig.held else "is as it was found")
+    if state.mode is Mode.LIMP and isinstance(rig, HardwareRig) and rig.held is None:
+        return f"the {what} is as it was found"
     gone = next(iter(sorted(state.reading.let_go)), None)
     if gone is not None and state.mode in HELD:
         return f"{gone} of the {what} has let go: {state.reading.alarms[gone]}"
-    return f"the {what} {_DOES[state.mode]}"
+    return f"the {what} {state.torque or _DOES[state.mode]}"
 
 
 def write_report(path: Path, content: bytes) -> None:

@@ -123,6 +123,7 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
         seen["notes"] = list(rig.servos.notes)
         if holds:  # since before; this program only reads
             seen["mode"] = Mode.HOLDING.value
+            seen["notes"] += [f"the arm {state.torque}"] if "limp" in state.torque else []
     elif isinstance(rig, MachineRig):
         notes = rig.status.get("notes", ())
         seen["notes"] = [str(note) for note in notes] if isinstance(notes, list) else []

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from so101_motion.common.errors import ServoAlarm
+from so101_motion.common.errors import ServoAlarm, in_series
 from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_deg
@@ -33,6 +33,8 @@ class JointReading:
             motion of its joint.
         let_go: Joints whose servos have switched themselves off, because they are too hot or take
             too much current. They sink, and move nowhere until the servo holds again by itself.
+        driven: Joints whose torque is on; None if the driver does not tell, because it is as the
+            mode says.
         out_of_range: Joints outside their limits, by name, with the angle [rad] at which each comes
             back inside. Such a joint gets no goal; when it is moved, it first comes in slowly.
         unanswered: Joints that did not answer this time, or with an impossible value; their angles
@@ -50,6 +52,7 @@ class JointReading:
     qd_jaw: float
     alarms: Mapping[str, str] = field(default_factory=dict)
     let_go: frozenset[str] = frozenset()
+    driven: frozenset[str] | None = None
     out_of_range: Mapping[str, float] = field(default_factory=dict)
     unanswered: frozenset[str] = frozenset()
     silent: frozenset[str] = frozenset()
@@ -112,6 +115,28 @@ class JointState:
     def __repr__(self) -> str:
         at_deg = ", ".join(f"{to_deg(angle):.1f}" for angle in self.q)
         return f"<JointState: {self.mode.value}, joints at {at_deg} deg>"
+
+    @property
+    def is_limp(self) -> bool:
+        """Whether no joint is held: in LIMP a program that only looks may have found some held."""
+        return self.mode is Mode.LIMP and not self.reading.driven
+
+    @property
+    def torque(self) -> str:
+        """What the joints do, to be put behind "the arm", where the mode alone would be wrong."""
+        driven, silent = self.reading.driven, self.reading.silent
+        if driven is None or self.mode not in (Mode.LIMP, Mode.HOLDING):
+            return ""
+        joints = [joint for joint in (*ARM_JOINTS, GRIPPER_JOINT) if joint not in silent]
+        held = [joint for joint in joints if joint in driven]
+        limp = [joint for joint in joints if joint not in driven]
+        if not (limp if self.mode is Mode.HOLDING else held):
+            return ""
+        if not limp:
+            return "holds, as it was found"
+        if len(held) < len(limp):
+            return f"is limp, but {in_series(held)} {'holds' if len(held) == 1 else 'hold'}"
+        return f"holds, but {in_series(limp)} {'is' if len(limp) == 1 else 'are'} limp"
 
     @property
     def q(self) -> Array:

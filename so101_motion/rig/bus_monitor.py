@@ -36,7 +36,8 @@ class BusMonitor:
     """Reads the servos of a port without driving them. Other threads may read its attributes.
 
     ``ids`` has the servo of each joint that may be there. ``positions`` are those of servos that
-    answered last [tick], by joint, replaced whole; ``driven`` the joints whose torque was on then.
+    answered last [tick], by joint, replaced whole; ``driven`` the joints whose torque was on then,
+    or when they answered last before.
     """
 
     def __init__(
@@ -55,6 +56,11 @@ class BusMonitor:
     @property
     def is_connected(self) -> bool:
         return self._connection.is_open
+
+    @property
+    def silent(self) -> frozenset[str]:
+        """The joints whose servos have not answered for a while."""
+        return frozenset(self._joints[i] for i in self._presence.silent)
 
     @property
     def health(self) -> tuple[JointHealth, ...]:
@@ -89,7 +95,7 @@ class BusMonitor:
             with self.bus() as bus:
                 self.positions = self._positions(bus)
         except PortUnavailable:
-            self.positions = {}
+            self.positions, self.driven = {}, frozenset()
 
     def let_go(self) -> None:
         """Switch off the torque of all servos that answer; all are tried before ``BusError``."""
@@ -116,8 +122,8 @@ class BusMonitor:
         self._readings.take(now, vitals)
         self._presence.judge(found, now)
         blocks = {self._joints[i]: answer.data for i, answer in found.items()}
-        self.driven = frozenset(
-            joint for joint, data in blocks.items() if reg.TORQUE_ENABLE.cut(data, _START)
-        )
+        driven = {j for j, data in blocks.items() if reg.TORQUE_ENABLE.cut(data, _START)}
+        missed = self.driven - blocks.keys() - self.silent
+        self.driven = missed | driven
         where = reg.PRESENT_POSITION
         return {joint: Ticks(where.cut(data, _START)) for joint, data in blocks.items()}

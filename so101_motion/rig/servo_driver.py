@@ -345,7 +345,8 @@ class ServoDriver:
         """Whether any servo holds its joint, ours or not; None if none answers."""
         if self._monitor is None:
             return self.is_driving if self.is_connected else None
-        return bool(self._monitor.driven) if self._monitor.positions else None
+        driven = bool(self._monitor.driven)
+        return driven if driven or self._monitor.positions else None
 
     @property
     def positions(self) -> Mapping[str, int]:
@@ -409,7 +410,10 @@ class ServoDriver:
         for joint, ticks in monitor.positions.items():
             setup = self.setups.get(joint)
             q[JOINTS.index(joint)] = (setup.map if setup else JointMap(servo_id=0)).to_rad(ticks)
-        return replace(self._last, q=np.array(q[:5]), q_jaw=float(q[5]))
+        return replace(
+            self._last, q=np.array(q[:5]), q_jaw=float(q[5]),
+            driven=monitor.driven, silent=monitor.silent,
+        )  # fmt: skip
 
     def _take_note(self, monitor: BusMonitor) -> None:
         now = self.settings

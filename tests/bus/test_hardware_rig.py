@@ -1,4 +1,5 @@
 import json
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -13,7 +14,10 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as emu
+from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.rig.hardware_rig import open_so101
 from so101_motion.tasks.teleop.sides import middles_of
 
@@ -248,3 +252,43 @@ def test_an_arm_is_opened_by_the_name_that_lerobot_gave_it(bench, tmp_path, monk
     with open_so101(str(bench.port), "mine", clock=bench.clock) as rig:
         assert rig.servos.calibration["shoulder_pan"].range_min == 1100
         assert middles_of(rig).shape == (5,)
+
+
+@pytest.mark.parametrize(
+    ("on", "does", "holds"),
+    [
+        ((), "", False),
+        (range(1, 7), "holds, as it was found", False),
+        (range(1, 7), "holds, as it was found", True),
+        ((2,), "is limp, but shoulder_lift holds", False),
+        (range(1, 6), "holds, but gripper is limp", True),
+    ],
+)
+def test_who_only_looks_at_an_arm_sees_which_joints_hold_and_can_let_go_of_or_hold_them(
+    bench, on, does, holds
+):
+    bench.open().close()
+    bench.advance(0.5)
+    off = dict.fromkeys({1, 2, 3, 4, 5, 6}.difference(on), 0)
+    with closing(Bus(SerialPort(str(bench.port)))) as bus:
+        bus.write_each(reg.TORQUE_ENABLE, off)
+    rig = bench.open(servo_ids=None, gripper_id=None, timeout=None)
+    bench.advance(0.2)
+    state, before = rig.arm.state, bench.q_deg
+    assert (state.torque, state.is_limp, rig.arm.is_movable_by_hand) == (does, not on, not on)
+    bench.emulator.unplug()
+    bench.advance(0.1)
+    assert rig.arm.state.torque == ""
+    bench.emulator.plug()
+    bench.advance(2.0)
+    assert rig.arm.state.torque == does
+
+    if holds:
+        rig.drive()
+    else:
+        bench.finish(rig.executor.release())
+    bench.advance(0.2)
+    state = rig.arm.state
+    assert (state.mode is Mode.HOLDING, state.torque) == (holds, "")
+    assert bench.driven == [holds] * 6
+    assert not holds or bench.q_deg == pytest.approx(before, abs=0.5)

@@ -37,7 +37,7 @@ SURROUNDINGS_CHANGED = Sentence("The surroundings have changed. Press Plan again
 SINKS = "It will sink. Let go?"
 HELD_ALREADY = "The joints are held already."
 LIMP_ALREADY = "The joints are limp already."
-HOLD_FIRST = "The joints are limp: press Hold first."
+HOLD_FIRST = "Press Hold first."
 _MOVES = "Something moves: press STOP first."
 _IN_USE = {Mode.CALIBRATING: "The servos are in use for a calibration or a motor setup."}
 
@@ -86,7 +86,10 @@ def mode(state: JointState, *, lost: bool = False) -> str:
     """The mode of the arm in a word or two; another sentence gives the reason of a fault."""
     if lost:
         return "Arm disconnected"
-    gone = state.reading.let_go_of(_JOINTS) if state.mode in _HOLD else None
+    holds = state.mode in _HOLD or (state.mode is Mode.LIMP and not state.is_limp)
+    gone = state.reading.let_go_of(_JOINTS) if holds else None
+    if gone is None and state.torque:
+        return "Held in part" if "limp" in state.torque else "Held, as found"
     return _MODES[state.mode] if gone is None else f"{gone} has let go"
 
 
@@ -102,7 +105,7 @@ def _without_record(text: str) -> str:
 
 def blocked(state: JointState) -> Sentence | None:
     reasons = {
-        Mode.LIMP: "The arm is limp. Press Hold before you move it.",
+        Mode.LIMP: f"The arm {state.torque or 'is limp'}. Press Hold before you move it.",
         Mode.GUIDING: "Guide by hand is on. Press Hold before you plan a motion.",
         Mode.FAULT: "The arm is in a fault, so nothing can move.",
         Mode.CALIBRATING: "The arm is being calibrated.",

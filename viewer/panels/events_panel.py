@@ -79,7 +79,8 @@ class ArmEvents(Part):
             if self._problem is None:
                 self._tell(f"Fault: {now.fault}", Tone.BAD)
         elif now.mode is not before.mode and now.mode in _MODES and not moved:
-            self._tell(_MODES[now.mode], Tone.PLAIN)
+            does = f"The arm {now.torque}" if now.torque else _MODES[now.mode]
+            self._tell(does, Tone.PLAIN)
 
 
 def _newest(rig: RigLike) -> Plan | None:

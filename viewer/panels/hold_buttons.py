@@ -58,7 +58,10 @@ def notice(
         first = "Nothing moves. Press" if state.fault == ANSWERS_AGAIN else "Fix this, then press"
         return Sentence(f"Fault: {texts.fault(state)}. {first} Hold.", Tone.BAD)
     if state.mode is Mode.LIMP:
-        return Sentence("The arm is limp. Press Hold to keep it where it is.", Tone.WARM)
+        text = "The arm is limp. Press Hold to keep it where it is."
+        if state.torque:
+            text = f"The arm {state.torque}. Press Hold to use it as it stands, or Let go."
+        return Sentence(text, Tone.WARM)
     if state.mode is Mode.GUIDING and connection.is_simulated:
         text = "A real arm could be moved by hand now; a simulated one cannot. Press Hold to go on."
         return Sentence(text, Tone.WARM)
@@ -72,7 +75,7 @@ class HoldButtons(Part):
     """Fills the bar for the arms of a page; each button is for all of them.
 
     Args:
-        guide: Starts hand guiding for a limited time.
+        guide: Starts hand guiding for a limited time, of arms whose servos are driven.
         fade: Shows an arm in grey, or in its own colours.
     """
 
@@ -92,7 +95,8 @@ class HoldButtons(Part):
         bar = self._bar = context.bar
         bar.title = title
         self._hold = self._button("Hold", lambda: self._each("hold", hold))
-        self._guide = self._button("Guide by hand", guide)
+        self._start_guiding = guide
+        self._guide = self._button("Guide by hand", lambda: self._each("guide by hand", _drive))
         self._let_go = self._button("Let go", lambda: self._each("let go", _release))
         self._let_go.asks = texts.SINKS if len(rigs) == 1 else "All will sink. Let go?"
         self._accept = self._button("Store the file", lambda: self._each("store the file", _accept))
@@ -103,7 +107,8 @@ class HoldButtons(Part):
         return BarButton(label=label, button=self._context.button(label, command, visible=False))
 
     def refresh(self) -> bool:
-        modes: dict[str, Mode | None] = {}
+        modes: list[Mode] = []  # of the arms that are connected
+        can_let_go = False
         states: dict[str, str] = {}
         alerts: dict[Sentence, list[str]] = {}  # of which arms each is true
         back: list[str] = []
@@ -121,7 +126,9 @@ class HoldButtons(Part):
                 self._old_faults.pop(name, None)
             if state.mode in HELD:
                 self._refused.pop(name, None)
-            modes[name] = None if lost else state.mode
+            if not lost:
+                modes.append(state.mode)
+                can_let_go |= state.mode is Mode.LIMP and not state.is_limp
             is_back = name in self._old_faults and self._old_faults[name] == state.fault
             back += [name] if is_back and not lost else []
             states[name] = "Connected again" if name in back else texts.mode(state, lost=lost)
@@ -142,10 +149,9 @@ class HoldButtons(Part):
         said_of = (texts.named(", ".join(names), said) for said, names in alerts.items())
         self._bar.alert(CONNECTION, list(said_of))
         self._tell_tabs(back)
-        connected = [mode for mode in modes.values() if mode is not None]
-        self._hold.why_not = _why_not(connected, texts.CANNOT_HOLD)
-        self._guide.why_not = _why_not(connected, texts.CANNOT_GUIDE)
-        self._let_go.why_not = _why_not(connected, texts.CANNOT_LET_GO)
+        self._hold.why_not = _why_not(modes, texts.CANNOT_HOLD)
+        self._guide.why_not = _why_not(modes, texts.CANNOT_GUIDE)
+        self._let_go.why_not = None if can_let_go else _why_not(modes, texts.CANNOT_LET_GO)
         return False
 
     def _tell_tabs(self, back: list[str]) -> None:
@@ -166,6 +172,8 @@ class HoldButtons(Part):
                 self._refused[name] = error
             elif error is None and call is not _release:
                 self._refused.pop(name, None)
+            if error is None and call is _drive:
+                self._context.post(self._start_guiding)
             if error is not None:
                 doing = f"{what} {self._called(name)}".strip()
                 self._context.events.add(f"Could not {doing}: {error}", Tone.BAD)
@@ -182,6 +190,12 @@ def _why_not(modes: list[Mode], cannot: Mapping[Mode, str]) -> str | None:
     return cannot.get(modes[0]) if all(mode in cannot for mode in modes) else None
 
 
+def _drive(rig: RigLike) -> None:
+    """Drive the servos of an arm that was only looked at; it holds where it is."""
+    if isinstance(rig, HardwareRig):
+        rig.drive()
+
+
 def _release(rig: RigLike) -> None:
     rig.arm.set_torque(False)
 
@@ -193,8 +207,7 @@ def _accept(rig: RigLike) -> None:
 
 def hold(rig: RigLike) -> None:
     """Hold the joints where they stand and press a grip again; raises if a fault remains."""
-    if isinstance(rig, HardwareRig):
-        rig.drive()
+    _drive(rig)
     rig.arm.set_torque(True)
     if isinstance(rig, Rig):
         rig.gripper.regrip()

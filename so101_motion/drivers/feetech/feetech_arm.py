@@ -148,11 +148,15 @@ class FeetechArm:
         unconfirmed = [i for i in self._at.unconfirmed() if self._maps[i].servo_id not in silent]
         q, qd, in_play = self._at.q[:], self._at.qd[:], self._compensation.in_play()
         outside = self._out_of_range.nearest(q) if self._out_of_range else {}
+        held, driven = self._compensation.held, None
+        if None in held:
+            driven = frozenset([JOINTS[i] for i in self._maps if held[i] is not None])
         return JointReading(
             q=np.array(q[:5]),
             qd=np.array(qd[:5]),
             q_jaw=q[5],
             qd_jaw=qd[5],
+            driven=driven,
             out_of_range={JOINTS[i]: q_inside for i, q_inside in outside.items()},
             unanswered=frozenset([JOINTS[self._index[i]] for i in unanswering]),
             silent=self._absent | {JOINTS[self._index[i]] for i in silent},

@@ -23,6 +23,7 @@ from so101_motion.common.operation import Input, LocalOperation, Offer, Picture,
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.request_queue import own_thread, running_future
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.rig import Rig
 from so101_motion.tasks.guided import files
 from so101_motion.tasks.guided.path import TOLERANCE, GuidedPath, tool_line
@@ -214,6 +215,8 @@ class TeachingOperation(LocalOperation):
         self._save_again()
         rig = self._rig
         if seconds > 0.0 or not rig.arm.is_movable_by_hand:
+            if isinstance(rig, HardwareRig):
+                rig.drive()  # if a page has only looked at it
             self._set_manual(True, seconds)
         recorder = PathRecorder(rig.executor, jaw_of(rig))
         self._recording = recording = _Recording(

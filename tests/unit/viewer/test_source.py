@@ -7,13 +7,14 @@ from types import SimpleNamespace
 import pytest
 from harness.fake_page import STILL
 from so101_viewer import source
+from so101_viewer.page import texts
 from so101_viewer.page.bar import Bar
 from so101_viewer.panels.hold_buttons import HoldButtons, notice, waiting
 from so101_viewer.source import Source, SourceOpener
 
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import ANSWERS_AGAIN
+from so101_motion.common.state import ANSWERS_AGAIN, ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.rig.protocols import ArmConnection
 
 AT = datetime(2026, 5, 4, 12, 30, 15)
@@ -127,8 +128,9 @@ def test_what_is_wrong_with_an_arm_is_said_with_what_happens_next(connection, mo
     assert back.text == "Connected again. Nothing moves. Press Hold to go on."
 
 
-def rig(mode):
-    arm = SimpleNamespace(state=state(mode))
+def rig(mode, **reading):
+    now = state(mode)
+    arm = SimpleNamespace(state=replace(now, reading=replace(now.reading, **reading)))
     return SimpleNamespace(connection=ArmConnection(to="a port"), arm=arm)
 
 
@@ -156,6 +158,35 @@ def test_what_is_true_of_several_arms_is_said_once():
     assert first.startswith("left: The arm is limp.")
     assert second == f"right: {by_hand}"
     assert said(only=Mode.GUIDING) == [by_hand]
+
+
+ALL = frozenset((*ARM_JOINTS, GRIPPER_JOINT))
+NO_ONE = "The arm is limp. Press Hold to keep it where it is."
+
+
+@pytest.mark.parametrize(
+    ("mode", "reading", "title", "says", "let_go"),
+    [
+        (Mode.LIMP, {"driven": frozenset()}, "Limp", [NO_ONE], texts.LIMP_ALREADY),
+        (Mode.LIMP, {"driven": ALL}, "Held, as found",
+         ["The arm holds, as it was found. Press Hold to use it as it stands, or Let go."], None),
+        (Mode.LIMP, {"driven": frozenset({"gripper"})}, "Held in part",
+         ["The arm is limp, but gripper holds. Press Hold to use it as it stands, or Let go."],
+         None),
+        (Mode.LIMP, {"driven": ALL, "let_go": frozenset({"gripper"})}, "gripper has let go",
+         ["The arm holds, as it was found. Press Hold to use it as it stands, or Let go."], None),
+        (Mode.HOLDING, {"driven": ALL}, "Idle, holding", [], None),
+        (Mode.HOLDING, {"driven": ALL - {"gripper"}}, "Held in part", [], None),
+        (Mode.HOLDING, {"driven": ALL - {"gripper"}, "silent": frozenset({"gripper"})},
+         "Idle, holding", [], None),
+    ],
+)  # fmt: skip
+def test_the_bar_says_of_an_arm_what_its_torque_registers_say(mode, reading, title, says, let_go):
+    bar, buttons = hold_buttons({"": rig(mode, **reading)})
+    buttons.refresh()
+    assert bar.state == title
+    assert [each.text for sentences in bar._alerts.values() for each in sentences] == says
+    assert {each.label: each.why_not for each in bar.buttons}["Let go"] == let_go
 
 
 def test_every_tab_says_of_an_arm_that_it_is_gone_or_back_and_not_how_it_was_before():
