@@ -13,7 +13,7 @@ from so101_motion.cli.calibration import facts
 from so101_motion.cli.completion import completed_files
 from so101_motion.cli.options import EVENTS, JSON, flag, option, verb
 from so101_motion.cli.param_types import port_option
-from so101_motion.cli.shared import INTERRUPTED, STOPPED, aside, print_json, quietly
+from so101_motion.cli.shared import INTERRUPTED, STOPPED, aside, echo, print_json, quietly
 from so101_motion.cli.sources import MACHINE, MachineSource, chosen_among
 from so101_motion.common.errors import So101Error
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -137,7 +137,6 @@ def _put_back(walk: OperationTerminal, terminal: Terminal) -> None:
 
 
 def _print_result(ended: StepResult, stored: Stored, sentences: list[str]) -> None:
-    from so101_motion.cli.terminal import echo
 
     click.echo(f"saved to {stored.path}")
     for meaning in sentences:

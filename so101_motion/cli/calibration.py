@@ -14,7 +14,16 @@ from so101_motion.cli import port_choice
 from so101_motion.cli.completion import completed_files
 from so101_motion.cli.options import DRY_RUN, JSON, argument, flag, option, verb
 from so101_motion.cli.param_types import IN_FILE, port_option
-from so101_motion.cli.shared import CHECK_FAILED, STOPPED, Verbs, answer, aside, print_json, quietly
+from so101_motion.cli.shared import (
+    CHECK_FAILED,
+    STOPPED,
+    Verbs,
+    answer,
+    aside,
+    echo,
+    print_json,
+    quietly,
+)
 from so101_motion.common.errors import CalibrationError, OtherCalibration
 from so101_motion.common.units import to_deg
 
@@ -50,7 +59,6 @@ def show(
         return
     from so101_motion.calib.record import store
     from so101_motion.calib.record.zero_report import explain_stored
-    from so101_motion.cli.terminal import echo
 
     stored = store.read(store.resolve(file))
     kept = store.versions(stored.path)
@@ -374,7 +382,6 @@ def verified(
 
 def _list_files(as_json: bool) -> None:
     from so101_motion.calib.record import file_search
-    from so101_motion.cli.terminal import echo
 
     found = file_search.find()
     if as_json:
@@ -446,7 +453,6 @@ def _print_dry_run(wanted: Stored, as_json: bool) -> None:
 
 
 def _notes(stored: Stored) -> None:
-    from so101_motion.cli.terminal import echo
 
     for note in _told(stored):
         echo(f"note: {note}", err=True)

@@ -19,6 +19,7 @@ from so101_motion.cli.shared import (
     CHECK_FAILED,
     aside,
     busy_message,
+    echo,
     print_json,
     quietly,
     write_report,
@@ -90,7 +91,6 @@ def doctor(
 
 
 def _diagnose_machine(machine: MachineSource, as_json: bool) -> None:
-    from so101_motion.cli.terminal import echo
 
     with quietly(), closing(machine.open()) as rig:
         try:
@@ -234,7 +234,6 @@ def _planned(seen: Findings, rig: Rig) -> Findings:
 
 
 def _print(check: Check) -> None:
-    from so101_motion.cli.terminal import echo
 
     sign, colour = _SIGNS[check.verdict]
     click.echo(click.style(sign, fg=colour) + f" {check.name}")

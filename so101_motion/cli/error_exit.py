@@ -27,6 +27,7 @@ import click
 from so101_motion.cli.shared import (
     DEBUG,
     INTERRUPTED,
+    echo,
     has_printed,
     print_json,
     state_of_opened_arms,
@@ -149,17 +150,17 @@ def _print_interrupted(why: str, *, as_json: bool) -> NoReturn:
     interrupts.taken()
     by = f"ended by {interrupts.first() or 'Ctrl-C'}"
     state = "; ".join(part for part in (why, state_of_opened_arms()) if part) or "nothing moved"
-    click.echo(f"{by}; {state}", err=True)
+    echo(f"{by}; {state}", err=True)
     _print_for_programs(ErrorText(what=by, why=state), INTERRUPTED, as_json=as_json)
     raise SystemExit(INTERRUPTED) from None
 
 
 def _print_error(text: ErrorText, code: int, *, as_json: bool, name: str) -> None:
-    click.echo(f"error: {text.what}", err=True)
+    echo(f"error: {text.what}", err=True)
     if text.why:
-        click.echo(f"  why: {text.why}", err=True)
+        echo(f"why: {text.why}", indent="  ", err=True)
     if text.advice:
-        click.echo(f"  try: {text.advice}", err=True)
+        echo(f"try: {text.advice}", indent="  ", err=True)
     _print_for_programs(text, code, as_json=as_json, name=name)
 
 

@@ -12,7 +12,7 @@ import click
 
 from so101_motion.cli.options import JSON, flag, option, verb
 from so101_motion.cli.param_types import PORT
-from so101_motion.cli.shared import NO_DEVICE, aside, busy_message, print_json, quietly
+from so101_motion.cli.shared import NO_DEVICE, aside, busy_message, echo, print_json, quietly
 from so101_motion.common.errors import PortUnavailable
 
 FURTHER_PORTS = option(
@@ -29,7 +29,6 @@ def ports(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None:
     Servos are read, nothing is written to them. A port that another program uses is left alone.
     Exit code 3 if there is no port at all.
     """
-    from so101_motion.cli.terminal import echo
     from so101_motion.setup.discovery import discover
 
     with quietly(), busy_message("searching the serial ports"):

@@ -6,7 +6,9 @@ import json
 import logging
 import os
 import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -103,9 +105,26 @@ def has_printed() -> bool:
     return context is not None and _PRINTED in context.meta
 
 
+def echo(text: str, *, indent: str = "", err: bool = False) -> None:
+    """Print text, wrapped between words on a terminal."""
+    stream = sys.stderr if err else sys.stdout
+    if stream is not None and stream.isatty():
+        wrapper = textwrap.TextWrapper(
+            shutil.get_terminal_size().columns,
+            initial_indent=indent,
+            subsequent_indent=indent + "  ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        text = "\n".join(wrapper.fill(line) for line in text.splitlines())
+    else:
+        text = indent + text
+    click.echo(text, err=err)
+
+
 def aside(sentence: str) -> None:
     """Print a sentence on stderr."""
-    click.echo(sentence, err=True)
+    echo(sentence, err=True)
 
 
 class Verbs(click.Group):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion.cli.options import JSON, verb
-from so101_motion.cli.shared import answer, print_json, quietly
+from so101_motion.cli.shared import answer, echo, print_json, quietly
 from so101_motion.cli.sources import ANY_SOURCE, MACHINE, AnySource, MachineSource, Source
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
@@ -146,7 +146,6 @@ def _by_joint(*columns: Any) -> dict[str, Any]:
 
 
 def _print_state(seen: dict[str, Any]) -> None:
-    from so101_motion.cli.terminal import echo
 
     click.echo(f"{seen['source']}: {seen['mode']}")
     if seen["fault"]:

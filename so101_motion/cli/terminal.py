@@ -10,9 +10,7 @@ a key, so that no servo is left with half of its settings.
 from __future__ import annotations
 
 import json
-import shutil
 import sys
-import textwrap
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -20,6 +18,7 @@ from datetime import UTC, datetime
 from typing import Any, Self, TextIO, TypeVar
 
 import click
+from rich.columns import Columns
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.text import Text
@@ -147,21 +146,6 @@ def sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + ("" if text.endswith(("?", ".")) else ".")
 
 
-def echo(text: str, *, indent: str = "", err: bool = False) -> None:
-    """Print a sentence, wrapped between words on a terminal."""
-    stream = sys.stderr if err else sys.stdout
-    if stream.isatty():
-        width = shutil.get_terminal_size().columns
-        further = indent + "  "
-        text = textwrap.fill(text, width, initial_indent=indent, subsequent_indent=further)
-    else:
-        text = indent + text
-    click.echo(text, err=err)
-
-
-def keys_line(**keys: str) -> Text:
+def keys_line(**keys: str) -> Columns:
     """A line with the keys: ``keys_line(Enter="save", q="quit")``."""
-    line = Text()
-    for key, what in keys.items():
-        line.append(f" {key} ", style="reverse").append(f" {what}   ")
-    return line
+    return Columns(Text(f" {key} ", "reverse") + Text(f" {what}") for key, what in keys.items())

@@ -15,6 +15,7 @@ from so101_motion.cli.shared import (
     Verbs,
     aside,
     busy_message,
+    echo,
     print_json,
     quietly,
 )
@@ -77,7 +78,6 @@ def config(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None
     \b
     so101 viam config > arm.json
     """  # noqa: D301
-    from so101_motion.cli.terminal import echo
     from so101_motion.setup.discovery import discover
     from so101_motion.viam.suggested_config import configuration
 
@@ -100,7 +100,6 @@ def config(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None
 
 
 def _tell(migration: Migration) -> None:
-    from so101_motion.cli.terminal import echo
 
     for part in migration.parts:
         for word, lines in (("error", (part.problem,)), ("note", part.notes)):

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from so101_motion.common.errors import So101Error
+from so101_motion.common.modes import HELD
 from so101_motion.common.operation import LocalOperation, Offer, Row, View
 from so101_motion.common.units import to_m, to_mm
 
@@ -27,20 +30,28 @@ class JogOperation(LocalOperation):
         self._rig, self._jog, self._step = rig, rig.arm.jog(), 0
         self._p: Array | None = None  # where the tool was sent; None where it is
         self.commands = {
-            "step": self._next_step, "go": self._go, "jaw": self._jaw, "stop": self._stop
+            "step": self._next_step, "go": self._go, "jaw": self._jaw, "stop": self._stop,
+            "hold": self._hold,
         }  # fmt: skip
 
     @property
     def view(self) -> View:
-        rig, size = self._rig, STEPS_MM[self._step]
+        rig, size, state = self._rig, STEPS_MM[self._step], self._rig.arm.state
         place = zip(_AXES, to_mm(rig.arm.T_base_tool.p), strict=True)
+        rows = (
+            *(Row(label=axis, cells=(f"{at:7.1f} mm",)) for axis, at in place),
+            Row(label="jaw", cells=(f"{rig.gripper.aperture:7.0%} open",)),
+        )
+        if state.mode not in HELD:
+            hold = Offer(command="hold", title="hold the arm where it stands", key="h")
+            text = "once that is clear, let the arm hold" if state.fault else "the arm is not held"
+            return View(
+                state="loose", text=text, rows=rows, trouble=state.fault or "", offers=(hold,)
+            )
         return View(
             state="jogging",
             text=f"each key moves the tool by {size:g} mm",
-            rows=(
-                *(Row(label=axis, cells=(f"{at:7.1f} mm",)) for axis, at in place),
-                Row(label="jaw", cells=(f"{rig.gripper.aperture:7.0%} open",)),
-            ),
+            rows=rows,
             trouble=f"held back by {', '.join(self._jog.held_by)}" if self._jog.held_by else "",
             offers=(
                 Offer(command="step", title="another step"),
@@ -56,13 +67,16 @@ class JogOperation(LocalOperation):
         )
 
     def close(self) -> None:
-        self._jog.close().result()
+        with suppress(So101Error):  # it ended before, and the view has said why
+            self._jog.close().result()
 
     def _next_step(self) -> None:
         self._step = (self._step + 1) % len(STEPS_MM)
 
     def _go(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mapping[str, Any]:
         """Move the tool by so much [mm] in the base frame; from where it is held, if it is."""
+        if self._jog.future.done():  # a fault or a stall ended it
+            self._begin()
         at = self._rig.arm.T_base_tool.p if self._p is None or self._jog.held_by else self._p
         wanted = at + to_m(np.array([x, y, z]))
         self._jog.to_point(wanted)
@@ -72,6 +86,13 @@ class JogOperation(LocalOperation):
     def _stop(self) -> None:
         self._rig.arm.stop()  # brakes harder than a jog that is let go
         self._rig.gripper.stop()
+        self._begin()
+
+    def _hold(self) -> None:
+        self._rig.arm.set_torque(True)
+        self._begin()
+
+    def _begin(self) -> None:
         self._jog, self._p = self._rig.arm.jog(), None
 
     def _jaw(self, opens: bool) -> None:

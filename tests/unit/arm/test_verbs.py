@@ -127,6 +127,20 @@ def test_keys_move_the_tool_in_steps(rig):
     assert not rig.arm.is_moving
 
 
+def test_keys_go_on_after_the_arm_let_go_or_another_motion_took_over(rig):
+    jogging = JogOperation(rig)
+    rig.arm.move([0.1] * 5)
+    z = rig.arm.T_base_tool.p[2]
+    jogging.ask("go", z=-10.0)
+    while rig.arm.T_base_tool.p[2] > z - 0.009:
+        assert not jogging.view.trouble
+    rig.arm.set_torque(False)
+    assert [each.command for each in jogging.view.offers] == ["hold"]
+    jogging.ask("hold")
+    assert jogging.view.state == "jogging"
+    jogging.close()
+
+
 def test_a_prompt_shows_what_there_is(rig):
     plan = rig.arm.plan(so101.point(0.25, 0.12, 0.15))
     lines = str(plan).splitlines()
