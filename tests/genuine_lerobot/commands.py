@@ -197,33 +197,25 @@ def _dataset(bench, name):
     return (f"--dataset.repo_id=somebody/{name}", f"--dataset.root={bench.folder / name}")
 
 
-def _record(bench, name, *more):
+def record(bench):
+    """lerobot-record with a camera."""
     with both(bench) as (arm, leading):
         running = bench.begin(
-            "record", *robot(arm, *more), *leader(leading), *_dataset(bench, name),
-            "--dataset.num_episodes=1", "--dataset.episode_time_s=25", "--dataset.fps=30",
-            "--dataset.single_task=wave", "--dataset.push_to_hub=false", "--play_sounds=false",
+            "record", *robot(arm, f"--robot.cameras={CAMERA}"), *leader(leading),
+            *_dataset(bench, "seen"), "--dataset.num_episodes=1", "--dataset.episode_time_s=25",
+            "--dataset.fps=30", "--dataset.single_task=wave", "--dataset.push_to_hub=false",
+            "--play_sounds=false",
         )  # fmt: skip
         running.end(150)
-        info = json.loads((bench.folder / name / "meta" / "info.json").read_text())
+        info = json.loads((bench.folder / "seen" / "meta" / "info.json").read_text())
         return {"frames": info["total_frames"], "dropped_deg": arm.dropped()}
-
-
-def record(bench):
-    """lerobot-record without a camera."""
-    return _record(bench, "plain")
-
-
-def record_with_a_camera(bench):
-    """lerobot-record with a camera."""
-    return _record(bench, "seen", f"--robot.cameras={CAMERA}")
 
 
 def replay(bench):
     """lerobot-replay of that recording; the first frame is approached."""
     with bench.arm("arm") as arm:
         running = bench.run(
-            "replay", *robot(arm), *_dataset(bench, "plain"), "--dataset.episode=0",
+            "replay", *robot(arm), *_dataset(bench, "seen"), "--dataset.episode=0",
             "--play_sounds=false", within=150,
         )  # fmt: skip
         if "Replaying episode" not in running.said:
@@ -292,18 +284,6 @@ def rollout_of_garbage(bench):
     return found
 
 
-def find_joint_limits(bench):
-    """lerobot-find-joint-limits loads no plugins: it says so and touches nothing."""
-    with both(bench) as (arm, leading):
-        running = bench.begin(
-            "find-joint-limits", *robot(arm), *leader(leading), "--urdf_path=none"
-        )
-        running.end(60, code=None)
-        if "so101_motion" not in running.said or "Connecting" in running.said:
-            raise Failure(running.said[-900:])
-        return {"dropped_deg": arm.dropped()}
-
-
 def recorded_types(bench):
     """What make test has in LeRobot's place has the same names and arguments."""
     subprocess.run(
@@ -342,9 +322,8 @@ def film_from_the_page(bench):
 
 SCENARIOS = (
     recorded_types, setup_motors, calibrate, calibrate_leader, teleoperate, interrupted,
-    terminated, killed, jog_with_keys, jog_with_a_gamepad, record, record_with_a_camera, replay,
-    film_from_the_page,
-    rollout, rollout_in_chunks, rollout_of_garbage, find_joint_limits,
+    terminated, killed, jog_with_keys, jog_with_a_gamepad, record, replay, film_from_the_page,
+    rollout, rollout_in_chunks, rollout_of_garbage,
 )  # fmt: skip
 NEEDED = (calibrate, calibrate_leader)
 

@@ -76,16 +76,21 @@ def pitch(clock):
         yield Pitch(emulator, clock)
 
 
+@pytest.fixture
+def held(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    return pitch
+
+
 # The wire
 
 
-def test_a_client_that_keeps_the_rules_is_not_objected_to(pitch):
-    pitch.hold()
-    pitch.wait(1.0)
-    pitch.lead(2, 40.0, 1.0)
-    pitch.wait(0.5)
-    assert pitch.referee.findings == []
-    assert pitch.referee.seen > 100
+def test_a_client_that_keeps_the_rules_is_not_objected_to(held):
+    held.lead(2, 40.0, 1.0)
+    held.wait(0.5)
+    assert held.referee.findings == []
+    assert held.referee.seen > 100
 
 
 def jump(pitch):
@@ -140,95 +145,81 @@ def test_what_breaks_a_rule_is_caught(pitch, is_held, offend, rule, alone):
     assert pitch.broken == {rule} if alone else rule in pitch.broken
 
 
-def test_goals_of_a_sync_write_are_heard_by_each_servo(pitch):
-    pitch.hold()
-    pitch.wait(1.0)
-    pitch.say(goals(2048, 2048, 2048, 2048, 2500, 2048))
-    assert [finding.place for finding in pitch.referee.findings] == [5]
+def test_goals_of_a_sync_write_are_heard_by_each_servo(held):
+    held.say(goals(2048, 2048, 2048, 2048, 2500, 2048))
+    assert [finding.place for finding in held.referee.findings] == [5]
 
 
-def test_a_goal_that_leaves_its_joint_behind_is_caught(pitch):
-    pitch.hold()
-    pitch.wait(1.0)
-    servo = pitch.emulator.world.servo(1)
+def test_a_goal_that_leaves_its_joint_behind_is_caught(held):
+    servo = held.emulator.world.servo(1)
     servo.memory.bytes[48:50] = b"\0\0"  # no torque at all: it stays where it is
-    pitch.say(packet(1, 3, 48, 0, 0))
+    held.say(packet(1, 3, 48, 0, 0))
     servo.drive.profile.target = servo.drive.position
-    pitch.match.ask_caps(lambda: (Caps(170.0, 600.0),) * 6)
+    held.match.ask_caps(lambda: (Caps(170.0, 600.0),) * 6)
     servo.drive.powered = True
     stay = servo.drive.position
     for k in range(60):
-        pitch.say(goal(1, 2048 + 18 * k))
-        pitch.clock.advance(0.01)
+        held.say(goal(1, 2048 + 18 * k))
+        held.clock.advance(0.01)
         servo.drive.shaft.put(stay)
-    assert "distance" in pitch.broken
+    assert "distance" in held.broken
 
 
-def test_what_goes_on_after_a_stop_was_answered_is_caught(pitch):
-    pitch.hold()
-    pitch.wait(1.0)
-    pitch.lead(2, 40.0, 0.5)
-    pitch.match.stop_answered()
-    pitch.lead(2, 40.0, 0.1)
-    assert pitch.referee.findings == []  # that may be the ramp
-    pitch.lead(2, 40.0, 0.5)
-    assert pitch.broken == {"stop"}
+def test_what_goes_on_after_a_stop_was_answered_is_caught(held):
+    held.lead(2, 40.0, 0.5)
+    held.match.stop_answered()
+    held.lead(2, 40.0, 0.1)
+    assert held.referee.findings == []  # that may be the ramp
+    held.lead(2, 40.0, 0.5)
+    assert held.broken == {"stop"}
 
 
-def test_a_new_request_ends_the_stop(pitch):
-    pitch.hold()
-    pitch.wait(1.0)
-    pitch.match.stop_answered()
-    pitch.match.set_off()
-    pitch.lead(2, 40.0, 1.0)
-    assert pitch.referee.findings == []
+def test_a_new_request_ends_the_stop(held):
+    held.match.stop_answered()
+    held.match.set_off()
+    held.lead(2, 40.0, 1.0)
+    assert held.referee.findings == []
 
 
-def test_a_stop_says_nothing_of_a_joint_that_lost_its_power_and_fell(pitch):
-    pitch.hold()
-    pitch.wait(1.0)
-    pitch.match.stop_answered()
-    pitch.emulator.world.reboot(2)
-    pitch.emulator.world.servo(2).drive.shaft.put(2700)
-    pitch.wait(2.0)
-    pitch.hold(2)
-    pitch.wait(0.1)
-    pitch.say(goal(2, 2701))
-    assert pitch.referee.findings == []
+def test_a_stop_says_nothing_of_a_joint_that_lost_its_power_and_fell(held):
+    held.match.stop_answered()
+    held.emulator.world.reboot(2)
+    held.emulator.world.servo(2).drive.shaft.put(2700)
+    held.wait(2.0)
+    held.hold(2)
+    held.wait(0.1)
+    held.say(goal(2, 2701))
+    assert held.referee.findings == []
 
 
-def test_a_servo_that_protected_itself_is_where_its_goal_is_not_until_it_gets_another(pitch):
-    pitch.hold()
-    pitch.wait(1.0)
-    world = pitch.emulator.world
+def test_a_servo_that_protected_itself_is_where_its_goal_is_not_until_it_gets_another(held):
+    world = held.emulator.world
     world.warm(3, 80.0)
-    pitch.wait(1.0)
+    held.wait(1.0)
     world.servo(3).drive.shaft.put(3000)
     world.servo(3).drive.motor.temperature = 20.0
     world.cool(3)
-    pitch.wait(2.0)
+    held.wait(2.0)
     assert world.servo(3).drive.guard.flags == 0
-    assert pitch.referee.findings == []
-    pitch.say(goal(3, 2048))  # where it was; the joint is not
-    pitch.wait(0.02)
-    assert "distance" in pitch.broken
+    assert held.referee.findings == []
+    held.say(goal(3, 2048))  # where it was; the joint is not
+    held.wait(0.02)
+    assert "distance" in held.broken
 
 
 # The joints
 
 
-def test_a_joint_that_stops_while_nobody_writes_is_not_taken_for_one_that_jerks(pitch):
-    pitch.hold()
-    pitch.wait(1.0)
-    pitch.match.ask_caps(lambda: (Caps(speed=200.0, acceleration=600.0),) * 6)
-    there = pitch.at(1)
+def test_a_joint_that_stops_while_nobody_writes_is_not_taken_for_one_that_jerks(held):
+    held.match.ask_caps(lambda: (Caps(speed=200.0, acceleration=600.0),) * 6)
+    there = held.at(1)
     for speed in [*range(0, 160, 4), *[160] * 20]:
         there += 0.01 * speed / TICK
-        pitch.say(goal(1, round(there)))
-        pitch.clock.advance(0.01)
-    pitch.clock.advance(0.15)  # the cable is out
-    pitch.wait(0.3)
-    assert "motion" not in pitch.broken
+        held.say(goal(1, round(there)))
+        held.clock.advance(0.01)
+    held.clock.advance(0.15)  # the cable is out
+    held.wait(0.3)
+    assert "motion" not in held.broken
 
 
 def to_and_fro(pitch, ticks):
@@ -257,12 +248,10 @@ def test_a_set_point_that_is_harder_than_the_cap_is_caught_in_the_play_and_beyon
     assert bounds == {960.0, 1250.0}  # the supply sags a little under the motor
 
 
-def test_a_joint_that_a_hand_pushes_is_nobody_s_fault(pitch):
-    pitch.hold()
-    pitch.wait(1.0)
-    pitch.emulator.world.hand = SimpleNamespace(busy=True, torque=lambda *_: 4.0)
-    pitch.wait(1.0)
-    assert pitch.referee.findings == []
+def test_a_joint_that_a_hand_pushes_is_nobody_s_fault(held):
+    held.emulator.world.hand = SimpleNamespace(busy=True, torque=lambda *_: 4.0)
+    held.wait(1.0)
+    assert held.referee.findings == []
 
 
 # The command
