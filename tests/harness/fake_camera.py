@@ -2,7 +2,9 @@
 
 import numpy as np
 import so101_description
+import trimesh
 from grpclib import GRPCError, Status
+from trimesh.sample import sample_surface
 from viam.components.camera import Camera
 from viam.proto.common import GeometriesInFrame, PointCloudObject
 from viam.services.vision import Vision
@@ -21,34 +23,17 @@ def pcd(points):
     return head.encode() + points.astype("<f4").tobytes()
 
 
-def points_on(vertices, faces, count, rng):
-    """Points spread over a surface of triangles, shape (count, 3)."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    chosen = rng.choice(len(faces), size=count, p=area / area.sum())
-    u, v = rng.random((2, count, 1))
-    u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
-    return a[chosen] + u * (b - a)[chosen] + v * (c - a)[chosen]
-
-
-def points_on_box(center, size, count, rng):
-    """Points on the faces of a box, shape (count, 3), [m]."""
-    points = rng.uniform(-0.5, 0.5, (count, 3))
-    axis = rng.integers(0, 3, count)
-    points[np.arange(count), axis] = rng.choice((-0.5, 0.5), count)
-    return np.asarray(center) + points * size
-
-
 def picture(T_base_links, boxes, *, count, seed=0):
     """What a camera sees of an arm, boxes (center, size) and a table, shape (count, 3), in base."""
     rng = np.random.default_rng(seed)
     share = count // 10
-    parts = [
-        T @ points_on(hull.vertices, hull.faces, share // 2, rng)
-        for link, T in T_base_links.items()
-        for hull in [so101_description.load_hull(so101_description.PARTS[link])]
-    ]
-    parts += [points_on_box(*box, share, rng) for box in boxes]
+    parts = []
+    for link, T in T_base_links.items():
+        hull = so101_description.load_hull(so101_description.PARTS[link])
+        surface = trimesh.Trimesh(hull.vertices, hull.faces)
+        parts.append(T @ sample_surface(surface, share // 2, seed=rng)[0])
+    for center, size in boxes:
+        parts.append(center + sample_surface(trimesh.creation.box(size), share, seed=rng)[0])
     parts.append(rng.uniform((-0.5, -0.5, 0.1), (0.6, 0.5, 0.6), (STRAYS, 3)))
     table = rng.uniform((-0.6, -0.6), (0.8, 0.6), (count - sum(map(len, parts)), 2))
     parts.append(np.column_stack([table, np.full(len(table), -0.0024)]))

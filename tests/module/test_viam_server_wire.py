@@ -8,7 +8,7 @@ from viam.proto.common import PointCloud as ViamCloud
 from so101_motion.planning.collision.scene import PointCloud, Scene
 from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.viam.conversion.frames import Frames
-from so101_motion.viam.conversion.geometries import from_geometry, pcd
+from so101_motion.viam.conversion.geometries import pcd
 from so101_motion.viam.conversion.world_state import scene_with
 
 CUBE_AT_MM = np.array([230.0, 50.0, 140.0])
@@ -31,28 +31,14 @@ def cloud(around_mm, center):
     )
 
 
-def sent_on(world):
-    """As viam-server forwards it, which parses every message and serialises it again: a cloud loses
-    its centre and gets the middle of its points. Seen with RDK b0d2f62e93 of 2026-08-21."""
-    [seen] = world.obstacles[0].geometries
-    points = read_shape(from_geometry(Geometry(pointcloud=seen.pointcloud))).points
-    x, y, z = 500.0 * (points.min(axis=0) + points.max(axis=0))
-    seen.center.CopyFrom(Pose(x=x, y=y, z=z, o_z=1.0))
-    seen.pointcloud.point_cloud = pcd(PointCloud(points=points))
-    return world
-
-
-DIRECT = {
+CLOUDS = {
     "points where they are, no centre": cloud(CUBE_AT_MM, NO_CENTRE),
     "points where they are, a centre of nothing": cloud(CUBE_AT_MM, AT_ORIGIN),
     "points around their centre": cloud(0.0, MIDDLE),
+    # As viam-server forwards any cloud, which loses its centre and gets the middle of its points
+    # when it is parsed and serialised again: seen with RDK b0d2f62e93 of 2026-08-21.
     "points where they are, their middle as centre": cloud(CUBE_AT_MM, MIDDLE),
 }
-THROUGH_VIAM_SERVER = {
-    "points where they are, through viam-server": sent_on(cloud(CUBE_AT_MM, AT_ORIGIN)),
-    "points and middle, through viam-server": sent_on(cloud(CUBE_AT_MM, MIDDLE)),
-}
-CLOUDS = DIRECT | THROUGH_VIAM_SERVER
 
 
 async def obstacle_points(request):
