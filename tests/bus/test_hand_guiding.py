@@ -64,6 +64,15 @@ def test_the_jaw_opens_and_closes_while_the_arm_is_guided(bench, rig):
     assert rig.arm.state.mode is Mode.HOLDING
 
 
+def test_a_dead_servo_is_a_fault_and_the_others_hold(bench, rig):
+    bench.world.disconnect("wrist_roll")
+    bench.advance(0.5)
+
+    assert rig.arm.state.mode is Mode.FAULT
+    assert "wrist_roll" in rig.arm.state.fault
+    assert limits(bench)[:4] == [1000] * 4
+
+
 def test_torque_goes_off_although_a_servo_of_the_guided_arm_has_just_died(bench, rig):
     bench.world.disconnect("shoulder_pan")
     with pytest.raises(BusError):
@@ -98,6 +107,19 @@ async def test_the_configuration_and_the_request_say_how_it_yields(models):
         assert limits(models)[0] == pytest.approx(80, abs=25)
         await models.in_time(client.stop())
         assert not await client.get_manual_mode()
+
+
+async def test_after_the_cable_was_out_manual_mode_works_again(models):
+    arm = models.new_arm()
+    await models.pass_time(1.0)
+    async with arm_client(arm) as client:
+        models.emulator.unplug()
+        await models.pass_time(0.5)
+        models.emulator.plug()
+        await models.pass_time(3.0)
+        assert (await client.get_status())["state"] == "fault"
+        await models.in_time(client.set_manual_mode(True))
+        assert (await client.get_status())["state"] == "guiding"
 
 
 # A path is taught and replayed

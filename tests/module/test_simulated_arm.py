@@ -14,6 +14,7 @@ from harness.in_process_module import (
     guarded_arm,
     in_time,
     joints,
+    new_arm,
     positions,
     refused,
 )
@@ -202,6 +203,11 @@ async def test_a_named_motion_service_plans_instead():
     assert (destination.pose.x, destination.pose.y, destination.pose.z) == (1, 2, 3)
     assert sent == {"goal_metric_type": "position_only", "max_ik_solutions": 5.0}
     assert service.calls[1][2] == {"goal_metric_type": "own"}
+
+
+async def test_attributes_of_another_model_are_ignored_and_named_in_the_log(caplog):
+    await new_arm(port="/dev/ttyACM0", _comment="was the real one").close()
+    assert "has no such attribute: _comment, port" in caplog.text
 
 
 async def test_a_new_configuration_leaves_the_joints_where_they_are():
