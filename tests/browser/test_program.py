@@ -106,6 +106,9 @@ def test_a_program_is_recorded_planned_run_and_kept(program, rig, own_files):
     assert at(HOME, rig)
     program.until(lambda: program.button("Run program").is_disabled())
     program.page.get_by_text("Save and load").click()
+    said = program.page.locator("#so101-why")  # the sentence itself is scrolled away
+    program.press("save")
+    program.until(lambda: said.is_visible() and said.inner_text() == "Type a name first.")
     program.fields("Program name").fill("wave")
     program.page.wait_for_timeout(200)
     program.press("save")

@@ -12,8 +12,8 @@ _FRONT = Path(__file__).with_name("front")
 NOTICE = "notice.js"  # the script that a film needs as well
 
 _SCRIPTS = (
-    "link.js", "double_click.js", "bar.js", "jog.js", "names.js", "plot.js", "row.js", "steps.js",
-    "tabs.js", "timeline.js", NOTICE,
+    "link.js", "double_click.js", "bar.js", "answer.js", "jog.js", "names.js", "plot.js", "row.js",
+    "steps.js", "tabs.js", "timeline.js", NOTICE,
 )  # fmt: skip
 
 
