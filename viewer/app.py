@@ -8,12 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import viser
 
 from so101_motion.common.geometry import SE3
-from so101_motion.common.operation import Operation
 from so101_motion.files import user_storage
 from so101_motion.planning.request import Plan
 from so101_motion.rig.cell_rigs import CellRigs
@@ -36,6 +34,7 @@ from .panels.health_panel import HealthPart
 from .panels.hold_buttons import HoldButtons, waiting
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
+from .panels.record_panel import RecordPart
 from .panels.share_panel import SharePart
 from .panels.task_panel import TaskPart
 from .program.program_panel import ProgramPart
@@ -146,10 +145,14 @@ class Preview(ServedPage):
         panel.dock_below(move.panel)
         if isinstance(opened, HardwareRig):
             servos = IdentifyOperation(opened)
-            about.append(_tab(context, panel, "Servos", viser.Icon.RULER_MEASURE, servos))
+            shown = OperationPanel(context, lambda: servos)
+            with panel.add_tab("Servos", viser.Icon.RULER_MEASURE):
+                shown.build(context.gui)
+            about.append(shown)
+        records: list[Part] = []
         if isinstance(opened, Rig):
             episodes = EpisodeOperation(opened, source.camera or "")
-            about.append(_tab(context, panel, "Record", viser.Icon.MOVIE, episodes))
+            records.append(RecordPart(context, episodes, panel))
         jogs = [
             JogPart(each, rigs[name], move.pages[name], title=name or "Jog")
             for name, each in self._tab_for_each("Jog", rigs)
@@ -183,7 +186,7 @@ class Preview(ServedPage):
         self.add_parts(move, program, world, share, *about, hold, *logs, *self._teaches, *picks)
         if cell is None:
             self.add_parts(*setup_parts(context, rigs[""], on_stage=move.set_visible))
-        self.add_parts(*jogs)
+        self.add_parts(*jogs, *records)
         if source.atlas is not None:
             self.add_parts(AtlasPart(context, source.atlas, move.pages[""].set_target_joints))
         if source.camera is not None:
@@ -252,15 +255,6 @@ def serve_source(
     except BaseException:
         server.close()
         raise
-
-
-def _tab(
-    context: PageContext, panel: viser.PanelHandle, title: str, icon: Any, operation: Operation
-) -> OperationPanel:
-    shown = OperationPanel(context, lambda: operation)
-    with panel.add_tab(title, icon):
-        shown.build(context.gui)
-    return shown
 
 
 def _picks(context: PageContext, rig: RigLike, place: str, *, title: str, node: str) -> Part:

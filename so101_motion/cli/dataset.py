@@ -135,7 +135,8 @@ def convert(
         return
     for joint, count in beyond.items():
         aside(f"{joint} is beyond the new arm's travel in {count} frames; they were kept")
-    aside(f"written to {out}: {done.episodes} episodes, {done.frames} frames")
+    episodes = f"{done.episodes} episode{'s' * (done.episodes != 1)}"
+    aside(f"written to {out}: {episodes}, {done.frames} frames")
 
 
 @verb(dataset)

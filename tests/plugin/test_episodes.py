@@ -3,6 +3,8 @@
 import importlib.util
 import json
 import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import harness.lerobot_bench  # noqa: F401  # where LeRobot is looked for
@@ -11,6 +13,7 @@ import pytest
 
 from lerobot_robot_so101_motion.episode_writer import EpisodeWriter
 from so101_motion.common.errors import ConfigError, So101Error
+from so101_motion.common.modes import Mode
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.datasets import open_data_set
@@ -106,6 +109,22 @@ def test_what_is_missing_or_cannot_be_opened_is_said(operation, tmp_path):
         begin(operation, tmp_path / "set", camera="gone")
     assert operation.view.state == "idle"
     assert not list(tmp_path.iterdir())
+
+
+def test_the_start_of_lerobot_can_be_cancelled_and_nothing_is_recorded_in_a_fault(
+    operation, rig, tmp_path, monkeypatch
+):
+    with ThreadPoolExecutor() as beside:
+        started = beside.submit(begin, operation, tmp_path / "set", camera="")
+        wait_for(lambda: operation.view.doing == "Starting LeRobot" and operation._writer)
+        (cancel,) = operation.view.offers
+        operation.ask(cancel.command)
+        started.result()
+    assert operation.view.said[-1].text == "cancelled; nothing was recorded"
+    assert operation.view.offers[0].why_not is None
+    fault = replace(rig.arm.state, mode=Mode.FAULT)
+    monkeypatch.setattr(type(rig.arm), "state", fault)
+    assert operation.view.offers[0].why_not == "the arm is in a fault"
 
 
 @pytest.mark.parametrize(

@@ -266,7 +266,8 @@ class OperationPanel(Part):
                 button.label = here.title
                 is_usual = here is first and not here.cancels and not view.is_over
                 button.color = "green" if is_usual else "gray"
-                button.disabled = here.why_not is not None or bool(self._worker.doing)
+                is_busy = bool(self._worker.doing) and not here.cancels
+                button.disabled = here.why_not is not None or is_busy
 
     def _show_field(self, wanted: Input, value: str, order: int) -> None:
         known = self._fields.get(wanted.label)
@@ -302,7 +303,9 @@ class OperationPanel(Part):
         ask = partial(
             asked.run, partial(operation.ask, offer.command, **{**offer.arguments, **typed})
         )
-        if offer.is_look:
+        if offer.cancels and self._worker.doing:
+            self._context.in_background(ask)
+        elif offer.is_look:
             self._worker.watch(ask)
         else:
             self._worker.do(offer.title, ask)

@@ -137,8 +137,9 @@ class CheckReport:
         """What the data set is, and its units, as text."""
         metadata = self.data_set.metadata
         return (
-            f"LeRobot {metadata.version}, {metadata.robot or 'no robot named'}: {self.episodes}"
-            f" episodes, {self.frames} frames at {metadata.fps:g} a second"
+            f"LeRobot {metadata.version}, {metadata.robot or 'no robot named'}:"
+            f" {self.episodes} episode{'s' * (self.episodes != 1)}, {self.frames} frames"
+            f" at {metadata.fps:g} a second"
             f" ({self.frames / metadata.fps / 60.0:.1f} min)",
             f"units: {IN_WORDS[self.units.kind]} ({self.certainty}: {self.why_units})",
         )

@@ -38,6 +38,9 @@ _NOTE = (
     "Data set: a name such as me/pick, or a folder. Camera: 0, /dev/video0 or http://...; none"
     " if left empty."
 )
+_STARTING = "The episode begins as soon as LeRobot is ready."
+_CANCELLED = "cancelled; nothing was recorded"
+_NOTHING_MOVES = (Mode.FAULT, Mode.CALIBRATING)
 _RECORDING = "Recording. Move the arm from any tab, then keep the episode or throw it away."
 _MISSING = (
     "LeRobot, which records the episodes, is not installed here. The lines below, in the folder of"
@@ -70,10 +73,12 @@ class EpisodeOperation(LocalOperation):
         self._sampler: threading.Thread | None = None  # while an episode is recorded
         self._ending = threading.Event()
         self._doing = self._trouble = ""
+        self._starts = False  # whether LeRobot is being started
         self._frames = self._late = 0  # of this episode
         self._kept: tuple[Path, int] | None = None  # the data set, and its newest episode
         self.commands = {
             "record": self._record,
+            "cancel": self._cancel,
             "keep": self._keep,
             "discard": self._discard,
             "replay": self._replay,
@@ -87,16 +92,21 @@ class EpisodeOperation(LocalOperation):
     # The view
 
     @property
+    def recorded(self) -> float | None:
+        """How much of an episode is recorded so far [s]; None while none is recorded."""
+        writer = self._writer
+        return None if writer is None or self._sampler is None else self._frames / writer.fps
+
+    @property
     def view(self) -> View:
         if not self._is_installed:
             return View(state="missing", text=_MISSING, to_copy=_INSTALL, note=_FROM_WHEELS)
-        writer, is_recording = self._writer, self._sampler is not None
-        text = _WELCOME
-        if is_recording and writer is not None:
-            took = f"{self._frames / writer.fps:.1f} s"
-            text = f"{_RECORDING} {took}, {_counted(self._frames, self._late)}."
+        recorded, text = self.recorded, _STARTING if self._starts else _WELCOME
+        is_recording = recorded is not None
+        if recorded is not None:
+            text = f"{_RECORDING} {recorded:.1f} s, {_counted(self._frames, self._late)}."
         return View(
-            state="recording" if is_recording else "idle",
+            state="recording" if is_recording else "starting" if self._starts else "idle",
             text=text,
             trouble=self._trouble,
             doing=self._doing,
@@ -112,9 +122,13 @@ class EpisodeOperation(LocalOperation):
                 Offer(command="keep", title="End and keep"),
                 Offer(command="discard", title="Throw away"),
             )
+        if self._starts:
+            return (Offer(command="cancel", title="Cancel", cancels=True),)
+        mode = self._rig.arm.state.mode
         record = Offer(
             command="record",
             title="Record an episode",
+            why_not=f"the arm is {mode.words}" if mode in _NOTHING_MOVES else None,
             arguments=self._given,
             inputs={
                 "data_set": Input(label="Data set"),
@@ -125,7 +139,6 @@ class EpisodeOperation(LocalOperation):
         )
         if self._kept is None:
             return (record,)
-        mode = self._rig.arm.state.mode
         replay = Offer(
             command="replay",
             title=f"Replay episode {self._kept[1]}",
@@ -150,19 +163,35 @@ class EpisodeOperation(LocalOperation):
             raise ConfigError("fps", fps, f"must be one of {', '.join(RATES)} frames a second")
         self._given = {"data_set": data_set, "task": task, "camera": camera, "fps": fps}
         wanted = {"data_set": data_set.strip(), "camera": camera.strip(), "fps": int(fps)}
-        self._trouble, self._doing = "", "Starting LeRobot and the camera"
+        self._trouble, self._starts, writer = "", True, self._writer
+        self._doing = "Starting LeRobot" + (" and the camera" if wanted["camera"] else "")
         try:
-            if self._writer is None or self._writer.problem or self._writer.wanted != wanted:
+            if writer is None or writer.problem or writer.wanted != wanted:
                 self._close_writer()
-                self._writer = _Writer(wanted)
-            self._writer.ask(OPENED_WITHIN, begin=task.strip())
+                writer = self._writer = _Writer(wanted)
+                if not self._starts:  # cancelled while the one before was closed
+                    writer.end(_CANCELLED)
+                writer.ask(OPENED_WITHIN)
+            writer.ask(OPENED_WITHIN, begin=task.strip())
             self._frames = self._late = 0
             self._ending.clear()
             sampler = threading.Thread(target=self._sample, name="so101-episode", daemon=True)
             self._sampler = sampler
             sampler.start()
+        except BaseException:
+            self._close_writer()
+            if writer is None or writer.problem != _CANCELLED:
+                raise
         finally:
-            self._doing = ""
+            self._doing, self._starts = "", False
+        if self._sampler is None:
+            self.say(_CANCELLED)
+
+    def _cancel(self) -> None:
+        """End LeRobot's process while it starts."""
+        starts, self._starts, writer = self._starts, False, self._writer
+        if starts and writer is not None:
+            writer.end(_CANCELLED)
 
     def _sample(self) -> None:
         """Hand the writer a frame a period, until the end. A period that was missed is made up."""
@@ -279,16 +308,17 @@ class _Writer:
         self._child = spawn(
             _WRITER, json.dumps(wanted), stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
-        try:
-            self.ask(OPENED_WITHIN)
-        except BaseException:
-            self.close()
-            raise
+
+    def end(self, problem: str) -> None:
+        """End it at once, for this reason; any thread."""
+        self.problem = problem
+        self._child.kill()
 
     def ask(self, within: float, **told: Any) -> Mapping[str, Any]:
         """Send it a line, if there is one, and return its answer; ``WorkerError`` without one.
 
-        It is killed if it does not answer ``within`` [s].
+        A new one answers without a line, as soon as it has opened everything. It is killed if it
+        does not answer ``within`` [s].
         """
         told_to, heard_from = cast("IO[bytes]", self._child.stdin), self._child.stdout
         said: dict[str, Any] = {}

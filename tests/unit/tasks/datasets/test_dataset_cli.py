@@ -20,7 +20,7 @@ def test_a_clean_data_set_is_said_to_be_clean(check, tmp_path):
     root = write_data_set(tmp_path / "set", [swing()])
     result = check(root, "--units", "model")
     assert result.exit_code == 0, result.output
-    assert "1 episodes, 90 frames at 30 a second" in result.stdout
+    assert "1 episode, 90 frames at 30 a second" in result.stdout
     assert "joints lag by 100 ms" in result.stdout
     assert "nothing wrong was found" in result.stdout
 
