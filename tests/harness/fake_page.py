@@ -189,6 +189,26 @@ def pages_of(opened, clock):
     }
 
 
+class CellBench:
+    """Arms of a cell and the model of a tab of their page, made by ``model_of(cell, arms)``."""
+
+    def __init__(self, opened, clock, model_of):
+        self.opened, self.clock = opened, clock
+        self.arms = pages_of(opened, clock)
+        self.model = model_of(opened.cell, self.arms)
+
+    def plan(self):
+        self.model.plan()
+        self.model.refresh()
+        return self.model
+
+    def move(self, until):
+        wait(self.model, self.clock, until)
+
+    def says(self, words):
+        return words in self.model.sentence.text
+
+
 def aside(pan_deg):
     """Where an arm is that was turned a little further to the side; nobody is in its way."""
     return to_rad(np.array([pan_deg, 0.0, 0.0, 0.0, 0.0]))

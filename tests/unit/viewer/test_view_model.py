@@ -1,21 +1,21 @@
 """The state of the Move tab: of one arm that is a fake, and of three simulated ones."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from harness.fake_page import (
     WELCOME,
+    CellBench,
     FakeArm,
     FakeGripper,
     OnePage,
     PageInputs,
     aside,
-    pages_of,
     planned,
     run_at_once,
     straight,
-    wait,
 )
 from so101_viewer.page.screen_state import Sentence, Tone
 from so101_viewer.view_model import MoveModel, ViewModel
@@ -419,15 +419,8 @@ def test_after_a_motion_it_is_told_how_well_the_arm_followed(page, arm):
 OVER_THE_MIDDLE = to_rad(np.array([0.0, -60.0, 60.0, 60.0, 0.0]))
 
 
-class Bench:
+class Bench(CellBench):
     """Three arms and the model of their page."""
-
-    def __init__(self, opened, clock):
-        self.opened, self.clock = opened, clock
-        self.arms = pages_of(opened, clock)
-        self.model = MoveModel(
-            opened.cell, self.arms, submit=run_at_once, now=clock.now, welcome="Welcome."
-        )
 
     def aim(self, **targets):
         """Set a target for each arm; where none is given it stays."""
@@ -437,22 +430,12 @@ class Bench:
             else:
                 arm.set_target_here()
 
-    def plan(self):
-        self.model.plan()
-        self.model.refresh()
-        return self.model
-
-    def move(self, until):
-        wait(self.model, self.clock, until)
-
-    def says(self, words):
-        return words in self.model.sentence.text
-
 
 @pytest.fixture
 def bench(clock, planning_process):
     with open_cell(arms_in_a_circle(3), clock=clock) as opened:
-        yield Bench(opened, clock)
+        model_of = partial(MoveModel, submit=run_at_once, now=clock.now, welcome="Welcome.")
+        yield Bench(opened, clock, model_of)
 
 
 def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):

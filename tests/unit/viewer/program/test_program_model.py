@@ -2,11 +2,12 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from harness.fake_page import aside, pages_of, run_at_once, wait
+from harness.fake_page import CellBench, aside, run_at_once, wait
 from so101_viewer.page import markup
 from so101_viewer.page.guiding import GUIDED_FOR
 from so101_viewer.page.screen_state import Tone
@@ -365,13 +366,8 @@ def test_a_program_is_kept_and_taken_up_again(tab):
 FIRST, SECOND = "arm 1", "arm 2"
 
 
-class Bench:
+class Bench(CellBench):
     """Two arms and the model of their Program tab."""
-
-    def __init__(self, opened, clock):
-        self.opened, self.clock = opened, clock
-        self.arms = pages_of(opened, clock)
-        self.model = ProgramModel(opened.cell, self.arms, run_at_once)
 
     def record(self, **targets):
         """Record a step in which arms, by ``first`` and ``second``, go somewhere."""
@@ -380,17 +376,6 @@ class Bench:
             self.arms[names[key]].set_target_joints(q)
         self.model.record_targets([names[key] for key in targets])
 
-    def planned(self):
-        self.model.plan()
-        self.model.refresh()
-        return self.model.can_run
-
-    def move(self, until):
-        wait(self.model, self.clock, until)
-
-    def says(self, words):
-        return words in self.model.sentence.text
-
     def q(self, name):
         return self.opened.rigs[name].arm.state.q
 
@@ -398,12 +383,12 @@ class Bench:
 @pytest.fixture
 def bench(clock):
     with open_cell(arms_in_a_circle(2), clock=clock) as opened:
-        yield Bench(opened, clock)
+        yield Bench(opened, clock, partial(ProgramModel, submit=run_at_once))
 
 
 def test_stop_ends_it_for_all_arms(bench):
     bench.record(first=aside(70.0), second=aside(70.0))
-    assert bench.planned()
+    assert bench.plan().can_run
     bench.model.start()
     first, second = (rig.arm for rig in bench.opened.rigs.values())
     bench.move(lambda: first.is_moving and second.is_moving)
@@ -422,7 +407,7 @@ def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
     model.edit[FIRST].set(pause=60.0)
     bench.record(second=aside(60.0))
     model.set_rounds(2)
-    assert bench.planned()
+    assert bench.plan().can_run
     timeline = model.timeline
     assert [index for _, index, _, _ in timeline.pieces()] == [0, 1, 0]
     assert model.t == timeline.duration
