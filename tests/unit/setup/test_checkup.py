@@ -114,17 +114,6 @@ def test_servos_made_for_less_are_told_apart_and_slow_ones_are_not_overrun():
     assert "148 deg/s at 5.0 V" in speed.sentence
 
 
-def test_a_voltage_that_sags_along_the_cable_is_noticed(arm):
-    seen = seen_on(arm)
-    last = seen.servos.motors["gripper"]
-    sagging = replace(
-        last, facts=replace(last.facts, held={**last.facts.held, "present_voltage": 111})
-    )
-    motors = {**seen.servos.motors, "gripper": sagging}
-    checks = check_up(replace(seen, servos=replace(seen.servos, motors=motors)))
-    assert of(checks, "supply").verdict == "warn"
-
-
 @pytest.mark.parametrize(
     ("bus_quality", "verdict"),
     [
