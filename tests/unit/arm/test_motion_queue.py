@@ -3,11 +3,12 @@
 import gc
 import threading
 import weakref
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextvars import copy_context
 from functools import partial
 
 import pytest
+from harness.facing_arms import in_time
 
 from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
@@ -204,10 +205,7 @@ def test_a_jaw_begins_nothing_that_was_asked_for_before_its_stop(make_sim):
     sim = make_sim()
     sim.executor.start()
     gripper, request = Gripper(sim.executor), requested()
-    with ThreadPoolExecutor(1) as beside:
-        stopping = beside.submit(gripper.stop)
-        while not stopping.done():
-            sim.clock.advance(0.01)
+    in_time(sim.clock, gripper.stop)
     for begin in (
         partial(gripper.move, 0.5, wait=False),
         partial(gripper.grab, wait=False),

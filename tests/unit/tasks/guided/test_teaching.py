@@ -1,47 +1,35 @@
 """Teaching as an operation, on a simulated arm and a clock the test drives."""
 
-import time
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
+from harness.facing_arms import in_time
 
 from so101_motion.common.errors import MotionError, NotPossibleNow
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.guided.teaching import GUIDED_FOR, TeachingOperation
 
 AWAY = np.radians([25.0, -15.0, 10.0, 10.0, 0.0])
 
 
 class Bench:
-    def __init__(self, rig, clock, folder):
-        self.rig, self.clock = rig, clock
-        self.teaching = TeachingOperation(rig, lambda: folder)
-        self.worker = ThreadPoolExecutor(2)
+    def __init__(self, guest, folder):
+        self.guest, self.rig, self.clock = guest, guest.rig, guest.clock
+        self.teaching = TeachingOperation(guest.rig, lambda: folder)
 
-    def passes(self, future):
-        """Let time pass until a future is done; returns its result."""
-        end = time.monotonic() + 60.0  # planner and worker take real time
-        while not future.done() and time.monotonic() < end:
-            self.clock.advance(0.01)
-        return future.result(0.0)
+    def ask(self, command, each=lambda: None, **arguments):
+        ask = partial(self.teaching.ask, command, **arguments)
+        return in_time(self.clock, ask, each)
 
-    def ask(self, command, **arguments):
-        return self.passes(self.worker.submit(self.teaching.ask, command, **arguments))
-
-    def lead(self, q):
-        here = self.rig.arm.state.q
-        for share in np.linspace(0.0, 1.0, 50)[1:]:
-            push = here + share * (q - here)
-            self.rig.executor.call(lambda driver, push=push: driver.push(push))
-            self.clock.advance(0.01)
+    def lead(self):
+        self.guest.lead(np.degrees(AWAY), seconds=0.5)
 
     def record(self, name=""):
         self.ask("record", name=name)
-        self.lead(AWAY)
+        self.lead()
         return self.ask("end")
 
     def can(self, command):
@@ -50,11 +38,10 @@ class Bench:
 
 
 @pytest.fixture
-def bench(clock, tmp_path):
-    with open_simulated(clock=clock, speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
-        bench = Bench(rig, clock, tmp_path / "paths")
-        yield bench
-        bench.worker.shutdown()
+def bench(guest, tmp_path):
+    guest.rig.arm.set_speed(to_rad(180.0))
+    guest.rig.arm.set_acceleration(to_rad(500.0))
+    return Bench(guest, tmp_path / "paths")
 
 
 def test_a_path_is_recorded_planned_and_replayed_as_it_was_planned(bench):
@@ -65,7 +52,7 @@ def test_a_path_is_recorded_planned_and_replayed_as_it_was_planned(bench):
     (end,) = teaching.view.offers
     assert (end.command, end.due_in) == ("end", pytest.approx(GUIDED_FOR, abs=1.0))
     assert teaching.view.text.startswith('Recording "path", 1 point. A simulated arm stands still.')
-    bench.lead(AWAY)
+    bench.lead()
     assert bench.ask("end")["name"] == "path"
     assert rig.arm.state.mode is Mode.HOLDING
     assert '"path" is saved: ' in teaching.view.text
@@ -78,10 +65,7 @@ def test_a_path_is_recorded_planned_and_replayed_as_it_was_planned(bench):
     assert "to its start" in teaching.view.text
     np.testing.assert_allclose(rig.arm.state.q, AWAY, atol=to_rad(0.1))  # nothing moved
     far = []
-    running = bench.worker.submit(teaching.ask, "run")
-    while not running.done():
-        far.append(np.abs(rig.arm.state.q - AWAY).max())
-        bench.clock.advance(0.01)
+    bench.ask("run", each=lambda: far.append(np.abs(rig.arm.state.q - AWAY).max()))
     assert max(far) > to_rad(20.0)  # it went to the beginning
     np.testing.assert_allclose(rig.arm.state.q, AWAY, atol=to_rad(0.5))
     assert teaching.view.text.startswith("Done.")
@@ -104,8 +88,8 @@ def test_each_recording_is_kept_and_what_is_deleted_comes_back(bench):
 
 def test_a_stop_ends_the_recording_and_what_was_shown_is_kept(bench):
     bench.ask("record", name="wave")
-    bench.lead(AWAY)
-    bench.passes(bench.worker.submit(bench.rig.arm.stop))
+    bench.lead()
+    in_time(bench.clock, bench.rig.arm.stop)
     assert bench.ask("end_path")["ended_by"] == "manual mode ended"
     assert "The recording ended: manual mode ended." in bench.teaching.view.text
     assert [each["name"] for each in bench.ask("list_paths")["paths"]] == ["wave"]
@@ -115,7 +99,7 @@ def test_a_replay_is_planned_anew_when_the_arm_was_moved(bench):
     bench.record()
     bench.ask("plan", name="path")
     assert bench.can("run")
-    bench.passes(bench.rig.arm.move(JointGoal(q=np.zeros(5)), wait=False).future)
+    in_time(bench.clock, partial(bench.rig.arm.move, JointGoal(q=np.zeros(5))))
     assert bench.teaching.view.text == "The arm has moved. Press Plan replay again."
     assert not bench.can("run")
     with pytest.raises(NotPossibleNow):
@@ -126,6 +110,6 @@ def test_closing_saves_what_is_being_recorded(bench, tmp_path):
     with pytest.raises(MotionError, match="nothing is being recorded"):
         bench.ask("end_path")
     bench.ask("record", name="wave")
-    bench.lead(AWAY)
+    bench.lead()
     bench.teaching.close()
     assert (tmp_path / "paths" / "wave.json").exists()
