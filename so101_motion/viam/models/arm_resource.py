@@ -348,16 +348,11 @@ class ArmResource(Configured, Arm):
         await self.ready()
         with grpc_statuses():
             async with self.guarded_scene.kept_known():
-                playing = await_motion.played(
-                    self._start_stream(), batches, self._point, self._come_to_rest
-                )
+                opening = self._start_stream()
+                playing = await_motion.played(opening, batches, self._come_to_rest)
                 async with aclosing(playing) as updates:
                     async for update in updates:
                         yield update
-
-    def _point(self, point: Arm.TrajectoryPoint) -> Array:
-        q = convert.from_joint_values(point.positions)
-        return q if self._is_here(q) else self._checked(q)
 
     def _waypoints(self, positions: list[JointPositions]) -> Array:
         """Waypoints without the start, shape (n, 5), [rad], every one within the limits."""

@@ -19,10 +19,10 @@ from viam.components.arm import Arm
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import Opening
 from so101_motion.common.errors import Interrupted
-from so101_motion.common.geometry import Array
 from so101_motion.common.operation import Moving
 from so101_motion.control.request_queue import own_thread
 from so101_motion.control.streamed_trajectory import Stream, TimedPoint
+from so101_motion.viam.conversion import convert
 
 T = TypeVar("T")
 
@@ -110,12 +110,11 @@ _LOOK = 0.02  # [s] between two checks of how far ahead they reach
 async def played(
     opening: Opening[Stream],
     batches: AsyncIterator[Batch],
-    read: Callable[[Arm.TrajectoryPoint], Array],
     come_to_rest: Rest,
 ) -> AsyncGenerator[Arm.TrajectoryUpdate, None]:
     """Push batches into a stream as they arrive, and wait until the arm has arrived.
 
-    ``read`` gives the joint angles of a point [rad]. Yields an acknowledgement for each batch.
+    Yields an acknowledgement for each batch.
     """
     over, opened = (asyncio.wrap_future(f) for f in (opening.motion.future, opening.opened))
     opened.add_done_callback(lambda done: done.cancelled() or done.exception())  # retrieved
@@ -123,9 +122,8 @@ async def played(
     try:
         stream = await asyncio.shield(opened)
         while (batch := await _next(batches, over)) is not None:
-            stream.push(
-                [TimedPoint(t=point.time.total_seconds(), q=read(point)) for point in batch]
-            )
+            points = [(p.time, convert.from_joint_values(p.positions)) for p in batch]
+            stream.push([TimedPoint(t=time.total_seconds(), q=q) for time, q in points])
             empty = False
             yield Arm.TrajectoryUpdate()
             while stream.ahead > FARTHEST and not over.done():
