@@ -451,6 +451,12 @@ class MoveModel:
         return min(speeds), min(accelerations)
 
     @property
+    def most(self) -> tuple[float, float]:
+        """The highest caps [rad/s], [rad/s^2] that every arm takes."""
+        ceilings = [each.arm.ceiling for each in self.arms.values()]
+        return min(c.speed for c in ceilings), min(c.acceleration for c in ceilings)
+
+    @property
     def sweeps(self) -> bool:
         return all(each.sweeps for each in self.arms.values())
 

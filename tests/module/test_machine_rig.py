@@ -186,6 +186,7 @@ WALLED = {
     "obstacles": [{"name": "mug", "box_mm": [60, 60, 90], "position_mm": [250, 0, 45]}],
     "floor_z_mm": -10.0,
     "speed_degs_per_sec": 40.0,
+    "max_speed_degs_per_sec": 60.0,
 }
 
 
@@ -207,6 +208,10 @@ def plans_use_what_the_module_has(rig):
     assert [obstacle.name for obstacle in rig.arm.scene.obstacles] == ["mug"]
     assert rig.arm.scene.floor_z == pytest.approx(-0.01)
     assert rig.arm.speed == pytest.approx(np.radians(40.0))
+    with pytest.raises(ConfigError, match="60 deg/s"):
+        rig.arm.set_speed(np.radians(61.0))
+    rig.do_command("walled", {"set_speed": 50.0})  # as another client does
+    until_true(lambda: rig.arm.speed == pytest.approx(np.radians(50.0)))
     lower, upper = rig.arm.range
     np.testing.assert_allclose(lower, rig.arm.model.lower)
     np.testing.assert_allclose(upper, rig.arm.model.upper)

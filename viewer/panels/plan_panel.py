@@ -131,12 +131,12 @@ class PlanPanel:
         self._facts = gui.add_html("")
         self._now = gui.add_html("", visible=False)
         self._caps = []
-        for label, range_deg, command in (
-            ("Speed (°/s)", SPEED_RANGE_DEG, model.set_speed),
-            ("Accel. (°/s²)", ACCELERATION_RANGE_DEG, model.set_acceleration),
+        for label, least_deg, most, command in (
+            ("Speed (°/s)", SPEED_RANGE_DEG[0], model.most[0], model.set_speed),
+            ("Accel. (°/s²)", ACCELERATION_RANGE_DEG[0], model.most[1], model.set_acceleration),
         ):
-            least, most = map(round, range_deg)
-            slider = gui.add_slider(label, least, most, 1, least)
+            least, most_deg = round(least_deg), round(to_deg(most))
+            slider = gui.add_slider(label, least, most_deg, 1, least)
             self._caps.append(SharedField(slider, command, context, units.WHOLE_DEGREES))
         sweep = gui.add_checkbox("Swept motion", True)
         self._sweeps = SharedField(sweep, model.show_sweep, context)

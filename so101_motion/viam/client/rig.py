@@ -2,9 +2,9 @@
 
 Goals are planned on this computer, by the same planner as for a local arm, from the joint angles
 that the machine reports and around ``arm.scene`` and what the machine has around the arm besides,
-which is read once a second. The arm's scene, calibrated ranges and caps are read when the
-connection is first made. Setting the caps here sets them on the machine; setting the scene here
-changes it only here.
+which is read once a second, as its caps are. The arm's scene, calibrated ranges and highest caps
+are read when the connection is first made. Setting the caps here sets them on the machine; setting
+the scene here changes it only here.
 """
 
 from __future__ import annotations
@@ -146,6 +146,12 @@ class MachineArm(Arm):
     """What the machine has around the arm besides ``scene``, as it said last: ``obstacles`` and
     ``attached`` as in a scene file, its other ``arms``, or why that is not known (``unknown``)."""
 
+    def take_caps(self, told: Mapping[str, Any], before: tuple[float, float]) -> None:
+        """Take over the caps that the machine told, unless those here were others ``before``."""
+        told_deg, mine = [told.get(key) for key in _CAPS], (self.speed, self.acceleration)
+        if mine == before and None not in told_deg and told_deg != [*map(in_deg, mine)]:
+            self._caps = JointCaps(speed=to_rad(told_deg[0]), acceleration=to_rad(told_deg[1]))
+
     def set_speed(self, speed: float) -> None:
         before = self._caps
         super().set_speed(speed)
@@ -204,7 +210,8 @@ _VIEWED = 0.3  # time between two readings of an operation's view [s]; chosen
 _SILENT = "the obstacles around the arm are not known: the machine did not answer in time"
 
 _RANGE_KEYS = ("joint_min_deg", "joint_max_deg")
-
+_CAPS = ("current_speed_degs_per_sec", "current_acceleration_degs_per_sec_per_sec")
+_MOST = ("max_speed_degs_per_sec", "max_acceleration_degs_per_sec_per_sec")
 
 _SHOWN = (
     "arm arm_name clock close connect connection do_command gripper has_gripper refresh "
@@ -246,8 +253,8 @@ class MachineRig(Machine):
             self.gripper = MachineGripper(
                 self._link, self._find_gripper, lambda: self._jaw, self._refresh
             )
-            speed = self._params.get("current_speed_degs_per_sec", 50.0)
-            acceleration = self._params.get("current_acceleration_degs_per_sec_per_sec", 100.0)
+            caps = zip(_CAPS, (50.0, 100.0), strict=True)
+            speed, acceleration = (self._params.get(key, default) for key, default in caps)
             self.arm = self._new_arm(
                 to_rad(speed), to_rad(acceleration), partial(worker.plan, owner=self)
             )
@@ -291,6 +298,9 @@ class MachineRig(Machine):
         if self._setup:
             lower, upper = (to_rad(np.array(self._setup[key])) for key in _RANGE_KEYS)
             arm.set_range(lower, upper)
+        if _MOST[0] in self._setup:
+            speed, acceleration = (to_rad(self._setup[key]) for key in _MOST)
+            arm.set_ceiling(JointCaps(speed=speed, acceleration=acceleration))
         if self._params:
             arm.tell = lambda command: self.do_command(self._arm_name, command)
         arm.surroundings = self._surroundings
@@ -404,7 +414,10 @@ class MachineRig(Machine):
             looking.cancel()
 
     async def _look_around(self, arm: ViamArm) -> None:
-        """Read what is around the arm again and again, so that nobody waits for it but a plan."""
+        """Read what is around the arm again and again, so that nobody waits for it but a plan.
+
+        And its caps, which other clients set as well, and which a module that starts again forgets.
+        """
         command = {"command": "get_surroundings"}
         while self._setup:  # else it is no arm of our module
             try:
@@ -415,6 +428,9 @@ class MachineRig(Machine):
                 self._around = {"unknown": _SILENT}
             self._looked.set()
             await asyncio.sleep(_LOOKED_AROUND)
+            if hasattr(self, "arm"):  # else it is being made
+                before = self.arm.speed, self.arm.acceleration
+                self.arm.take_caps(await _answer(arm, {"get_motion_params": True}), before)
         self._looked.set()
 
     async def _ask_both(self) -> None:

@@ -508,6 +508,8 @@ class ArmResource(Configured, Arm):
             "scene": scene_to(self._arm.scene),
             "joint_min_deg": to_deg(lower),
             "joint_max_deg": to_deg(upper),
+            "max_speed_degs_per_sec": in_deg(self._arm.ceiling.speed),
+            "max_acceleration_degs_per_sec_per_sec": in_deg(self._arm.ceiling.acceleration),
         })  # fmt: skip
 
     async def _get_surroundings(self) -> dict[str, Any]:
