@@ -138,7 +138,8 @@ class SetupPart(Part):
     """The Setup tab.
 
     Args:
-        on_stage: Shows or hides the preview's own arm; hidden while a setup is under way.
+        on_stage: Shows or hides the preview's own arm; hidden while the Setup tab is in front and
+            its step draws a picture.
         preview: Serves a preview of the finished arm; None where the page shows the arm already.
         resumes: Whether an earlier setup is resumed by itself; else a button offers it.
     """
@@ -268,8 +269,8 @@ class SetupPart(Part):
         self._choice.visible, self._buttons.visible = step is None, step is not None
         self._current = self._pages.get(page)
         self.setup.trouble = None
-        self.setup.picture.take_stage(step is not None or self._is_alone)
         self.setup.picture.rest()
+        self._take_stage()
         if self._current is None:
             self.setup.put_away()
         else:
@@ -277,6 +278,10 @@ class SetupPart(Part):
             self._current.refresh()
             self._current.show()  # before it is seen: it may have been left in another state
             self._folders[page].visible = True
+
+    def _take_stage(self) -> None:
+        is_seen = self.setup.context.front.name == TITLE and self.setup.picture.is_drawn
+        self.setup.picture.take_stage(is_seen or self._is_alone)
 
     def _connect(self) -> None:
         def made(target: SetupTarget) -> None:
@@ -300,6 +305,7 @@ class SetupPart(Part):
         torque = self.setup.torque.look(self.setup.target, is_blind=self.setup.is_looking)
         news = self._current is not None and self._current.refresh()
         asked = self._abort.refresh()
+        self._take_stage()
         return is_stale or ended or torque or news or asked
 
     def show(self) -> None:

@@ -18,6 +18,8 @@ GREEN: Color = (60, 160, 80)
 _PALE: Color = (196, 202, 208)
 _GHOST: Color = (60, 130, 246)
 
+_LABEL = "Picture of the setup; the arm itself may stand otherwise"  # for who sees another tab
+
 _AT_REST = ViewPicture(q=(0.0, 0.0, 0.0, 0.0, 0.0, 0.6))  # the jaw is open, to be seen
 
 
@@ -28,11 +30,12 @@ class Picture:
         self._on_stage = on_stage
         self._model = RobotModel.load()
         self._root = scene.add_frame("/setup", show_axes=False, visible=False)
+        scene.add_label("/setup/label", _LABEL, position=(-0.08, 0.0, 0.0))
         self._arm = RobotView(scene, "/setup/arm", color=_PALE)
         self._arm.set_visible(False)  # its meshes are sent when it is first shown
         self._ghost = RobotView(scene, "/setup/ghost", color=_GHOST, opacity=0.35)
         self._ghost.show(())
-        self.is_shown = False
+        self.is_shown = self.is_drawn = False
         self._lit: tuple[tuple[str, ...], Color] | None = None
         self.rest()
 
@@ -47,6 +50,7 @@ class Picture:
     def rest(self) -> None:
         """Show a pale arm in a plain pose without highlights and ghost, as each step starts."""
         self.draw(_AT_REST)
+        self.is_drawn = False
 
     def draw(self, picture: ViewPicture) -> None:
         """Draw arm, ghost and highlights of an operation's picture.
@@ -54,6 +58,7 @@ class Picture:
         Links of the ghost that are where the arm's are stay hidden: two surfaces in one place would
         flicker.
         """
+        self.is_drawn = True
         T_arm = self._placed(picture.q)
         self._arm.move(T_arm)
         T_ghost = self._placed(picture.ghost) if picture.ghost else {}
