@@ -148,9 +148,11 @@ class MachineArm(Arm):
 
     def take_caps(self, told: Mapping[str, Any], before: tuple[float, float]) -> None:
         """Take over the caps that the machine told, unless those here were others ``before``."""
-        told_deg, mine = [told.get(key) for key in _CAPS], (self.speed, self.acceleration)
-        if mine == before and None not in told_deg and told_deg != [*map(in_deg, mine)]:
-            self._caps = JointCaps(speed=to_rad(told_deg[0]), acceleration=to_rad(told_deg[1]))
+        mine = self.speed, self.acceleration
+        known = dict(zip(_CAPS, map(in_deg, mine), strict=True))
+        if mine == before and {**known, **told} != known:
+            speed, acceleration = (to_rad(float(told[key])) for key in _CAPS)
+            self._caps = JointCaps(speed=speed, acceleration=acceleration)
 
     def set_speed(self, speed: float) -> None:
         before = self._caps
