@@ -419,6 +419,9 @@ class MoveModel:
                 return texts.named(name, problem)
             if arm.state.mode in (Mode.MOVING, Mode.STOPPING) and arm.motion is None:
                 return texts.named(name, texts.IN_USE)
+            is_plain = self._sentence.tone is Tone.PLAIN and not self.plan_is_current
+            if is_plain and not name and arm.can_back_out:
+                return texts.IN_CONTACT
         return self._sentence
 
     @property
@@ -466,8 +469,12 @@ class MoveModel:
 
     def refresh(self) -> bool:
         news = [arm.refresh() for arm in self.arms.values()]
-        is_blocked = any(texts.blocked(arm.state) is not None for arm in self.arms.values())
-        if is_blocked and not self._motions:
+        gave_way = any(
+            texts.blocked(arm.state) is not None
+            and (arm.state.mode is not Mode.HOLDING or arm.state.reading.let_go)
+            for arm in self.arms.values()
+        )
+        if gave_way and not self._motions:
             self._sentence = texts.HOLDS_AGAIN  # for later: where it arrived is no longer true
         changed = self._causes.have_changed()
         if self._had_alarms and not self._motions and not self._have_alarms:

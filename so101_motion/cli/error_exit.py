@@ -33,14 +33,14 @@ from so101_motion.cli.shared import (
     state_of_opened_arms,
 )
 from so101_motion.common import errors, interrupts
-from so101_motion.common.errors import LONGEST_QUOTE, So101Error, clipped, quoted
+from so101_motion.common.errors import BACK_OUT_SLOWLY, LONGEST_QUOTE, So101Error, clipped, quoted
 from so101_motion.common.import_check import explain
 
 _VERBS = (
-    "add|ask|attach|calibrate|check|choose|clear|close|configure|connect|do|end|finish|free|give|"
-    "hold|install|keep|leave|let|list|look|loosen|lower|make|mend|move|name|open|plan|plug|press|"
-    "put|raise|read|remove|replace|run|save|see|send|set|start|stop|support|switch|take|try|turn|use|"
-    "wait|widen"
+    "add|ask|attach|back|calibrate|check|choose|clear|close|configure|connect|do|end|"
+    "finish|free|give|guide|hold|install|keep|leave|let|list|look|loosen|lower|make|"
+    "mend|move|name|open|plan|plug|press|put|raise|read|remove|replace|run|save|"
+    "see|send|set|start|stop|support|switch|take|try|turn|use|wait|widen"
 )
 _ADVICE = re.compile(rf"(?:; |\. |, so )(?=(?:{_VERBS}) )", re.IGNORECASE)
 
@@ -67,7 +67,8 @@ def parted(error: So101Error) -> ErrorText:
     if isinstance(error, errors.MachineRefused):
         why, advice = _split(error.reason)
         return ErrorText(error.what, f"the machine says: {why}", advice)
-    what, advice = _split(str(error))
+    way = f"{BACK_OUT_SLOWLY} (so101 move --leave-contact)"
+    what, advice = _split(str(error).replace(BACK_OUT_SLOWLY, way))
     return ErrorText(what, advice=advice)
 
 

@@ -180,6 +180,9 @@ class InCollision(PlanningError):
         super().__init__(message)
 
 
+BACK_OUT_SLOWLY = "back out slowly"  # in messages; each surface puts its own way to ask behind it
+
+
 class Overloaded(PlanningError):
     """A ``joint`` would exert more ``torque`` than its ``limit`` [N m] at ``q``, (5,), [rad]."""
 

@@ -21,6 +21,11 @@ from .screen_state import Sentence, Tone
 from .tracking import Tracking
 
 PRESS_PLAN = Sentence("Reachable. Press Plan.")
+IN_CONTACT = Sentence(
+    "The arm touches itself or something where it stands. Press Plan; if that is refused, press"
+    " Back out slowly, or guide it by hand.",
+    Tone.WARM,
+)
 PLANNING = Sentence("Planning …")
 PLANNED = Sentence("Planned. Check the path, then press Execute to move the arm.", Tone.GOOD)
 MOVING = Sentence("Moving. Press Space or Stop to stop.")
@@ -37,7 +42,7 @@ SURROUNDINGS_CHANGED = Sentence("The surroundings have changed. Press Plan again
 SINKS = "It will sink. Let go?"
 HELD_ALREADY = "The joints are held already."
 LIMP_ALREADY = "The joints are limp already."
-HOLD_FIRST = "Press Hold first."
+HOLD_FIRST = "To guide them, press Hold first."
 _MOVES = "Something moves: press STOP first."
 _IN_USE = {Mode.CALIBRATING: "The servos are in use for a calibration or a motor setup."}
 
@@ -113,6 +118,9 @@ def blocked(state: JointState) -> Sentence | None:
     reason, gone = reasons.get(state.mode), state.reading.let_go_of(ARM_JOINTS)
     if reason is None and gone is not None:
         reason = f"{gone} has let go: support the arm. Nothing moves before its servo holds again."
+    alarmed = next((joint for joint in ARM_JOINTS if joint in state.reading.alarms), None)
+    if reason is None and alarmed is not None:  # any motion would end at once
+        reason = f"{alarmed}: {state.reading.alarms[alarmed]}."
     return None if reason is None else Sentence(reason, Tone.BAD)
 
 

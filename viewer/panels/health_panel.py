@@ -11,9 +11,10 @@ from typing import Any
 import viser
 
 from so101_motion.common.errors import in_series
+from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import JointState
-from so101_motion.common.units import to_deg
+from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.limit_recovery import FARTHEST_OUT
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.servo_judgement import HOT_C, LOW_V, TOO_LOW_V, WARM_C, judge
@@ -55,6 +56,7 @@ class Health:
     # how often the port went away; None when there is no port or it is unknown
     port_losses: int | None = None
     uncalibrated: tuple[str, ...] = ()
+    has_file: bool = True  # whether a calibration file is in use, as far as that is known
     # the file with the second before the last failure; None when there is none
     last_failure: str | None = None
     # why a machine does not drive its arm; empty when it does, or cannot be asked
@@ -73,6 +75,7 @@ def read_health(rig: RigLike) -> Health:
             period=rig.executor.dt,
             port_losses=rig.servos.port_losses,
             uncalibrated=rig.uncalibrated,
+            has_file=any(each.source == "file" for each in rig.servos.setups.values()),
             last_failure=None if failure is None else str(failure),
         )
     if isinstance(rig, Rig):
@@ -136,6 +139,8 @@ def figures(found: Health) -> str:
     if found.port_losses is not None:
         times = {0: "never", 1: "once"}.get(found.port_losses, f"{found.port_losses} times")
         lines.append(("Disconnected", times))
+    if not found.has_file:
+        lines.append(("Calibration file", f"none: {_NO_FILE}"))
     if found.last_failure is not None:
         lines.append(("Before the last failure", found.last_failure))
     return f'<div class="so101-health">{servos}</div>{markup.facts(lines)}'
@@ -203,31 +208,47 @@ def servo_alarms(servos: Collection[JointHealth]) -> tuple[Alarm, ...]:
     )
 
 
+_NOTABLE = to_rad(1.0)  # so far beyond the limits of plans is worth an alarm [rad]; chosen
+
+
 def state_alarms(
-    state: JointState, uncalibrated: Iterable[str], not_ready: str = ""
+    state: JointState, health: Health, limits: tuple[Array, Array] | None = None
 ) -> tuple[Alarm, ...]:
+    """What is wrong with an arm besides its servos; ``limits`` of its plans are (5,) each [rad]."""
     found = []
-    if not_ready:
-        found.append(_warm("not ready", (), f"{capital(not_ready)}."))
-    unknown = tuple(uncalibrated)
+    if health.not_ready:
+        found.append(_warm("not ready", (), f"{capital(health.not_ready)}."))
+    unknown = health.uncalibrated
     if unknown:
         text = (
             f"No calibration: {_listed(unknown)} may not be where the picture shows it. Calibrate"
             " on the Setup tab before you move the arm."
         )
         found.append(_warm("calibration", unknown, text))
-    outside = tuple(state.reading.out_of_range)
-    if outside:
-        found.append(_warm("range", outside, _about_range(state)))
+    elif not health.has_file and state.mode is Mode.LIMP:  # once; then the Health tab has it
+        text = (
+            f"No calibration file fits this arm: {_NO_FILE}. You can use it, slowly at first;"
+            " Calibrate on the Setup tab makes a file."
+        )
+        found.append(_warm("calibration", (), text))
+    inside = dict(state.reading.out_of_range)
+    for joint, q, lower, upper in zip(ARM_JOINTS, state.q, *(limits or ((), ())), strict=False):
+        if not lower - _NOTABLE <= q <= upper + _NOTABLE:
+            inside.setdefault(joint, min(max(q, lower), upper))
+    if inside:
+        found.append(_warm("range", tuple(inside), _about_range(state, inside)))
     return tuple(found)
 
 
-def _about_range(state: JointState) -> str:
-    reading, here = state.reading, state.reading.angles
-    off = {joint: abs(here[joint] - at) for joint, at in reading.out_of_range.items()}
+_NO_FILE = "zero is the middle of each joint's travel, and points are some 40 mm off"
+
+
+def _about_range(state: JointState, inside: Mapping[str, float]) -> str:
+    here = state.reading.angles
+    off = {joint: abs(here[joint] - at) for joint, at in inside.items()}
     where = ", ".join(
         f"{joint} by {to_deg(off[joint]):.0f}°, limit {to_deg(limit):.0f}°"
-        for joint, limit in reading.out_of_range.items()
+        for joint, limit in inside.items()
     )
     far = tuple(joint for joint in off if off[joint] > FARTHEST_OUT)
     then = (
@@ -335,7 +356,7 @@ class HealthPart(Part):
         if rig.connection.problem is None:
             found = (
                 *servo_alarms(health.servos),
-                *state_alarms(state, health.uncalibrated, health.not_ready),
+                *state_alarms(state, health, rig.arm.range),
                 *self._late.alarm(time.monotonic(), health.late_ticks),
             )
         self._tell(not_said_yet(found, state))

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from so101_motion.common.errors import InCollision
+from so101_motion.common.errors import BACK_OUT_SLOWLY, InCollision
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.collision import BACK_OUT, CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
@@ -40,11 +40,9 @@ do, and the depth of an overlap is not known better. Chosen."""
 _RANDOM_DIRECTIONS = 60
 
 _MOTION = {
-    False: "small motion frees it; back out slowly (so101 move --leave-contact, Back out slowly on"
-    " the page, the command leave_contact), move it by hand (manual mode), or correct the scene if"
+    False: f"small motion frees it; {BACK_OUT_SLOWLY}, guide it by hand, or correct the scene if"
     " that is not there",
-    True: "straight motion frees it; move the arm by hand (manual mode), or correct the scene if"
-    " that is not there",
+    True: "straight motion frees it; guide it by hand, or correct the scene if that is not there",
 }
 """End of the error message, for a small motion and for a longer one."""
 

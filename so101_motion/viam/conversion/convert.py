@@ -24,6 +24,7 @@ from so101_motion.common.attributes import (
     suggest,
 )
 from so101_motion.common.errors import (
+    BACK_OUT_SLOWLY,
     LONGEST_MESSAGE,
     SUPERSEDED,
     BusError,
@@ -255,7 +256,8 @@ def grpc_error(error: So101Error) -> GRPCError:
     status = next(STATUS[cls] for cls in type(error).__mro__ if cls in STATUS)
     if isinstance(error, Interrupted) and error.by != SUPERSEDED:
         status = Status.CANCELLED
-    return GRPCError(status, on_the_wire(str(error)))
+    way = f'{BACK_OUT_SLOWLY} (the command "leave_contact")'
+    return GRPCError(status, on_the_wire(str(error).replace(BACK_OUT_SLOWLY, way)))
 
 
 LONGEST_ON_THE_WIRE = 1_500

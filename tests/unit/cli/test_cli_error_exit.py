@@ -11,7 +11,13 @@ from click.testing import CliRunner
 
 from so101_motion.cli.error_exit import KINDS, parted, reports_errors
 from so101_motion.cli.shared import DEBUG, in_lines, print_json
-from so101_motion.common.errors import CalibrationError, ConfigError, PortUnavailable
+from so101_motion.common.errors import (
+    BACK_OUT_SLOWLY,
+    CalibrationError,
+    ConfigError,
+    PlanningError,
+    PortUnavailable,
+)
 
 
 def reported(result):
@@ -140,6 +146,8 @@ def test_an_error_is_printed_as_what_why_and_what_to_try():
     assert (parts.what, parts.why, parts.advice) == (
         "/dev/a", "in use by another program", "end it first",
     )  # fmt: skip
+    parts = parted(PlanningError(f"it touches; {BACK_OUT_SLOWLY}, or guide it by hand"))
+    assert parts[2] == "back out slowly (so101 move --leave-contact), or guide it by hand"
     parts = parted(CalibrationError("elbow_flex", "too narrow", "calibrate again"))
     assert (parts.what, parts.advice) == ("elbow_flex: too narrow", "calibrate again")
     parts = parted(ConfigError("speed", 200.0, "must be between 3 and 180 deg/s"))

@@ -272,6 +272,7 @@ def test_what_an_alarm_has_refused_is_red_until_the_alarm_is_over_without_the_fi
     for _ in range(3):
         page.refresh()
         assert page.sentence == Sentence("elbow_flex: it gets only 5.0 V.", Tone.BAD)
+        assert (page.can_plan, page.can_execute) == (False, False)
     arm.be(np.zeros(5))
     page.refresh()
     assert page.sentence.text == "Reachable. Press Plan."
@@ -282,6 +283,7 @@ def test_an_arm_in_contact_where_it_stands_is_offered_a_way_out_that_is_shown_fi
     arm.be(np.array([0.1, 0.1, -0.21, 0.0, 0.0]))  # in the floor
     page.refresh()
     assert page.can_back_out
+    assert "press Back out slowly" in page.sentence.text
     page.plan_back_out()
     page.refresh()
     assert (page.can_execute, arm.executed) == (True, [])

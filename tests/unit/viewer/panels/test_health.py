@@ -2,6 +2,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from harness.fake_page import STILL
 from so101_viewer.page.bar import Bar
@@ -38,9 +39,15 @@ TOLD = {
 }  # fmt: skip
 
 
+ONES = np.ones(5)
+
+
 def machine(status):
-    arm = SimpleNamespace(state=SimpleNamespace(late_ticks=4))
+    arm = SimpleNamespace(state=SimpleNamespace(late_ticks=4), range=(-7 * ONES, 7 * ONES))
     return SimpleNamespace(arm=arm, status=status)
+
+
+FILED = Health(silence=None, late_ticks=0)
 
 
 def shown(*servos):
@@ -156,9 +163,25 @@ def test_one_supply_is_one_alarm_for_all_its_servos_and_a_silent_servo_is_said_o
 def test_a_joint_outside_its_range_says_how_far_and_what_brings_it_back(off_deg, then):
     inside = float(STILL.reading.q[3]) - to_rad(off_deg)
     reading = replace(STILL.reading, out_of_range={"wrist_flex": inside})
-    (alarm,) = state_alarms(replace(STILL, reading=reading), [])
-    assert f"wrist_flex by {off_deg:.0f}°" in alarm.sentence.text
-    assert then in alarm.sentence.text
+    upper = 7 * ONES
+    upper[3] = inside
+    for told, limits in ((reading, None), (STILL.reading, (-7 * ONES, upper))):
+        (alarm,) = state_alarms(replace(STILL, reading=told), FILED, limits)
+        assert f"wrist_flex by {off_deg:.0f}°" in alarm.sentence.text
+        assert then in alarm.sentence.text
+        assert alarm.joints == ("wrist_flex",)
+    upper[3] = STILL.reading.q[3] - to_rad(0.5)  # as far as a joint at its limit may droop
+    assert state_alarms(STILL, FILED, (-7 * ONES, upper)) == ()
+
+
+def test_that_there_is_no_calibration_file_is_said_before_the_arm_holds_then_in_the_tab():
+    health = replace(FILED, has_file=False)
+    (alarm,) = state_alarms(replace(STILL, mode=Mode.LIMP), health)
+    assert "40 mm off" in alarm.sentence.text
+    assert "Setup tab" in alarm.sentence.text
+    assert state_alarms(STILL, health) == ()
+    assert "40 mm off" in figures(health)
+    assert "40 mm off" not in figures(FILED)
 
 
 def test_many_late_cycles_are_an_alarm_until_they_have_stopped():
