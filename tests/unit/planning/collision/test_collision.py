@@ -87,6 +87,20 @@ def test_a_look_may_ask_for_more_than_the_margin(model, collision):
             assert collision.sampled_check(spacing=0.02, extra=0.01).is_free(q) == (room > 0.01)
 
 
+def test_with_a_tolerance_a_motion_may_come_a_little_nearer(collision):
+    def along_the_floor(distance):
+        """A turn of the pan at a height over the table."""
+        q = configuration(0, -20, 20, 60, 0)
+        while collision.clearance(q).distance > distance:
+            q[1] += 2e-4
+        return np.array([q, q + np.eye(5)[0] * 0.3])
+
+    assert collision.first_blocked(along_the_floor(0.0031)) is None
+    assert collision.first_blocked(along_the_floor(0.0027)) is not None
+    assert collision.first_blocked(along_the_floor(0.0027), tolerance=0.2) is None
+    assert collision.first_blocked(along_the_floor(0.002), tolerance=0.2) is not None
+
+
 # The library beside coal
 
 
