@@ -165,8 +165,8 @@ def replay(
     so101 dataset replay pick --episode 3 --sim --units degrees
     so101 dataset replay pick --episode 3 --port /dev/ttyACM0 --units range --speed 90
     """  # noqa: D301
-    from so101_motion.tasks.datasets import open_data_set, plan_episode, replay_episode, units_of
-    from so101_motion.tasks.datasets.replay import calibration_of
+    from so101_motion.tasks.datasets import open_data_set, units_of
+    from so101_motion.tasks.datasets.replay import calibration_of, plan_episode, replay_episode
 
     data_set = open_data_set(path, side=side or "")
     kind = _units_kind(data_set, units)

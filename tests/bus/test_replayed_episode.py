@@ -5,8 +5,8 @@ import pytest
 from harness.facing_arms import in_time
 from harness.lerobot_data import swing, write_data_set
 
-from so101_motion.tasks.datasets import open_data_set, plan_episode, replay_episode, units_of
-from so101_motion.tasks.datasets.replay import calibration_of
+from so101_motion.tasks.datasets import open_data_set, units_of
+from so101_motion.tasks.datasets.replay import calibration_of, plan_episode, replay_episode
 
 
 def from_rest(n=40):

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.errors import ConfigError, quoted
 from so101_motion.common.geometry import Array
@@ -39,6 +38,7 @@ from so101_motion.tasks.datasets.parquet import Reader
 from so101_motion.tasks.datasets.units import (
     CERTAIN,
     IN_WORDS,
+    JAW_CLOSED,
     LIKELY,
     UNKNOWN,
     Fit,

@@ -259,17 +259,17 @@ class EpisodeOperation(LocalOperation):
 
     def _replay(self) -> Mapping[str, Any]:
         """Move to the start of the newest episode and along it; returns when the arm rests."""
-        from so101_motion.tasks import datasets
-        from so101_motion.tasks.datasets.units import DEGREES
+        from so101_motion.tasks.datasets import open_data_set, replay
+        from so101_motion.tasks.datasets.units import DEGREES, units_of
 
         if self._kept is None:
             raise NotPossibleNow("replay", "no episode has been recorded yet")
         (root, number), rig = self._kept, self._rig
-        units = datasets.units_of(DEGREES, datasets.replay.calibration_of(rig))
+        units = units_of(DEGREES, replay.calibration_of(rig))
         self._doing = "Replaying"
         try:
-            planned = datasets.plan_episode(rig, datasets.open_data_set(root), number, units=units)
-            outcome = datasets.replay_episode(rig, planned)
+            planned = replay.plan_episode(rig, open_data_set(root), number, units=units)
+            outcome = replay.replay_episode(rig, planned)
         finally:
             self._doing = ""
         off = max(outcome.differences.rms_deg.values())

@@ -17,9 +17,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import so101_description
 from numpy.typing import NDArray
 
-from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.calib.record.lerobot import STRETCHED, TURNED
 from so101_motion.calib.record.record import JOINTS, WIDEST, JointCalibration
 from so101_motion.calib.record.store import Stored
@@ -39,6 +39,8 @@ from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TICKS_PER_RAD
+
+JAW_CLOSED, JAW_OPEN = so101_description.ROBOT.limits[GRIPPER_JOINT]  # [rad]
 
 DEGREES, RANGE, OLD, MODEL = "degrees", "range", "old", "model"
 KINDS = (DEGREES, RANGE, OLD, MODEL)

@@ -14,13 +14,8 @@ from so101_motion.calib.record.zero import Zero, encoder_zeros
 from so101_motion.common.errors import ConfigError, Interrupted, PlanningError
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.tasks.datasets import (
-    convert_data_set,
-    open_data_set,
-    plan_episode,
-    replay_episode,
-    units_of,
-)
+from so101_motion.tasks.datasets import convert_data_set, open_data_set, units_of
+from so101_motion.tasks.datasets.replay import plan_episode, replay_episode
 
 pytestmark = pytest.mark.usefixtures("planning_process")
 
