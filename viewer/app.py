@@ -268,5 +268,6 @@ def _picks(context: PageContext, rig: RigLike, place: str, *, title: str, node: 
             lambda rig: PickOperation(rig.picker, place),
             cannot="This arm's module on the machine cannot pick and place.",
             node=f"{node}/pick",
+            tab="Pick",
             color=(140, 95, 200),
         )

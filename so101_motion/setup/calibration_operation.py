@@ -47,6 +47,10 @@ _LET_GO = (
     "The joints are about to go limp: hold the arm with one hand, it sinks at once. Nothing is"
     " written to the motors yet."
 )
+_LIMP = (
+    "The joints are limp: put one hand on the arm before you go on. Nothing is written to the"
+    " motors yet."
+)
 _POSE = (
     "Hold every joint about in the middle of its travel: the upper arm upright, forearm and gripper"
     " level and straight ahead, the jaw half open. Then turn the gripper about its long axis until"
@@ -144,7 +148,7 @@ class CalibrationOperation(LocalOperation):
                 is_back = "The previous calibration is restored" if self._is_undone else "Saved"
                 return "Saved", f"{is_back}: {self.ended.stored.path}"
             case State.IDLE:
-                return "Homing pose", _LET_GO
+                return "Homing pose", _LIMP if now.holds is False else _LET_GO
             case State.STARTED:
                 return "Homing pose", _POSE
             case State.HOMED:

@@ -191,11 +191,11 @@ def _row(candidate: Candidate, *, is_chosen: bool) -> Row:
     volts: tuple[str, ...] = ()
     if report.volts is not None and report.nominal_volts is not None:
         volts = (f"{report.volts:.1f} V for a {report.nominal_volts:g} V arm",)
-    about = " · ".join(filter(None, (candidate.name, report.port.description)))
+    about, is_arm = report.port.description, report.servo_ids or report.in_use
     return Row(
-        label=report.port.device[-24:],
+        label=(report.port.device if about else candidate.name)[-24:],
         cells=volts,
-        text=f"{report.sentence}. {about}",
+        text=f"{report.sentence}. {candidate.name} · {about}" if about else report.sentence,
         mark="●" if is_chosen else "○",
-        tone="bad" if report.supply_trouble else "good" if is_chosen else "dim",
+        tone="bad" if report.supply_trouble else "good" if is_chosen and is_arm else "dim",
     )

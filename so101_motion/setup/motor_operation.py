@@ -145,7 +145,7 @@ class MotorOperation(LocalOperation):
             state="done" if motor is None else motor.joint,
             title="Motor ids",
             text=self._done(setup) if motor is None else self._text(setup, motor),
-            rows=tuple(_row(m, is_next=m is motor) for m in setup.motors.values()),
+            rows=tuple(_row(setup, m, is_next=m is motor) for m in setup.motors.values()),
             trouble=trouble,
             fix=fix,
             note="" if motor is None else self._note(setup, motor),
@@ -169,7 +169,9 @@ class MotorOperation(LocalOperation):
     @staticmethod
     def _done(setup: SetupView) -> str:
         is_skipped = any(motor.state == "skipped" for motor in setup.motors.values())
-        return f"All six motors are set up{' or skipped' if is_skipped else ''}."
+        new = [motor for motor in setup.motors.values() if motor.state == "configured"]
+        write = f" Write {new[-1].target_id} on the motor of {new[-1].joint}." if new else ""
+        return f"All six motors are set up{' or skipped' if is_skipped else ''}.{write}"
 
     def _text(self, setup: SetupView, motor: MotorView) -> str:
         if motor.state == "found" and _owner(setup, motor) is None:
@@ -521,14 +523,15 @@ def _doubt(setup: SetupView, motor: MotorView) -> str:
     return ""
 
 
-def _row(motor: MotorView, *, is_next: bool) -> Row:
+def _row(setup: SetupView, motor: MotorView, *, is_next: bool) -> Row:
     mark, tone = _MARKS[motor.state]
-    if is_next and motor.state in ("todo", "failed"):
+    is_another = _owner(setup, motor) is not None  # the one before is still plugged in
+    if is_next and (is_another or motor.state in ("todo", "failed")):
         mark, tone = "●", "busy"
     identity = f"id {motor.found_id}"
     if motor.state == "skipped":
         identity = "skipped"
-    elif motor.found_id is None or motor.state == "todo":
+    elif motor.found_id is None or motor.state == "todo" or is_another:
         identity = f"gets id {motor.target_id}"
     elif motor.state in ("found", "failed") and motor.found_id != motor.target_id:
         identity += f" → {motor.target_id}"

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from so101_motion.arm.picking import DOING, TRIES, Picker, PickRun
-from so101_motion.common.errors import ConfigError, NotPossibleNow, So101Error
+from so101_motion.common.errors import ConfigError, Interrupted, NotPossibleNow, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.operation import Input, LocalOperation, Offer, Picture, Row, Started, View
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
@@ -236,7 +236,7 @@ class PickOperation(LocalOperation):
 
     def _ended(self, done: Future[None]) -> None:
         error = done.exception()
-        if isinstance(error, So101Error):
+        if isinstance(error, So101Error) and not isinstance(error, Interrupted):
             self._trouble = str(error)
             self.say(self._trouble, "bad")
 

@@ -244,7 +244,7 @@ def test_jogging_lasts_as_long_as_a_key_or_a_button_or_one_of_a_gamepad_is_held(
         let_go()
         guest.until(lambda: not moves())
         page.keyboard.up("q")
-    x, y, right, bottom = box(page.get_by_label("shoulder pan, less"))
+    x, y, right, bottom = box(page.get_by_label("shoulder_pan, less"))
     page.mouse.move(0.5 * (x + right), 0.5 * (y + bottom))
     page.mouse.down()
     guest.until(moves)

@@ -46,7 +46,7 @@ def eeprom(kit):
 
 
 def until_recording(person):
-    person.sees("about to go limp")
+    person.sees("put one hand on the arm")
     person.presses("\n")
     person.sees("in the middle of its travel")
     person.sees("opens straight upwards")

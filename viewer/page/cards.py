@@ -27,9 +27,9 @@ def note(text: str) -> str:
     return f'<div class="so101-note">{escape(text)}</div>' if text else ""
 
 
-def enter(press: str) -> str:
+def enter(press: str, label: str) -> str:
     """Tell that Enter presses the button ``press``, which the front end then does."""
-    return f'<div data-enter="{escape(press)}">{note("Enter does the same.")}</div>'
+    return f'<div data-enter="{escape(press)}">{note(f"The key Enter: {label}.")}</div>'
 
 
 def marked(mark: str, tone: Tone, sentence: str, fix: str = "") -> str:

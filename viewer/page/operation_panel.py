@@ -23,6 +23,7 @@ from so101_motion.common.operation import Input, Offer, Operation, View
 from . import cards, markup, texts
 from .bar import uuid_of
 from .page_context import PageContext, Part
+from .screen_state import Tone
 from .shared_fields import AskingButton, SharedField
 
 T = TypeVar("T")
@@ -34,6 +35,7 @@ _PERIOD = 0.07
 
 
 _NONE = "none"
+_MOVES = ("run", "move")  # the commands that carry out what was planned
 
 
 @dataclass(slots=True, kw_only=True)
@@ -129,6 +131,7 @@ class OperationPanel(Part):
         operation: Returns the operation; None while there is none.
         worker: Runs its commands; one of its own if not given, closed with the panel.
         draw: Draws the view's picture.
+        as_shown: What to show of the operation's view.
         hides_cancel: Whether the page has a button of its own that undoes everything.
         by_enter: Whether Enter presses the usual button, where none has the focus.
     """
@@ -140,10 +143,12 @@ class OperationPanel(Part):
         *,
         worker: Worker | None = None,
         draw: Callable[[View], None] = lambda _view: None,
+        as_shown: Callable[[View], View] = lambda view: view,
         hides_cancel: bool = False,
         by_enter: bool = False,
     ) -> None:
         self._context, self._operation, self._draw = context, operation, draw
+        self._as_shown = as_shown
         self._hides_cancel, self._by_enter = hides_cancel, by_enter
         self._worker = worker or Worker()
         self._own = self._worker if worker is None else None
@@ -166,7 +171,7 @@ class OperationPanel(Part):
         operation, t = self._operation(), time.monotonic()
         if operation is None or (t < self._due and not is_news):
             return is_news
-        before, self._view = self._view, (now := operation.view)
+        before, self._view = self._view, (now := self._as_shown(operation.view))
         if before is not None and (now.said, now.state) != (before.said, before.state):
             new = next((s.text for s in reversed(now.said) if s not in before.said), "")
             self._news = new and f"{time.strftime('%H:%M:%S')} {new}"  # it may not last as long
@@ -210,15 +215,17 @@ class OperationPanel(Part):
         if view.picture is not None:
             html += cards.note(view.picture.note)
             html += cards.note("The blue ghost shows the pose." if view.picture.ghost else "")
-        if self._worker.doing or view.doing:
-            html += cards.going_on(view.doing or self._worker.doing)
+        doing = view.doing or (self._worker.doing if self._own is not None else "")
+        if doing:  # the page that has the worker shows what it does
+            html += cards.going_on(doing)
         elif due is not None and due.due_in:
             html += cards.going_on(f"{due.title} in {due.due_in:.1f} s")
         first = next((o for o in view.offers if not o.is_look), None)
         if first is not None and first.why_not and not view.trouble:
             html += cards.note(f"{first.title}: {texts.capital(first.why_not)}")
-        lit = next((b for b in self._buttons.values() if _is_lit(b)), None)
-        return html + (cards.enter(uuid_of(lit) or "") if lit and self._by_enter else "")
+        plain = (b for b in self._buttons.values() if not isinstance(b, AskingButton))
+        lit = next((b for b in plain if b.visible and b.color is None and not b.disabled), None)
+        return html + (cards.enter(uuid_of(lit) or "", lit.label) if lit and self._by_enter else "")
 
     def _wrong(self, view: View) -> str:
         """What is wrong, above the rows, so that it is seen on a phone as well."""
@@ -227,8 +234,11 @@ class OperationPanel(Part):
         trouble = view.trouble
         if self._own is None and trouble == str(self._worker.trouble):
             return ""  # the page that has the worker shows it
-        if self._own is not None and self._own.trouble is not None:
-            trouble = trouble or texts.ended(self._own.trouble).text
+        if self._own is not None and self._own.trouble is not None and not trouble:
+            ended = texts.ended(self._own.trouble)
+            if ended.tone is not Tone.BAD:  # it was stopped
+                return cards.note(ended.text)
+            trouble = ended.text
         return cards.failed(trouble) if trouble else ""
 
     def _show_buttons(self, view: View) -> None:
@@ -242,7 +252,6 @@ class OperationPanel(Part):
             if slot not in self._buttons:
                 with self._folder:
                     self._buttons[slot] = self._new_button(slot, offer)
-        first = view.offers[0] if view.offers else None
         places: dict[str, int] = {}
         shown = {each.label for offer in view.offers for each in offer.inputs.values()}
         for slot, offer in self._offers.items():
@@ -260,14 +269,21 @@ class OperationPanel(Part):
             if isinstance(button, AskingButton):
                 can = here is not None and here.why_not is None and not self._worker.doing
                 button.show(shown=here is not None, can=can, label=here.title if here else "")
+                button.color = self._color(here, view)
                 continue
             button.visible = here is not None
             if here is not None:
-                button.label = here.title
-                is_usual = here is first and not here.cancels and not view.is_over
-                button.color = "green" if is_usual else "gray"
+                button.label, button.color = here.title, self._color(here, view)
                 is_busy = bool(self._worker.doing) and not here.cancels
                 button.disabled = here.why_not is not None or is_busy
+
+    def _color(self, offer: Offer | None, view: View) -> Any:
+        """As on the Move tab: what plans or is usual shines, what moves the arm is green."""
+        if offer is None or offer.cancels or view.is_over:
+            return "gray"
+        if offer.command in _MOVES:
+            return "green"
+        return None if offer is view.offers[0] else "gray"
 
     def _show_field(self, wanted: Input, value: str, order: int) -> None:
         known = self._fields.get(wanted.label)
@@ -285,7 +301,7 @@ class OperationPanel(Part):
     def _new_button(self, slot: str, offer: Offer) -> viser.GuiButtonHandle | AskingButton:
         press = partial(self._press, slot)
         if offer.asks:
-            return AskingButton(self._context, offer.title, offer.asks, press)
+            return AskingButton(self._context, offer.title, offer.asks, press, icon=None)
         return self._context.button(offer.title, press)
 
     def _press(self, slot: str) -> None:
@@ -309,10 +325,3 @@ class OperationPanel(Part):
             self._worker.watch(ask)
         else:
             self._worker.do(offer.title, ask)
-
-
-def _is_lit(button: viser.GuiButtonHandle | AskingButton) -> bool:
-    """Whether it is the usual button of the view, and can be pressed."""
-    if isinstance(button, AskingButton):
-        return False
-    return button.visible and button.color == "green" and not button.disabled

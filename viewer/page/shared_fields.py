@@ -90,7 +90,7 @@ class UndoButtons:
 
 
 class AskingButton:
-    """A gray button that says ``question`` when it is pressed, and acts if it is again in time."""
+    """A button that says ``question`` when it is pressed, and acts if it is again in time."""
 
     def __init__(
         self,
@@ -98,11 +98,19 @@ class AskingButton:
         label: str,
         question: str,
         command: Callable[[], object],
-        icon: viser.IconName = viser.Icon.RESTORE,
+        icon: viser.IconName | None,
     ) -> None:
         self._label, self._question, self._command = label, question, command
         self._until = 0.0
         self._button = context.button(label, self._press, icon=icon, color="gray")
+
+    @property
+    def color(self) -> Any:
+        return self._button.color
+
+    @color.setter
+    def color(self, color: Any) -> None:
+        self._button.color = color
 
     @property
     def order(self) -> float:

@@ -21,8 +21,11 @@ from so101_motion.rig.protocols import RigLike
 from ..page import markup
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Tone
+from ..page.target_ik import FRAMES
 
 _LINES = 60  # how many events the page shows; the saved file has all
+
+_POINT = FRAMES[0]  # what a target is for, unless another frame was chosen
 
 _MODES = {
     Mode.LIMP: "The arm is limp",
@@ -67,12 +70,14 @@ class ArmEvents(Part):
             self._began = now.t
             self._tell("The arm moves", Tone.PLAIN)
         elif before.arm_moving and not now.arm_moving:
-            x, y, z = np.rint(to_mm(self._rig.arm.T_base().p)) + 0.0  # never "-0"
+            x, y, z = np.rint(to_mm(self._rig.arm.T_base(_POINT).p)) + 0.0  # never "-0"
             lasted = max(now.t - self._began, 0.0)
             arrived = before.mode is Mode.MOVING and now.mode is Mode.HOLDING
             what, after = ("Arrived", "in") if arrived else ("Stopped", "after")
             self._tell(
-                f"{what} at ({x:.0f}, {y:.0f}, {z:.0f}) mm {after} {lasted:.1f} s", Tone.PLAIN
+                f"{what} with the {_POINT.replace('_', ' ')} at ({x:.0f}, {y:.0f}, {z:.0f}) mm"
+                f" {after} {lasted:.1f} s",
+                Tone.PLAIN,
             )
         moved = before.mode in (Mode.MOVING, Mode.STOPPING)
         if now.fault != before.fault and now.fault is not None:

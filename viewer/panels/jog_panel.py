@@ -142,7 +142,7 @@ class JogPart(Part):
 
 
 _JOINT_ROWS = tuple(
-    (i, joint.replace("_", " "), keys)
+    (i, joint, keys)
     for i, (joint, keys) in enumerate(zip(ARM_JOINTS, ("aq", "sw", "de", "fr", "gt"), strict=True))
 )
 _TOOL_ROWS = (
@@ -176,7 +176,7 @@ def _row(axis: int, name: str, keys: str, *, is_on: bool) -> str:
     words = ("close", "open") if axis == _JAW_ROW[0] else ("less", "more")
     return (
         _button(axis, -1, "−", less, f"{name}, {words[0]}", is_on=is_on)
-        + f"<span>{escape(name)}</span>"
+        + f"<span>{escape(name).replace('_', '_<wbr>')}</span>"  # a phone breaks it there
         + _button(axis, 1, "+", more, f"{name}, {words[1]}", is_on=is_on)
     )
 

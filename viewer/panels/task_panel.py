@@ -29,6 +29,7 @@ class TaskPart(Part):
         here: Makes the operation of an arm of this computer.
         cannot: What to say of a machine whose module does not have it.
         node: The scene node to draw under.
+        tab: The tab that must be in front for it to be drawn.
     """
 
     def __init__(
@@ -41,9 +42,10 @@ class TaskPart(Part):
         *,
         cannot: str,
         node: str,
+        tab: str,
         color: Color,
     ) -> None:
-        self._context, self._rig = context, rig
+        self._context, self._rig, self._tab = context, rig, tab
         self._name, self._moves, self._here = name, moves, here
         self._color = color
         self._line = Line(context.server.scene, f"{node}/path")
@@ -99,7 +101,8 @@ class TaskPart(Part):
             panel.show()
 
     def _draw(self, view: View) -> None:
-        picture = view.picture or Picture()
+        is_front = self._context.front.name == self._tab
+        picture = view.picture if view.picture is not None and is_front else Picture()
         if picture == self._drawn:
             return
         self._drawn = picture

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +26,15 @@ from so101_motion.setup import connect
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.connect import ConnectOperation
 from so101_motion.setup.move_test import MoveTest
-from so101_motion.setup.setup_steps import CHAIN, CONFIGURE, CONNECT, TEST, SetupStep
+from so101_motion.setup.setup_steps import (
+    ASSEMBLY,
+    CHAIN,
+    CONFIGURE,
+    CONNECT,
+    RECORD,
+    TEST,
+    SetupStep,
+)
 from so101_motion.viam.suggested_config import configuration
 
 from ..page import cards, markup
@@ -57,6 +66,7 @@ class StepPage:
             lambda: self.operation,
             worker=setup,
             draw=self._draw,
+            as_shown=self._as_shown,
             hides_cancel=True,
             by_enter=step.name == "motors",
         )
@@ -112,6 +122,9 @@ class StepPage:
         if self.operation is not None:
             self._setup.do(doing, partial(self.operation.ask, command))
 
+    def _as_shown(self, view: View) -> View:
+        return view
+
     def _draw(self, view: View) -> None:
         if view.picture is not None:
             self._setup.picture.draw(view.picture)
@@ -146,9 +159,29 @@ class CalibrationPage(StepPage):
                 self._setup.saved = view.facts["calibration_file"]
         return news
 
+    def _as_shown(self, view: View) -> View:
+        """Without what belongs to the next step, once the travel is recorded."""
+        is_through = view.state == State.COMPLETED.value and not view.trouble
+        if self._step is not RECORD or not is_through:
+            return view
+        text = "The travel is recorded. Press Next."
+        return replace(
+            view, title=RECORD.title, text=text, rows=(), note="", offers=(), picture=None
+        )
+
     def _as_it_was(self) -> str:
         target = self._setup.target
         return self._left if target is None else target.situation.untouched
+
+
+class AssemblyPage(StepPage):
+    """The page of the assembly; it may be left before every joint is checked."""
+
+    def __init__(self, setup: SetupContext) -> None:
+        super().__init__(setup, ASSEMBLY, lambda target: target.assembly)
+
+    def next_label(self) -> str:
+        return "Next" if self.check().verdict == "ok" else "Skip the check"
 
 
 class ChainPage(StepPage):
@@ -309,6 +342,9 @@ class ConfigurePage(StepPage):
         if target is not None and not target.is_remote:
             make = partial(snippet, target)
             self._setup.do("writing the configuration", make, partial(setattr, self, "_text"))
+
+    def is_next_due(self) -> bool:
+        return self._setup.preview is None or bool(self._url)
 
     def refresh(self) -> bool:
         return False

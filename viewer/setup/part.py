@@ -35,7 +35,15 @@ from ..page.page_context import PageContext, Part
 from ..page.shared_fields import AskingButton
 from ..page.texts import capital
 from . import setup_cards
-from .page import CalibrationPage, ChainPage, ConfigurePage, ConnectionPage, FinalTestPage, StepPage
+from .page import (
+    AssemblyPage,
+    CalibrationPage,
+    ChainPage,
+    ConfigurePage,
+    ConnectionPage,
+    FinalTestPage,
+    StepPage,
+)
 from .picture import Picture
 from .setup_context import ArmSource, ServesPreview, SetupContext, SetupTarget, known_arm
 
@@ -70,7 +78,7 @@ class StepWizard:
         if k >= self.place:
             return "now" if k == self.place else "left"
         # All other steps must be done before Next is enabled.
-        verdict = step.check(known).verdict if step in (MOTORS, TEST) else "ok"
+        verdict = step.check(known).verdict if step in (MOTORS, ASSEMBLY, TEST) else "ok"
         is_left_out = verdict == "warn" or (step is TEST and verdict == "fail")
         return "passed over" if is_left_out else "done"
 
@@ -165,7 +173,7 @@ class SetupPart(Part):
             "connect": self._connection,
             "motors": StepPage(self.setup, MOTORS, lambda target: target.motors, _MOTORS_LEFT),
             "chain": ChainPage(self.setup),
-            "assembly": StepPage(self.setup, ASSEMBLY, lambda target: target.assembly),
+            "assembly": AssemblyPage(self.setup),
             "pose": CalibrationPage(self.setup, POSE),
             "record": CalibrationPage(self.setup, RECORD),
             "save": CalibrationPage(self.setup, SAVE),

@@ -264,6 +264,7 @@ class SetupContext(Worker):
             seen=replace(self.seen, servos=now.checked),
             setup=now.setup,
             view=now.view,
+            is_assembled=self.target.assembly.view.is_over,
             saved=self.saved,
             tested=self.tested,
         )

@@ -47,6 +47,7 @@ class TeachPart(TaskPart):
                 lambda rig: TeachingOperation(rig, lambda: user_storage.folder() / "paths"),
                 cannot="This arm's module on the machine cannot record or replay a path.",
                 node=f"{node}/teach",
+                tab="Teach",
                 color=(12, 133, 153),
             )
             if self._leading is not None:

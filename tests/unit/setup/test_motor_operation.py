@@ -121,6 +121,7 @@ def test_nobody_on_the_cable_is_no_trouble_until_it_has_been_so_for_a_while():
 def test_a_motor_that_is_done_can_be_set_up_again_and_rows_name_the_ids():
     asked = operation(**dict.fromkeys(SetupView().motors, DONE))
     assert (asked.view.state, asked.view.is_over) == ("done", True)
+    assert asked.view.text.endswith("Write 1 on the motor of shoulder_pan.")
     assert asked.view.offer("discover") is None, "nobody looks"
     asked.ask("choose", motor_name="elbow_flex")
     assert asked.view.state == "elbow_flex"
@@ -131,6 +132,8 @@ def test_a_motor_that_is_done_can_be_set_up_again_and_rows_name_the_ids():
     assert rows["gripper"] == "skipped"
     assert rows["wrist_roll"] == "id 6 → 5, 1 Mbaud"
     assert rows["wrist_flex"] == "gets id 4"
+    is_plugged_in = operation(gripper=DONE, wrist_roll={**NEW, "found_id": 6}).view.rows[1]
+    assert is_plugged_in.cells == ("gets id 5",), "the gripper's motor is not changed"
 
 
 def chain(status, *, error, fix, sound=0):

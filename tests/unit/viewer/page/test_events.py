@@ -20,7 +20,7 @@ class Seen:
 
     def __init__(self):
         tool = SimpleNamespace(p=np.array([0.25, -0.12, 0.15]))
-        self.arm = SimpleNamespace(state=STILL, newest=None, T_base=lambda: tool)
+        self.arm = SimpleNamespace(state=STILL, newest=None, T_base=lambda _frame: tool)
         self.rig = SimpleNamespace(arm=self.arm, connection=ArmConnection(to="arm on X"))
         self.told = []
         self.witness = ArmEvents(self.rig, lambda *words: self.told.append(words))
@@ -41,11 +41,11 @@ def seen():
 def test_a_motion_is_reported_at_its_begin_and_at_its_end_with_the_place_and_the_time(seen):
     assert seen.after(mode=Mode.MOVING, arm_moving=True, t=11.0) == ["The arm moves"]
     told = seen.after(mode=Mode.HOLDING, arm_moving=False, t=13.5)
-    assert told == ["Arrived at (250, -120, 150) mm in 2.5 s"]
+    assert told == ["Arrived with the jaw tip at (250, -120, 150) mm in 2.5 s"]
     seen.after(mode=Mode.MOVING, arm_moving=True, t=21.0)
     seen.after(mode=Mode.STOPPING, t=21.5)
     told = seen.after(mode=Mode.HOLDING, arm_moving=False, t=22.0)
-    assert told == ["Stopped at (250, -120, 150) mm after 1.0 s"]
+    assert told == ["Stopped with the jaw tip at (250, -120, 150) mm after 1.0 s"]
 
 
 @pytest.mark.parametrize(
