@@ -56,8 +56,8 @@ CALIBRATED = "A calibration is under way"
         (Arm(), HELD, CAN, CAN),
         (Arm(mode=Mode.MOVING), HELD, "Something moves: press STOP first", CAN),
         (Arm(mode=Mode.GUIDING), CAN, "Guide by hand is on already", CAN),
-        (Arm(mode=Mode.LIMP, holds=False), CAN, "press Hold first", LIMP),
-        (Arm(mode=Mode.LIMP, holds=True), CAN, "press Hold first", CAN),  # by another program
+        (Arm(mode=Mode.LIMP, holds=False), CAN, "press Hold first.", LIMP),
+        (Arm(mode=Mode.LIMP, holds=True), CAN, "press Hold first.", CAN),  # by another program
         (Arm(mode=Mode.FAULT), CAN, "The arm is in a fault: press Hold first", CAN),
         (Arm(is_calibrated=False), HELD, "Only a calibrated arm", CAN),
         (
