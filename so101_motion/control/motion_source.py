@@ -87,6 +87,7 @@ class PlannedMotion:
         self._now: Setpoint | None = None
         self._passed = 0  # samples before the first that ``_trajectory`` still has
         self._continuation: _Continuation | None = None
+        self._changes: tuple[Trajectory | None, Array] = None, np.zeros((0, 0))
         self.played = trajectory, 0
 
     @property
@@ -140,11 +141,15 @@ class PlannedMotion:
     @property
     def acceleration(self) -> Array:
         """How the joints accelerate in ``FORESIGHT`` from now on, on average, (n,) [rad/s^2]."""
-        qd, dt = self._trajectory.qd, self._trajectory.dt
-        k, last = min(self._k, len(qd) - 1), len(qd) - 1
-        ahead = round(FORESIGHT / dt)
-        found: Array = (qd[min(k + ahead, last)] - qd[k]) / (ahead * dt)
-        return found
+        trajectory, changes = self._changes
+        if trajectory is not self._trajectory:
+            trajectory = self._trajectory
+            qd, ahead = trajectory.qd, round(FORESIGHT / trajectory.dt)
+            later = np.minimum(np.arange(len(qd)) + ahead, len(qd) - 1)
+            changes = (qd[later] - qd) / (ahead * trajectory.dt)
+            self._changes = trajectory, changes
+        row: Array = changes[min(self._k, len(changes) - 1)]
+        return row
 
     @property
     def is_over(self) -> bool:

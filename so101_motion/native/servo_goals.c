@@ -142,7 +142,8 @@ static void foresee(Goals *g, double dt, double *ways) {
 }
 
 /* Take the next command. `given`: angles of six joints, velocities and accelerations of five, confirmed angles
- * of six, torques that hold the pose and what each kilogram adds, six each. Returns as so101_limiter_follow. */
+ * of six, torques that hold the pose then and what each kilogram adds, six each, unless the weight of the arm is
+ * known. Returns as so101_limiter_follow. */
 int so101_goals_point(Goals *g, const double *given, int has_qd, int has_qdd, int follows_target, uint32_t free,
                       double now) {
     const double *q = given, *qd = q + SERVOS, *qdd = qd + JAW, *here = qdd + JAW, *own = here + SERVOS;
@@ -163,7 +164,12 @@ int so101_goals_point(Goals *g, const double *given, int has_qd, int has_qdd, in
     if (has_qd && has_qdd && !follows_target) foresee(g, dt < RECENT ? dt : g->limiter->slack, ways);
     g->has_qd = has_qd, g->t_point = now;
     for (int i = 0; i < SERVOS; i++) moved |= q[i] != g->trim->goal[i];
-    if (moved) so101_trim_command(g->trim, q, g->qd, ways, own, own + SERVOS, now);
+    if (moved && g->trim->arm) { /* where the joints will be when the goal acts */
+        double then[SERVOS], torque[SERVOS], added[SERVOS];
+        for (int i = 0; i < SERVOS; i++) then[i] = i < JAW ? q[i] + g->ahead * g->qd[i] : q[i];
+        so101_weigh(g->trim->arm, then, torque, added);
+        so101_trim_command(g->trim, q, g->qd, ways, torque, added, now);
+    } else if (moved) so101_trim_command(g->trim, q, g->qd, ways, own, own + SERVOS, now);
     for (int i = 0; has_qd && i < JAW; i++)
         if (isnan(qd[i])) { /* it stays where it is */
             g->setpoint_qd[i] = 0.0;

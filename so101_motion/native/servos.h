@@ -17,6 +17,13 @@ typedef struct {
     double braking, full_drive_error, volts, most_drive, largest_load, is_known;
 } Servo;
 
+/* The bodies that six joints move, as ArmWeight in arm_weight.py: each joint's placement in the one before
+ * (rotation by rows, then position; it turns about its z), its body's mass and centre. */
+typedef struct {
+    double up[3], load[3]; /* minus gravity, in the base; where a load sits on the last link of the arm */
+    struct { double R[9], p[3], mass, centre[3]; } body[SERVOS];
+} Weight;
+
 /* As Trim in gravity_compensation.py. */
 typedef struct {
     double engaging, heaviest, largest_drive, settle_position, left_alone; /* constants of that file */
@@ -25,6 +32,7 @@ typedef struct {
     double without_speed[SERVOS], known[SERVOS], rest[SERVOS], goal[SERVOS], qd[SERVOS];
     double arrived[SERVOS], gives_way[SERVOS];
     const Servo *servo[SERVOS];
+    const Weight *arm; /* 0 if its torques are given */
 } Trim;
 
 /* As GoalLimiter in goal_limiter.py. */
@@ -37,7 +45,7 @@ typedef struct {
 
 /* As GoalCompensation in goal_compensation.py. */
 typedef struct {
-    double delay, largest_offset, compensates; /* constants, and the joints' maps */
+    double delay, ahead, largest_offset, compensates; /* constants, and the joints' maps */
     double direction[SERVOS], zero_ticks[SERVOS], lower_ticks[SERVOS], upper_ticks[SERVOS];
     double t_begin, t_point, t_goals, has_qd, is_told, follows_target;
     double qd[JAW], qdd[JAW], side[JAW], crossing[JAW];
@@ -80,6 +88,7 @@ double so101_servo_drive(const Servo *s, double distance);
 double so101_servo_distance(const Servo *s, double torque, double speed);
 double so101_servo_friction(const Servo *s, double load, double way, double speed);
 double so101_servo_stray(const Servo *s, double speed);
+void so101_weigh(const Weight *w, const double *q, double *own, double *per_kg);
 void so101_trim_command(Trim *t, const double *goal, const double *qd, const double *way, const double *own,
                         const double *per_kg, double now);
 void so101_trim_give_way(Trim *t, int i);

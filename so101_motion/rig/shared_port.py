@@ -30,6 +30,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.control.joint_controller import JointController
 from so101_motion.drivers.bus.bus import reply_timeout_in
+from so101_motion.drivers.feetech.arm_weight import ArmWeight
 from so101_motion.drivers.feetech.gravity_compensation import (
     LEFT_ALONE,
     SETTLE_POSITION,
@@ -42,7 +43,7 @@ from so101_motion.files.failure_record import FailureRecorder
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.torque import gravity_per_kg
+from so101_motion.planning.timing.torque import place_in_hand
 from so101_motion.rig.port_settings import about_unused_file, combined
 from so101_motion.rig.rig import HARD_STOP, TICK, Rig
 from so101_motion.rig.servo_driver import ServoDriver, ServoSettings
@@ -104,6 +105,13 @@ _CALM = (Mode.HOLDING, Mode.LIMP, Mode.FAULT)
 """Modes in which servos may be set up again unasked: never while the arm is guided by hand."""
 
 
+def arm_weight(model: RobotModel) -> ArmWeight:
+    """The weight of the arm, and of what its gripper carries."""
+    bodies, gravity = model.moved_bodies()
+    loaded, _ = model.with_payload(1.0, place_in_hand(model)).moved_bodies()
+    return ArmWeight(bodies, loaded, gravity)
+
+
 class SharedPort:
     """The rig of a port and its users. ``hardware_rig.py`` calls its methods one at a time.
 
@@ -133,12 +141,12 @@ class SharedPort:
         self._put_off: list[ServoSettings] = []  # shares whose settings could not be taken up
         dt = 1.0 / settings.rate if settings.rate else TICK
         self._device = os.path.realpath(settings.port)
-        model = RobotModel.load()
+        weight = arm_weight(RobotModel.load())
         self.servos = ServoDriver(
             settings,
             clock,
-            gravity=model.gravity_torque,
-            per_kg=gravity_per_kg(model),
+            gravity=weight,
+            per_kg=weight.per_kg,
             reply_timeout=reply_timeout_in(dt) if reply_timeout is None else reply_timeout,
             open_port=open_port,
         )

@@ -10,7 +10,7 @@ from so101_motion.drivers.bus.ticks import JointMap
 from so101_motion.drivers.emulator.hand import STRENGTH, Hand, parse_script
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.timing.torque import gravity_per_kg
+from so101_motion.rig.shared_port import arm_weight
 
 MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
 ELBOW, JAW = 3, 6
@@ -96,7 +96,7 @@ class Stand:
 
 
 _MODEL = RobotModel.load()
-WEIGHT, PER_KG = _MODEL.gravity_torque, gravity_per_kg(_MODEL)
+WEIGHT = arm_weight(_MODEL)
 POSE = (0.0, -0.5, 0.5, 0.0, 0.0, 0.3)
 
 
@@ -127,7 +127,7 @@ class Guided(Stand):
 
     def connect(self):
         arm = super().connect(
-            gravity=WEIGHT, per_kg=PER_KG, speed=math.radians(220.0), acceleration=17.0
+            gravity=WEIGHT, per_kg=WEIGHT.per_kg, speed=math.radians(220.0), acceleration=17.0
         )
         self.hold()
         self.look(1.5)

@@ -58,7 +58,7 @@ class GoalCompensation(ctypes.Structure):
     """
 
     _fields_ = [
-        *((name, ctypes.c_double) for name in ("delay", "largest_offset", "compensates")),
+        *((name, ctypes.c_double) for name in ("delay", "ahead", "largest_offset", "compensates")),
         *((name, SIX) for name in ("direction", "zero_ticks", "lower_ticks", "upper_ticks")),
         *((name, ctypes.c_double) for name in ("t_begin", "t_point", "t_goals", "has_qd")),
         *((name, ctypes.c_double) for name in ("is_told", "follows_target")),
@@ -81,8 +81,9 @@ class GoalCompensation(ctypes.Structure):
     ) -> None:
         self.trim, self._limiter = Trim(gravity, per_kg), limiter
         super().__init__(
-            delay=DELAY, largest_offset=LARGEST_SAG + LARGEST_DRIVE, compensates=compensates,
-            t_point=-math.inf, c_trim=ctypes.pointer(self.trim), c_limiter=ctypes.pointer(limiter),
+            delay=DELAY, ahead=_AHEAD, largest_offset=LARGEST_SAG + LARGEST_DRIVE,
+            compensates=compensates, t_point=-math.inf,
+            c_trim=ctypes.pointer(self.trim), c_limiter=ctypes.pointer(limiter),
         )  # fmt: skip
         for i, joint in maps.items():
             self.direction[i], self.zero_ticks[i] = joint.direction, joint.zero_ticks
@@ -146,7 +147,7 @@ class GoalCompensation(ctypes.Structure):
         moment. Joints that are ``free`` are kept slow by their servos.
         """
         weights: Sequence[float] = _NO_WEIGHTS
-        if q != self.q:  # weights where the joints will be when the goal acts
+        if q != self.q and not self.trim.weighs_itself:  # where they will be when the goal acts
             known = [0.0 if v != v else v for v in qd or _STILL]
             ahead = [at + _AHEAD * v for at, v in zip(q, known, strict=False)]
             weights = [*self.trim.own([*ahead, q[5]]), *self.trim.per_kg([*ahead, q[5]])]

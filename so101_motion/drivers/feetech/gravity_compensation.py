@@ -32,6 +32,7 @@ import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
+from so101_motion.drivers.feetech.arm_weight import ArmWeight
 from so101_motion.drivers.feetech.servo_model import LARGEST_SAG, ServoModel
 from so101_motion.drivers.goal_limiter import SIX, Six, limited
 from so101_motion.native.library import quick
@@ -84,6 +85,7 @@ class Trim(ctypes.Structure):
         ways: Which way and how fully friction is overcome, -1 to 1.
         rest: The part of ``offset`` that neither weight nor friction explain [rad].
         models: The servos; ``put`` replaces one.
+        weighs_itself: Whether C knows the arm's weight, and need not be given its torques.
     """
 
     _fields_ = [
@@ -94,6 +96,7 @@ class Trim(ctypes.Structure):
         *((name, SIX) for name in ("without_speed", "known", "rest", "goal", "qd")),
         *((name, SIX) for name in ("arrived", "gives_way")),
         ("servo", ctypes.POINTER(ServoModel) * 6),
+        ("arm", ctypes.POINTER(ArmWeight)),
     ]
     carried: float
     added_per_kg: Six
@@ -108,6 +111,9 @@ class Trim(ctypes.Structure):
             settle_position=SETTLE_POSITION, left_alone=LEFT_ALONE,
         )  # fmt: skip
         self._gravity, self._load = gravity, per_kg
+        self.weighs_itself = isinstance(gravity, ArmWeight) and per_kg is not None
+        if isinstance(gravity, ArmWeight) and self.weighs_itself:
+            self.arm = ctypes.pointer(gravity)
         self._in_c, self._at = quick(), ctypes.c_void_p(ctypes.addressof(self))
         self.models = [ServoModel() for _ in range(6)]
         for i, model in enumerate(self.models):

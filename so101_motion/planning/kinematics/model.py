@@ -215,6 +215,18 @@ class RobotModel:
         q_full = np.asarray(q_full, dtype=np.float64)
         return np.array(pin.computeGeneralizedGravity(self.pin_model, self._full_data, q_full))
 
+    def moved_bodies(self) -> tuple[Array, Array]:
+        """What each joint moves, shape (6, 16), and gravity in the base, shape (3,), [m/s^2].
+
+        A row is the joint's placement in the one before, rotation by rows and position [m], and
+        the mass [kg] and centre [m] of what turns with it. Each joint turns about its z.
+        """
+        model, rows = self.pin_model, []
+        for i in range(1, model.njoints):
+            at, body = model.jointPlacements[i], model.inertias[i]
+            rows.append([*at.rotation.ravel(), *at.translation, body.mass, *body.lever])
+        return np.array(rows), np.array(model.gravity.linear)
+
     def torques(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torques of the arm joints for a motion, without friction, shape (m, 5), [N m]."""
         found = np.empty_like(q)

@@ -17,7 +17,7 @@ no-load speed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -88,12 +88,6 @@ def place_in_hand(model: RobotModel) -> Array:
     """Default centre of mass of a held object in the tool frame: the tip of the jaw, (3,), [m]."""
     zero = np.zeros(5)
     return (model.frame(zero).inverse @ model.frame(zero, "jaw_tip")).p
-
-
-def gravity_per_kg(model: RobotModel) -> Callable[[Array], Array]:
-    """The torques that a kilogram in the gripper adds to the six joints, from [rad] to [N m]."""
-    loaded = model.with_payload(1.0, place_in_hand(model))
-    return lambda q: loaded.gravity_torque(q) - model.gravity_torque(q)
 
 
 def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | None:

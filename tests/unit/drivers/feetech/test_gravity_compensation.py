@@ -22,6 +22,9 @@ from so101_motion.drivers.servo_types import (
     ServoFigures,
 )
 from so101_motion.native.library import quick
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.torque import place_in_hand
+from so101_motion.rig.shared_port import arm_weight
 
 ALL, EACH = range(6), 0b111111
 REST = [0.0] * 6
@@ -57,6 +60,15 @@ def test_weight_and_the_friction_on_the_way_are_made_up_for_at_once():
     up, down = servo.friction(0.0, 1.0), servo.friction(-0.2, -1.0)
     wanted = [servo.distance(up), servo.distance(-0.2 - down), servo.distance(up), 0.0, 0.0, 0.0]
     np.testing.assert_allclose(trim.offset, wanted)
+
+
+def test_the_arm_and_a_load_weigh_what_the_planners_model_says():
+    model, rng = RobotModel.load(), np.random.default_rng(3)
+    weight, loaded = arm_weight(model), model.with_payload(1.0, place_in_hand(model))
+    for q in rng.uniform(-2.0, 2.0, (20, 6)):
+        own, both = model.gravity_torque(q), loaded.gravity_torque(q)
+        np.testing.assert_allclose(weight(q), own, atol=1e-12)
+        np.testing.assert_allclose(weight.per_kg(q), both - own, atol=1e-12)
 
 
 def sided():
