@@ -58,6 +58,10 @@ class BusMonitor:
         return self._connection.is_open
 
     @property
+    def port_losses(self) -> int:
+        return self._connection.losses
+
+    @property
     def silent(self) -> frozenset[str]:
         """The joints whose servos have not answered for a while."""
         return frozenset(self._joints[i] for i in self._presence.silent)

@@ -111,7 +111,7 @@ class ServoDriver:
         self.setups: Mapping[str, JointSetup] = {}
         self.notes: tuple[str, ...] = ()
         self.on_command: CommandListener | None = None
-        self._losses = 0  # of arms before the present one
+        self._losses = 0  # of arms and monitors before the present one
         self._alarms: Mapping[str, str] = {}
         self._gone: frozenset[str] = frozenset()  # joints whose servos have switched off
         self._look_due = clock.now()
@@ -222,9 +222,9 @@ class ServoDriver:
         """Close the port; the servos stay as they are."""
         arm, self._arm = self._arm, None
         monitor, self._monitor = self._monitor, None
-        self._losses += arm.port_losses if arm is not None else 0
         for user in (arm, monitor):
             if user is not None:
+                self._losses += user.port_losses
                 user.close()
 
     # What else can be asked, on the I/O thread
@@ -356,7 +356,8 @@ class ServoDriver:
     @property
     def port_losses(self) -> int:
         """How often the port went away."""
-        return self._losses + (self._arm.port_losses if self._arm is not None else 0)
+        user = self._arm or self._monitor
+        return self._losses + (user.port_losses if user is not None else 0)
 
     @property
     def calibration(self) -> dict[str, JointCalibration]:

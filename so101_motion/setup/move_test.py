@@ -36,7 +36,7 @@ from so101_motion.common.errors import (
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.operation import LocalOperation, Offer, Picture, Row, Tone, View
-from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
+from so101_motion.common.state import ANSWERS_AGAIN, ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.control.request_queue import own_thread, running_future
 from so101_motion.planning.goals import PathGoal
@@ -319,6 +319,7 @@ _BY_HAND = (
     " joints."
 )
 _FIXED = "once that is fixed, press Hold the joints, with a hand on the arm"
+_GO_ON = "press Hold the joints to go on; until then each servo does what it did"
 _CLEAR = (
     "Start only when nothing is in its way and no hand is near it. To change its pose first, guide"
     " it by hand."
@@ -448,7 +449,7 @@ class MoveTest(LocalOperation):
                 state="loose",
                 text="" if is_fault else f"The arm {yields}. {_BY_HAND}",
                 trouble=(state.fault or "the arm has ended its motion by itself") * is_fault,
-                fix=_FIXED * is_fault,
+                fix=(_GO_ON if state.fault == ANSWERS_AGAIN else _FIXED) * is_fault,
                 offers=hold,
             )
         is_here = self._is_planned_here(state)

@@ -282,6 +282,7 @@ def test_who_only_looks_at_an_arm_sees_which_joints_hold_and_can_let_go_of_or_ho
     bench.emulator.plug()
     bench.advance(2.0)
     assert rig.arm.state.torque == does
+    assert rig.servos.port_losses == 1
 
     if holds:
         rig.drive()

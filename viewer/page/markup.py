@@ -47,10 +47,14 @@ def facts(rows: Iterable[tuple[str, ...]], *, lines: int = 0) -> str:
     table = [*rows]
     columns = len(table[0]) - 1 if table else 1
     cells = "".join(
-        f"<i>{escape(name)}</i>" + "".join(f"<span>{escape(v)}</span>" for v in values)
-        for name, *values in table
+        f"<i>{escape(name)}</i>" + "".join(map(_value, values)) for name, *values in table
     )
     return f'<div class="so101-facts" style="--columns:{columns};--lines:{lines}">{cells}</div>'
+
+
+def _value(text: str) -> str:
+    is_inside = text.startswith("-")  # the one figure below zero is a clearance in contact
+    return f"<span{' class=so101-bad' * is_inside}>{escape(text)}</span>"
 
 
 def small(text: str) -> str:

@@ -91,6 +91,8 @@ def mode(state: JointState, *, lost: bool = False) -> str:
     """The mode of the arm in a word or two; another sentence gives the reason of a fault."""
     if lost:
         return "Arm disconnected"
+    if state.arm_moving and state.mode in HELD:
+        return _MODES[state.mode]  # the arm may move though the jaw's servo has let go
     holds = state.mode in _HOLD or (state.mode is Mode.LIMP and not state.is_limp)
     gone = state.reading.let_go_of(_JOINTS) if holds else None
     if gone is None and state.torque:

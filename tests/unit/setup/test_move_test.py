@@ -3,6 +3,7 @@
 import json
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,13 @@ from hypothesis import strategies as st
 from so101_motion.common.errors import NotPossibleNow
 from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, JointState
+from so101_motion.common.state import (
+    ANSWERS_AGAIN,
+    ARM_JOINTS,
+    GRIPPER_JOINT,
+    JointReading,
+    JointState,
+)
 from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.rig.simulated_rig import open_simulated
@@ -209,6 +216,17 @@ def test_a_stopped_test_offers_another_and_is_not_shown_of_a_limp_arm(rig, clock
     assert not test.view.trouble
     test.ask("plan")
     assert test.report is None
+
+
+@pytest.mark.parametrize(
+    ("fault", "first"),
+    [("no reply from servo 4", "once that is fixed, press Hold"), (ANSWERS_AGAIN, "press Hold")],
+)
+def test_nothing_is_to_be_fixed_of_a_fault_that_has_gone(rig, fault, first):
+    test = make(rig)
+    test._arm = SimpleNamespace(state=replace(rig.arm.state, mode=Mode.FAULT, fault=fault))
+    assert test.view.trouble == fault
+    assert test.view.fix.startswith(first)
 
 
 def test_what_is_wrong_is_named_once_with_all_its_joints(rig):

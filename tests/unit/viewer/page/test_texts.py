@@ -1,6 +1,8 @@
 import json
+from dataclasses import replace
 
 import pytest
+from harness.fake_page import STILL
 from so101_viewer.page import cards, markup, texts
 from so101_viewer.page.bar import Bar
 from so101_viewer.page.screen_state import Sentence, Tone
@@ -47,6 +49,24 @@ def test_a_bar_stands_where_its_value_is_and_is_red_near_its_limits_only():
 
 def test_every_mode_has_words():
     assert set(texts._MODES) == set(Mode)
+
+
+@pytest.mark.parametrize(
+    ("mode", "moves", "says"),
+    [
+        (Mode.HOLDING, False, "gripper has let go"),
+        (Mode.MOVING, True, "Moving"),
+        (Mode.STOPPING, True, "Stopping"),
+    ],
+)
+def test_an_arm_that_moves_though_its_gripper_has_let_go_is_moving(mode, moves, says):
+    reading = replace(STILL.reading, let_go=frozenset({"gripper"}))
+    assert texts.mode(replace(STILL, reading=reading, mode=mode, arm_moving=moves)) == says
+
+
+def test_a_clearance_below_zero_stands_out():
+    shown = [markup.facts([("Clearance", text)]) for text in ("-21 mm, jaw to box", "4 mm, jaw")]
+    assert ["so101-bad" in each for each in shown] == [True, False]
 
 
 @pytest.mark.parametrize(
