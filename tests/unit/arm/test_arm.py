@@ -7,6 +7,7 @@ import pytest
 from harness import endless_plan
 from harness.facing_arms import in_time
 
+from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import Interrupted, MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.planning.goals import JointGoal, PoseGoal
@@ -130,3 +131,18 @@ def test_letting_go_stops_a_jaw_that_follows(rig, arm, clock):
     in_time(clock, lambda: arm.set_torque(False))
     assert arm.state.mode is Mode.LIMP
     assert jaw.future.exception(timeout=0).by == "stop"
+
+
+def test_a_motion_that_is_given_up_while_it_is_prepared_holds_no_limp_arm(arm, clock, monkeypatch):
+    in_time(clock, lambda: arm.set_torque(False))
+    begin = Motion.begin
+
+    def given_up(motion):
+        motion.interrupt("stop")
+        return begin(motion)
+
+    monkeypatch.setattr(Motion, "begin", given_up)
+    with pytest.raises(Interrupted):
+        finish(clock, arm.retarget(READY))
+    clock.advance(0.2)
+    assert arm.state.mode is Mode.LIMP

@@ -188,6 +188,17 @@ def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(
     np.testing.assert_array_equal(pair.left.state.q_ref, before)
 
 
+def test_an_arm_that_was_stopped_before_a_common_motion_began_is_seen_where_it_stands(pair_of):
+    pair = pair_of(Facing(31), *crossing_task(Facing(31))[0])
+    left, stands = pair.cell.members["left"], pair.left.state.q_ref
+    goal = stands + np.array([0.5, 0.0, 0.0, 0.0, 0.0])
+    motion = online.point_to_point(stands, goal, FAST, 0.01)
+    left.expect(motion, pair.clock.now() + 0.05)
+    assert left.plan_at(pair.clock.now()).end > pair.clock.now() + 0.3
+    pair.advance(0.2)
+    np.testing.assert_allclose(left.plan_at(pair.clock.now()).q[-1, :5], stands)
+
+
 def planned_pair(pair_of):
     """Two arms and a common motion for them that has not begun."""
     pair, _, wanted = task_of(pair_of, 31)

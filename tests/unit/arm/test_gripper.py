@@ -3,7 +3,9 @@ from dataclasses import replace
 
 import pytest
 
+from so101_motion.arm import gripper as gripper_module
 from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
+from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import (
     BusError,
     ConfigError,
@@ -198,6 +200,32 @@ def test_a_stop_of_a_jaw_that_grips_ends_its_following(rig, gripper):
     rig.after(0.5, gripper.start_stop())
     assert jaw.future.exception(timeout=0).by == "stop"
     assert gripper.is_holding, "and it holds on"
+
+
+@pytest.fixture
+def stopped_at_once(monkeypatch):
+    """A stop on another thread comes just before a motion of the jaw begins."""
+
+    class Stopped(Motion):
+        def begin(self):
+            self.interrupt("stop")
+            return super().begin()
+
+    monkeypatch.setattr(gripper_module, "Motion", Stopped)
+
+
+@pytest.mark.usefixtures("stopped_at_once")
+def test_a_jaw_that_is_stopped_before_it_follows_does_not_follow(rig, gripper):
+    before, called = gripper.aperture, []
+
+    def widen(jaw):
+        called.append(jaw.aim(1.0))
+
+    with pytest.raises(Interrupted):
+        gripper.follow(each=widen, stale_after=None)
+    rig.clock.advance(1.0)
+    assert called == []
+    assert gripper.aperture == before
 
 
 def test_a_jaw_that_grips_does_not_open_after_its_following_has_ended(rig, gripper):

@@ -14,6 +14,7 @@ from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import MotionQueue
 from so101_motion.arm.stop_order import NUMBERS, mark_request, refuse_older
+from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import Interrupted, MotionError
 from so101_motion.rig.simulated_rig import open_simulated
 
@@ -157,6 +158,30 @@ def test_interrupting_halts_what_was_begun_and_is_not_over():
     over.interrupt("stop")
     assert halted == ["stop"]
     over.result()
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_pause_lasts_its_time_unless_the_motion_is_interrupted(interrupted):
+    clock, motion, ended = ManualClock(), Motion(), Future()
+
+    def pause():
+        try:
+            motion.pause(clock, 3.0)
+        except Interrupted as error:
+            ended.set_result(error.by)
+        else:
+            ended.set_result(clock.now())
+
+    thread = threading.Thread(target=pause)
+    thread.start()
+    if interrupted:
+        motion.interrupt("stop")
+        assert ended.result(60.0) == "stop"
+    else:
+        while not ended.done():
+            clock.advance(0.5)
+        assert ended.result() >= 3.0
+    thread.join()
 
 
 # Motions that were asked for before a stop do not begin after it
