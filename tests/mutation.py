@@ -238,16 +238,8 @@ def main() -> None:
         if (child := os.fork()) == 0:
             plugin = Judge({key: there[key] for key in keys}, part)
             how = [
-                "-q",
-                "-n",
-                "0",
-                "-p",
-                "no:cacheprovider",
-                "-o",
-                "timeout=0",
-                "-p",
-                "no:warnings",
-            ]
+                "-q", "-n", "0", "-p", "no:cacheprovider", "-p", "no:warnings", "-o", "timeout=0",
+            ]  # fmt: skip
             pytest.main([*how, *(f"tests/{each}" for each in tests)], plugins=[plugin])
             os._exit(0)
         os.waitpid(child, 0)

@@ -12,15 +12,8 @@ from so101_motion.common.errors import So101Error
 
 LONGEST = 20.0  # [s] of simulated time that a request may take after the Stop
 PAUSES = (0.0, 0.0, 0.01, 0.03, 0.1, 0.3)
-LONG_PAUSES = (
-    0.0,
-    0.01,
-    0.03,
-    0.1,
-    0.3,
-    1.0,
-    2.0,
-)  # among faults, which act on an arm at rest, too
+LONG_PAUSES = (*PAUSES[1:], 1.0, 2.0)
+"""Among faults, which act on an arm at rest, too."""
 
 
 class Interleaver:

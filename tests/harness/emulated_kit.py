@@ -9,7 +9,6 @@ import threading
 import time
 from contextlib import contextmanager
 
-from harness.fake_parent import until
 from harness.held_calibration import lead, put
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
@@ -43,23 +42,15 @@ class Kit:
 
     # Plugs
 
-    async def connect_only(self, *joints):
-        """Have these servos on the cable, started up, and no others."""
-        self._connect(joints)
-        await until(lambda: self.are_up(joints))
-
     def plug_in(self, *joints):
-        """The same, waiting for it."""
-        self._connect(joints)
+        """Have these servos on the cable, started up, and no others."""
+        for joint in JOINTS:
+            (self.world.connect if joint in joints else self.world.disconnect)(joint)
         for _ in range(1200):
             if self.are_up(joints):
                 return
             threading.Event().wait(0.05)
         raise AssertionError(f"{joints} did not start up")
-
-    def _connect(self, joints):
-        for joint in JOINTS:
-            (self.world.connect if joint in joints else self.world.disconnect)(joint)
 
     def are_up(self, joints):
         self._emulator.advance()

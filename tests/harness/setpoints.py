@@ -43,10 +43,6 @@ class TapedArm(SimArm):
         super().set_torque(on)
         self.torques.append((on, self.tape[-1][1] if self.tape else None))
 
-    def count_anew(self, by):
-        """From now on all angles read ``by`` [rad] more, as after a calibration."""
-        self._q, self._inner, self._goal = self._q + by, self._inner + by, self._goal + by
-
     def close(self):
         super().close()
         self.is_closed = True

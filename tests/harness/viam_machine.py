@@ -146,11 +146,8 @@ class Machine:
         self._run(self._module.remove(api, name))
 
     def add(self, api, model, name, attributes=None):
-        """Put a resource into the machine's configuration; the answer is for ``do``."""
+        """Put a resource into the machine's configuration."""
         return self._run(self._module.add(api, model, attributes or {}, name))
-
-    def do(self, resource, command, **fields):
-        return self._run(resource.do_command({"command": command, **fields}))
 
     def _run(self, work):
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(60.0)

@@ -89,18 +89,8 @@ def pip(release: str, site: Path, *asked: str) -> None:
     python = f"--python-version={version}", "--implementation=cp", "--only-binary=:all:"
     abis = f"--abi=cp{version.replace('.', '')}", "--abi=abi3", "--abi=none"
     where = "--target", str(site), "--constraint", "constraints.txt"
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--no-compile",
-        "--upgrade",
-        *platforms,
-        *python,
-        *abis,
-    ]
+    words = "-m pip install --quiet --no-compile --upgrade"
+    command = [sys.executable, *words.split(), *platforms, *python, *abis]
     subprocess.run([*command, *where, *asked], cwd=ROOT, check=True)
 
 

@@ -25,7 +25,6 @@ from viam.proto.service.motion import (
     CollisionSpecification,
     Constraints,
     LinearConstraint,
-    OrientationConstraint,
     PseudolinearConstraint,
 )
 
@@ -161,19 +160,6 @@ async def test_a_line_ends_in_the_cloud_that_its_destination_has(arm, motion):
         await motion.move("arm", aside, constraints=STRAIGHT)
     aside.goal_cloud.CopyFrom(GoalCloud(o_x=1, o_y=1, o_z=2, theta=180))
     assert await in_time(arm, motion.move("arm", aside, constraints=STRAIGHT))
-
-
-async def test_turns_are_limited_when_asked_for(arm, motion):
-    await in_time(arm, motion.move("arm", at(220, -80, 100)))
-    upright = Constraints(
-        orientation_constraint=[OrientationConstraint(orientation_tolerance_degs=0.01)]
-    )
-    with pytest.raises(GRPCError, match="constraint"):
-        await motion.move("arm", at(160, 150, 220), constraints=upright)
-    loose = Constraints(
-        orientation_constraint=[OrientationConstraint(orientation_tolerance_degs=90)]
-    )
-    assert await in_time(arm, motion.move("arm", at(220, 80, 100), constraints=loose))
 
 
 async def test_contacts_can_be_allowed_by_name(arm, motion):
