@@ -7,6 +7,7 @@ import select
 import struct
 import termios
 import threading
+from contextlib import contextmanager
 
 import pytest
 import serial
@@ -159,76 +160,56 @@ def test_faults_that_silence_a_servo_begin_and_end_on_request(make_emulator, clo
         assert ask(port, PING, 6) == PONG
 
 
-def test_program_announces_its_port_obeys_its_input_and_ends_when_told(link):
-    told, ready, stop = [], threading.Event(), threading.Event()
-
-    def announce(line):
-        told.append(line)
-        ready.set()
-
-    commands_read, commands_write = os.pipe()
-    with os.fdopen(commands_read) as commands, os.fdopen(commands_write, "w") as typing:
-        program = threading.Thread(
-            target=run_emulator,
-            args=(EmulatorOptions(link=link, faults=(parse_fault("dead:2"),)),),
-            kwargs={
-                "announce": announce,
-                "stop": stop,
-                "commands": commands,
-                "things": things_in(around(cube())),
-            },
-            name="so101-emulator-program",
-        )
-        program.start()
-        try:
-            assert ready.wait(60.0)
-            ready.clear()
-            assert told == [str(link)]
-            with serial.Serial(told[0], 1_000_000, timeout=30.0) as port:
-                assert ask(port, PING, 6) == PONG
-                typing.write("volcano\n")
-                typing.flush()
-                assert ready.wait(60.0)
-                assert "volcano" in told[1]
-                assert is_silent(port, frame(2, Code.PING))
-                typing.write("earthquake\nflood\ntake:mug\ntake:cube\n")  # all at once
-                typing.flush()
-                while len(told) < 6:
-                    ready.clear()
-                    assert len(told) == 6 or ready.wait(60.0)
-                assert "flood" in told[3]
-                assert "there are: cube" in told[4]
-                assert told[5] == "cube was taken away"
-        finally:
-            stop.set()
-            program.join(60.0)
-    assert not program.is_alive()
+@contextmanager
+def program(link, commands, *, things=None, **options):
+    """What ``so101 emulate`` runs, with something to type into; what it says, line by line."""
+    told, stop = queue.Queue(), threading.Event()
+    running = threading.Thread(
+        target=run_emulator,
+        args=(EmulatorOptions(link=link, **options),),
+        kwargs={"announce": told.put, "stop": stop, "commands": commands, "things": things},
+        name="so101-emulator-program",
+    )
+    running.start()
+    try:
+        assert told.get(timeout=60.0) == str(link)
+        yield lambda: told.get(timeout=60.0), told
+    finally:
+        stop.set()
+        running.join(60.0)
+    assert not running.is_alive()
     assert not link.is_symlink()
+
+
+def test_program_announces_its_port_obeys_its_input_and_ends_when_told(link):
+    read, write = os.pipe()
+    faults, things = (parse_fault("dead:2"),), things_in(around(cube()))
+    with (
+        os.fdopen(read) as commands,
+        os.fdopen(write, "w") as typing,
+        program(link, commands, things=things, faults=faults) as (says, _),
+        serial.Serial(str(link), 1_000_000, timeout=30.0) as port,
+    ):
+        assert ask(port, PING, 6) == PONG
+        print("volcano", file=typing, flush=True)
+        assert "volcano" in says()
+        assert is_silent(port, frame(2, Code.PING))
+        print("earthquake\nflood\ntake:mug\ntake:cube", file=typing, flush=True)  # all at once
+        for words in ("earthquake", "flood", "there are: cube", "cube was taken away"):
+            assert words in says()
 
 
 def test_program_in_the_background_leaves_what_is_typed_to_the_shell(link, monkeypatch):
     """A program that reads its terminal in the background is stopped by the system."""
-    group, told, stop = [os.getpgrp() + 1], queue.Queue(), threading.Event()
+    group = [os.getpgrp() + 1]
     monkeypatch.setattr(os, "tcgetpgrp", lambda fd: group[0])
     keyboard, near = os.openpty()
-    with os.fdopen(near) as commands:
-        program = threading.Thread(
-            target=run_emulator,
-            args=(EmulatorOptions(link=link),),
-            kwargs={"announce": told.put, "stop": stop, "commands": commands},
-            name="so101-emulator-program",
-        )
-        program.start()
-        try:
-            assert told.get(timeout=60.0) == str(link)
-            os.write(keyboard, b"volcano\n")
-            with pytest.raises(queue.Empty):
-                told.get(timeout=0.2)
-            group[0] = os.getpgrp()
-            assert "volcano" in told.get(timeout=60.0)
-        finally:
-            stop.set()
-            program.join(60.0)
+    with os.fdopen(near) as commands, program(link, commands) as (says, told):
+        os.write(keyboard, b"volcano\n")
+        with pytest.raises(queue.Empty):
+            told.get(timeout=0.2)
+        group[0] = os.getpgrp()
+        assert "volcano" in says()
     os.close(keyboard)
 
 

@@ -71,17 +71,6 @@ def distributions(archive, tmp_path_factory):
     return sdist, wheel
 
 
-@pytest.fixture(scope="module")
-def environment(distributions, tmp_path_factory):
-    """The Python of a new environment with the wheel in it and nothing else."""
-    folder = tmp_path_factory.mktemp("environment")
-    run(sys.executable, "-m", "venv", "--without-pip", folder, cwd=folder)
-    python = folder / "bin" / "python"
-    pip = (sys.executable, "-m", "pip", "--python", python)
-    run(*pip, "install", "--quiet", distributions[1], cwd=folder, **{**OFFLINE, "PYTHONPATH": ""})
-    return python
-
-
 def sources(folder):
     return {path.relative_to(folder) for path in folder.rglob("*.py")}
 
@@ -153,21 +142,6 @@ def test_wheel_and_source_distribution_hold_the_description_and_the_types(distri
     for name, folder in (("so101_motion", "so101_motion"), ("so101_viewer", "viewer")):
         assert f"{name}/py.typed" in in_wheel
         assert {f"{name}/{source}" for source in sources(ROOT / folder)} <= in_wheel
-
-
-@pytest.mark.long  # an environment is installed
-def test_the_installed_wheel_has_the_library_the_command_and_the_module(environment, tmp_path):
-    code = (
-        "import so101_motion\n"
-        "from so101_motion.planning.kinematics.model import RobotModel\n"
-        "RobotModel.load()\n"
-        "from so101_motion.viam.models.module import MODELS\n"
-        "print(so101_motion.__file__)\n"
-    )
-    said = run(environment, "-c", code, cwd=tmp_path, PYTHONPATH=HERE)
-    assert str(environment.parents[1]) in said
-    said = run(environment.parent / "so101", "--version", cwd=tmp_path, PYTHONPATH=HERE)
-    assert "so101, version" in said
 
 
 def test_importing_the_package_loads_next_to_nothing(tmp_path):
