@@ -12,7 +12,6 @@ import time
 import tty
 
 import pytest
-import pytest_asyncio
 from grpclib import Status
 from harness.emulated_port import emulated_port, patiently, works
 from harness.fake_parent import (
@@ -30,7 +29,7 @@ from viam.components.arm import JointPositions
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.port.serial_port import SerialPort
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.emulator_only]
+pytestmark = pytest.mark.emulator_only
 
 PATIENT = {"timeout": "60s"}
 """For how long a component that waited for silent servos would keep everybody waiting."""
@@ -39,48 +38,18 @@ AT_ONCE = 30.0
 """Within what time a component must be there [s]; mostly 0.02, on a busy machine some seconds."""
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def port(tmp_path_factory):
-    async with emulated_port(tmp_path_factory.mktemp("port")) as emulated:
+@pytest.fixture
+async def emulated(tmp_path):
+    """Servos of which one is dead."""
+    async with emulated_port(tmp_path) as emulated:
+        await emulated.fault("dead:3")
         yield emulated
 
 
-@pytest_asyncio.fixture(loop_scope="module")
-async def emulated(port):
-    """Servos of which one is dead."""
-    await port.fault("dead:3")
-    yield port
-    await port.fault("end dead:3")
-
-
-class Machine:
-    """A module, and what a test has added to it."""
-
-    def __init__(self, module):
-        self._module, self._added = module, []
-
-    async def add(self, api, model, attributes, name):
-        component = await self._module.add(api, model, attributes, name)
-        self._added.append((api, name))
-        return component
-
-    async def clear(self):
-        while self._added:
-            await self._module.remove(*self._added.pop())
-
-
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def process():
-    """One module for all; a start costs a second."""
+@pytest.fixture
+async def module():
     async with running_module() as (module, _, _):
         yield module
-
-
-@pytest_asyncio.fixture(loop_scope="module")
-async def module(process):
-    machine = Machine(process)
-    yield machine
-    await machine.clear()
 
 
 @pytest.fixture
@@ -146,9 +115,9 @@ async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated
 
 
 async def test_a_stop_of_another_arm_does_not_wait_for_silent_servos(
-    emulated, empty_port, tmp_path, module
+    emulated, empty_port, tmp_path_factory, module
 ):
-    async with emulated_port(tmp_path) as healthy:
+    async with emulated_port(tmp_path_factory.mktemp("healthy")) as healthy:
         slow = {"port": healthy.port, "speed_degs_per_sec": 3.0}  # under way for AT_ONCE
         arm = await module.add(ARM, HARDWARE_ARM, slow, "arm")
         start = list((await arm.get_joint_positions()).values)
