@@ -14,7 +14,7 @@ pytestmark = pytest.mark.emulated(q_start=(0.0, 1.2, 0.0, 1.2, 0.0, 0.0))
 def test_an_arm_leaves_its_table_by_itself_when_asked_to(bench):
     rig = bench.open()
     bench.advance(1.0)
-    with pytest.raises(InCollision, match="into the floor.*back out slowly, guide it by hand"):
+    with pytest.raises(InCollision, match=r"into the floor.*back out slowly, guide it by hand"):
         bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
     q_start = rig.arm.state.q
     motion = rig.arm.move(LeaveContactGoal(), wait=False)

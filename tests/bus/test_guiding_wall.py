@@ -4,20 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from harness.random_scenes import obstacle
 
-from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.drivers.feetech.hand_guiding import WALL_DEPTH
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.planning.collision.scene import Scene
 
 BEGIN = (60.0, -45.0, 45.0, 60.0, 0.0)
-CRATE = Obstacle(
-    name="crate",
-    shape=Box(size=(0.4, 0.04, 0.4)),
-    T_base_obstacle=SE3.from_translation((0.3, 0.0, 0.2)),
-)
+CRATE = obstacle("crate", (0.4, 0.04, 0.4), (0.3, 0.0, 0.2))
 GENTLE, STRONG = 1.3, 8.0
 """Torque of a hand [N m]: twice what leads a joint in free space, and more than a servo has."""
 PLAY = math.radians(1.0)

@@ -5,13 +5,13 @@ from contextlib import ExitStack, suppress
 import numpy as np
 import pytest
 from harness.emulated_rig import MIDDLES_DEG, hardware_bench
+from harness.random_scenes import obstacle
 
 from so101_motion.common.errors import Interrupted, MotionError, So101Error
-from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.common.named_poses import POSES
 from so101_motion.files.saved_poses import SavedPoses
-from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.session_end import leave
 
 READY_DEG = np.array([0.0, -45.0, 45.0, 60.0, 0.0])
@@ -45,9 +45,8 @@ def holds(bench):
 
 def test_it_goes_home_around_what_is_in_the_way_and_holds(bench):
     rig = bench.open()
-    box = Box(size=(0.04, 0.04, 0.1))
-    at = SE3.from_translation([0.27, 0.0, 0.15])
-    rig.arm.scene = Scene(obstacles=(Obstacle(name="box", shape=box, T_base_obstacle=at),))
+    box = obstacle("box", (0.04, 0.04, 0.1), (0.27, 0.0, 0.15))
+    rig.arm.scene = Scene(obstacles=(box,))
     leaving(bench, rig, "home")
     assert off(bench, rig, HOME_DEG) < 1.0
     assert not rig.arm.newest[1].report.straight
@@ -104,9 +103,8 @@ def test_a_way_that_takes_too_long_or_does_not_exist_is_not_begun(bench):
     rig = bench.open()
     with pytest.raises(MotionError, match=r"the way takes \d.\d s, 0.5 s are allowed"):
         leaving(bench, rig, "home", within=0.5)
-    around_home = Box(size=(0.1, 0.1, 0.1))
-    at = SE3.from_translation([0.36, 0.0, 0.23])
-    rig.arm.scene = Scene(obstacles=(Obstacle(name="box", shape=around_home, T_base_obstacle=at),))
+    around_home = obstacle("box", (0.1, 0.1, 0.1), (0.36, 0.0, 0.23))
+    rig.arm.scene = Scene(obstacles=(around_home,))
     with pytest.raises(So101Error, match="box"):
         leaving(bench, rig, "home")
     assert off(bench, rig, READY_DEG) < 1.0

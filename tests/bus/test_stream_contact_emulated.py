@@ -4,19 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from harness.random_scenes import obstacle
 from harness.setpoints import swing
 
 from so101_motion.common.errors import MotionError
-from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Box, Obstacle
 
 BEGIN = (100.0, -45.0, 45.0, 60.0, 0.0)
-CRATE = Obstacle(
-    name="crate",
-    shape=Box(size=(0.4, 0.04, 0.4)),
-    T_base_obstacle=SE3.from_translation((0.3, 0.0, 0.2)),
-)
+CRATE = obstacle("crate", (0.4, 0.04, 0.4), (0.3, 0.0, 0.2))
 GOALS = {
     "'crate'": (-60.0, -45.0, 45.0, 60.0, 0.0),
     "the floor": (100.0, 75.0, -20.0, 60.0, 0.0),

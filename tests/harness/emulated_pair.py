@@ -26,11 +26,11 @@ HIGHEST_DEG = np.array([60.0, 15.0, 50.0, 60.0, 80.0, 70.0])
 only for a follower with a guard."""
 
 
-MIRRORING = (
+FOLLOWING = (
     *(CommandCaps(180.0, 500.0, np.degrees(1e3)),) * 5,
     CommandCaps(90.0, np.degrees(10.0), np.degrees(600.0), braking=1376.0),
 )
-"""What a follower's joints may do."""
+"""What joints may do that follow a leader, or a program's targets."""
 
 
 def human_motion(seconds, seed, *, dt=0.01, tremor_deg=0.08, fastest=120.0):
@@ -115,7 +115,7 @@ class Arm(HardwareBench):
         return WIDEST
 
     def _command_caps(self):
-        return MIRRORING
+        return FOLLOWING
 
     @property
     def q_deg(self):

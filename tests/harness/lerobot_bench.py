@@ -8,8 +8,8 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
-from referee.command import CommandCaps
 
+from harness.emulated_pair import FOLLOWING
 from harness.emulated_rig import HardwareBench
 from so101_motion.common.errors import MotionError
 
@@ -46,12 +46,6 @@ __all__ = [
 READY = (0.0, -40.0, 40.0, 55.0, 0.0, 30.0)
 """Over the table, the jaw a little open; LeRobot's values."""
 
-CAPS = (
-    *(CommandCaps(180.0, 500.0, np.degrees(1e3)),) * 5,
-    CommandCaps(90.0, np.degrees(10.0), np.degrees(600.0), braking=1376.0),
-)
-"""What joints may do that follow targets at the plugin's own caps."""
-
 
 class LeRobotBench(HardwareBench):
     """The same servos, and robots on them; ``rig`` is the one opened last."""
@@ -62,7 +56,7 @@ class LeRobotBench(HardwareBench):
         self._folder, self._robots = folder, []
 
     def _command_caps(self):
-        return CAPS
+        return FOLLOWING
 
     def open_rig(self, settings):
         """Open a rig as a plugin does, on this clock."""
