@@ -283,6 +283,34 @@ def meets_no_barrier(guest, *tabs):
     guest.comes_to([], guest.barriers)  # names come a moment later
 
 
+CHANGING = """
+window.hits = [];
+const hold = document.body.appendChild(document.createElement('div'));
+hold.id = 'hold';
+hold.style = 'position:fixed;z-index:9900;left:100px;top:300px';
+const show = (names) => {
+  hold.innerHTML = names.map((name) => `<button style="width:90px">${name}</button>`).join('');
+  for (const each of hold.children) each.onclick = () => {
+    window.hits.push(each.textContent);
+    if (each.textContent === 'first') show(['other', 'same']);
+  };
+};
+show(['first', 'same']);
+"""
+
+
+def test_the_second_half_of_a_double_click_hits_no_other_button(guest):
+    page = guest.page
+    page.evaluate(CHANGING)
+    guest.double_click(145.0, 308.0)  # a button that makes room for another one
+    guest.double_click(235.0, 308.0)  # one that may be pressed often
+    guest.comes_to(["first", "same", "same"], lambda: page.evaluate("window.hits"))
+    page.wait_for_timeout(700)
+    page.mouse.click(145.0, 308.0)
+    guest.comes_to(["first", "same", "same", "other"], lambda: page.evaluate("window.hits"))
+    page.evaluate("document.querySelector('#hold').remove()")
+
+
 def test_p_plans_escape_and_space_stop_also_in_a_field_and_no_other_key_moves_the_arm(
     guest, crawl, rig
 ):
