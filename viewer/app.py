@@ -11,6 +11,7 @@ from functools import partial
 
 import viser
 
+from so101_motion.common.errors import ChoiceNeeded
 from so101_motion.common.geometry import SE3
 from so101_motion.files import user_storage
 from so101_motion.planning.request import Plan
@@ -91,6 +92,8 @@ class Preview(ServedPage):
             opened.close()
 
     def _missed(self, error: Exception) -> None:
+        if isinstance(error, ChoiceNeeded):
+            self.wrong = error
         self.post(lambda: waiting(self.bar, self._source.title, error))
 
     def _found(self, opened: RigLike | CellRigs) -> None:

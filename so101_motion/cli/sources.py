@@ -186,7 +186,8 @@ class MachineSource(_SourceWithCaps):
 
     @property
     def what(self) -> str:
-        return f"arm of machine {self.address}"
+        name = f'"{self.arm}" ' if self.arm else ""
+        return f"arm {name}of machine {self.address}"
 
     @property
     def _key(self) -> dict[str, str | None]:

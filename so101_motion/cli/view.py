@@ -231,7 +231,10 @@ def show(
 
 
 def keep_open(served: Any, page: Page) -> None:
-    """Print the page's link, open it in a browser if there is a screen, and wait for Ctrl-C."""
+    """Print the page's link, open it in a browser if there is a screen, and wait for Ctrl-C.
+
+    Raises what is wrong if the page can never show its arm.
+    """
     from so101_viewer.server.guarded_server import DEFAULT_PORT
 
     port = urlsplit(served.url).port
@@ -243,8 +246,9 @@ def keep_open(served: Any, page: Page) -> None:
         import webbrowser
 
         webbrowser.open(served.url_for_once())
-    while True:
+    while served.wrong is None:
         time.sleep(LOOK_FOR_SIGNALS)
+    raise served.wrong
 
 
 def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:

@@ -127,7 +127,8 @@ class Attributes:
             return tuple(convert(number) for number in given)
         raw, number = self._values.get(key), row.default
         if self.given(key) and not (row.zero_is_none and raw == 0 and raw is not False):
-            least, most = (0.0, math.inf) if row.takes_nearest else row.range
+            takes_nearest = row.takes_nearest and isinstance(raw, (int, float))
+            least, most = (0.0, math.inf) if takes_nearest else row.range
             number = checked_number(key, raw, lower=least, upper=most, unit=row.unit)
             number = min(max(number, lower), upper)
         if row.kind != "whole" or number is None:

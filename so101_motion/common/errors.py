@@ -117,6 +117,10 @@ class ConfigError(So101Error, ValueError):
         super().__init__(f'"{clipped(key, LONGEST_QUOTE)}"{given}: {reason}')
 
 
+class ChoiceNeeded(ConfigError):
+    """There are several and none was named, so waiting does not help."""
+
+
 class PlanningError(So101Error):
     """There is no trajectory for this request."""
 

@@ -107,9 +107,13 @@ class ConnectOperation(LocalOperation):
     """Has a person choose the port of the arm."""
 
     def __init__(
-        self, look: Callable[[], PortsSeen], now: Callable[[], float] = time.monotonic
+        self,
+        look: Callable[[], PortsSeen],
+        instruction: str = CONNECT.instruction,
+        now: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__()
+        self._instruction = instruction
         self._look_at_ports, self._now, self._looked_at = look, now, now() - PERIOD
         self.seen: PortsSeen | None = None
         self.picked: str | None = None
@@ -160,7 +164,7 @@ class ConnectOperation(LocalOperation):
         return View(
             state="connect",
             title=CONNECT.title,
-            text=CONNECT.instruction,
+            text=self._instruction,
             rows=tuple(rows),
             trouble=check.sentence if is_wrong else "",
             fix=check.fix if is_wrong else "",

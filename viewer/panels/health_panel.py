@@ -61,6 +61,7 @@ class Health:
     last_failure: str | None = None
     # why a machine does not drive its arm; empty when it does, or cannot be asked
     not_ready: str = ""
+    notes: tuple[str, ...] = ()  # about the servos and their calibration
 
 
 def read_health(rig: RigLike) -> Health:
@@ -77,12 +78,13 @@ def read_health(rig: RigLike) -> Health:
             uncalibrated=rig.uncalibrated,
             has_file=any(each.source == "file" for each in rig.servos.setups.values()),
             last_failure=None if failure is None else str(failure),
+            notes=tuple(rig.servos.notes),
         )
     if isinstance(rig, Rig):
         silence = "Simulated: there are no servos to measure."
         return Health(silence=silence, late_ticks=late_ticks, period=rig.executor.dt)
     status = getattr(rig, "status", {})
-    reported, unknown = status.get("health"), status.get("uncalibrated")
+    reported, unknown, notes = (status.get(key) for key in ("health", "uncalibrated", "notes"))
     servos = tuple(_from_status(reported)) if isinstance(reported, Mapping) else ()
     return Health(
         servos=servos,
@@ -90,6 +92,7 @@ def read_health(rig: RigLike) -> Health:
         late_ticks=late_ticks,
         uncalibrated=tuple(map(str, unknown)) if isinstance(unknown, list) else (),
         not_ready=str(status.get("not_ready") or ""),
+        notes=tuple(map(str, notes)) if isinstance(notes, list) else (),
     )
 
 
@@ -143,6 +146,7 @@ def figures(found: Health) -> str:
         lines.append(("Calibration file", f"none: {_NO_FILE}"))
     if found.last_failure is not None:
         lines.append(("Before the last failure", found.last_failure))
+    lines += [("Note", capital(note)) for note in found.notes]
     return f'<div class="so101-health">{servos}</div>{markup.facts(lines)}'
 
 

@@ -114,7 +114,7 @@ class HoldButtons(Part):
         back: list[str] = []
         for name, rig in self._rigs.items():
             connection, state = rig.connection, rig.arm.state
-            lost = connection.problem is not None
+            lost = connection.problem is not None or is_unplugged(rig)
             if lost is not (name in self._lost_at):
                 self._fade[name](lost)
                 if lost:
@@ -182,6 +182,11 @@ class HoldButtons(Part):
             if call is not _accept or name in self._refused:
                 done = self._context.in_background(partial(call, rig))
                 done.add_done_callback(partial(ended, name))
+
+
+def is_unplugged(rig: RigLike) -> bool:
+    """Whether a machine, which answers, says that its arm is away."""
+    return getattr(rig, "status", {}).get("connected") is False
 
 
 def _why_not(modes: list[Mode], cannot: Mapping[Mode, str]) -> str | None:

@@ -87,13 +87,14 @@ class ServedPage:
     """A served page, opened by its ``url``. Use it in a ``with`` block or call ``close``.
 
     It runs the page's parts. ``say`` is called with what a command raised; a part that can show it
-    better may replace it.
+    better may replace it. ``wrong`` is why the page can never show its arm, or None.
     """
 
     def __init__(self, server: GuardedServer) -> None:
         self.url, self._server = server.url, server
         self.events = EventLog()
         self.say: Callable[[Exception], None] = self._note
+        self.wrong: So101Error | None = None
         self.windows = Windows(server.viser, self.events.add, self._leave_front)
         self._commands = Commands(self._failed)
         self._closing = threading.Event()

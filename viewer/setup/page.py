@@ -266,7 +266,7 @@ class ConnectionPage(StepPage):
     """The page of the connection step."""
 
     def __init__(self, setup: SetupContext, source: ArmSource) -> None:
-        self._source, self._connect = source, ConnectOperation(source.look)
+        self._source, self._connect = source, ConnectOperation(source.look, source.instruction)
         super().__init__(setup, CONNECT, left="nothing was changed")
 
     @property

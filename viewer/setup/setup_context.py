@@ -31,7 +31,7 @@ from so101_motion.setup.connect import (
 )
 from so101_motion.setup.motor_operation import MotorOperation
 from so101_motion.setup.move_test import MoveTest
-from so101_motion.setup.setup_steps import SetupState
+from so101_motion.setup.setup_steps import CONNECT, SetupState
 from so101_motion.viam.client import Machine, MachineRig
 
 from ..page.operation_panel import Worker
@@ -89,6 +89,7 @@ class ArmSource:
     """The ports of this computer, or an arm that is known already."""
 
     where: str | None  # which arm; None if a port is to be chosen
+    instruction: str = CONNECT.instruction  # how to connect it
     # returns the ports that are plugged in now, or how the known arm is
     look: Callable[[], PortsSeen]
     # makes the target, in a worker's thread, from the chosen port and the user's name for the arm,
@@ -127,12 +128,20 @@ def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
         raise
 
 
+_AT_THE_MACHINE = (
+    "The arm is at the machine's computer: its adapter board is plugged in there with a USB cable."
+    " Switch the arm's own power supply on: USB does not feed the motors."
+)
+
+
 def known_arm(source: RigLike | Machine) -> ArmSource | None:
     """The arm of a page or machine; None if it is a simulated one, which needs no setup."""
     if isinstance(source, HardwareRig):
         where, make = source.settings.port, partial(_open_share, source)
+        instruction = CONNECT.instruction
     elif isinstance(source, Machine):
         where, make = source.connection.to, partial(_of_machine, source)
+        instruction = _AT_THE_MACHINE
     else:
         return None
 
@@ -141,7 +150,9 @@ def known_arm(source: RigLike | Machine) -> ArmSource | None:
         findings = Findings(port=now.to, adapter="connected", port_trouble=now.problem or "")
         return PortsSeen(nothing=findings)
 
-    return ArmSource(where=where, look=seen, open=lambda _chosen, _name: make())
+    return ArmSource(
+        where=where, instruction=instruction, look=seen, open=lambda _chosen, _name: make()
+    )
 
 
 def _open_share(rig: HardwareRig) -> SetupTarget:

@@ -30,7 +30,13 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.attributes import checked_number, suggest
-from so101_motion.common.errors import ConfigError, MachineRefused, MotionError, So101Error
+from so101_motion.common.errors import (
+    ChoiceNeeded,
+    ConfigError,
+    MachineRefused,
+    MotionError,
+    So101Error,
+)
 from so101_motion.common.modes import Mode
 from so101_motion.common.operation import Operation, RemoteOperation
 from so101_motion.common.state import JointState
@@ -488,7 +494,7 @@ class MachineRig(Machine):
         if wanted is None and len(there) > 1:
             several = f"the machine has several; name one of {', '.join(sorted(there))}"
             if what == "arm":
-                raise ConfigError(what, None, several)
+                raise ChoiceNeeded(what, None, several)
             self._no_gripper = several  # raised when the jaw is to move
             return None
         chosen = wanted or next(iter(there), None)

@@ -81,6 +81,8 @@ async def answer(
     hint = suggest(str(command), (*commands, *names))
     if command in names:
         hint = f'is a key, not a command: send {{"{command}": ...}}'
+    if command == "get_status":
+        hint = "is a method of the component, not a command: call get_status()"
     raise ConfigError("command", command, hint)
 
 

@@ -49,7 +49,7 @@ def test_a_port_is_chosen_if_it_is_the_only_usable_one_or_picked(
 def test_it_looks_again_every_second_and_shows_what_is_wrong_with_each_port() -> None:
     now = [100.0]
     there = [PortsSeen(nothing=Findings(port_trouble="no servo adapter is plugged in"))]
-    model = ConnectOperation(lambda: there[0], lambda: now[0])
+    model = ConnectOperation(lambda: there[0], now=lambda: now[0])
     assert (model.view.offers[-1].due_in, model.view.doing) == (0.0, "looking at the ports")
     model.ask("look")
     assert model.view.trouble == "no servo adapter is plugged in"

@@ -38,7 +38,6 @@
   }, true);
 
   addEventListener('DOMContentLoaded', () => {
-    document.title = 'SO-101 motion';
     document.documentElement.lang = 'en';
     const bar = make('header', 'so101-bar', document.body);
     const state = make('div', 'so101-state', bar);
@@ -122,6 +121,7 @@
       const root = document.documentElement;
       if (mode.textContent !== says) mode.textContent = says;
       if (title.textContent !== about) title.textContent = about;
+      document.title = about || 'SO-101 motion';
       button.disabled = !link.connected || !board().stop;
       const offered = board().buttons ?? [];
       offered.forEach(showButton);
