@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from harness.viam_machine import running_machine, until_true
 
 from so101_motion.cli.verbs import main
-from so101_motion.common.errors import So101Error
+from so101_motion.common.errors import MachineRefused, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.goals import JointGoal
@@ -99,6 +99,16 @@ def test_a_machine_on_servos_tells_how_they_are_and_that_a_cable_came_out():
             until_true(lambda: rig.arm.state.mode is Mode.FAULT)
             assert rig.connection.is_up
             assert rig.arm.state.fault
+            for name, ask in (
+                ("arm", lambda arm: arm.get_joint_positions()),
+                ("arm", lambda arm: arm.get_end_position()),
+                ("gripper", lambda gripper: gripper.do_command({"get": True})),
+            ):
+                with pytest.raises(
+                    MachineRefused, match=r"plug it in again|check its cable"
+                ) as caught:
+                    rig._ask(name, "where it is", ask)
+                assert caught.value.status == "UNAVAILABLE"
             machine.fault("end unplug")
             until_true(lambda: is_held(rig))
 

@@ -189,11 +189,11 @@ class ArmResource(Configured, Arm):
     # Position
 
     async def get_end_position(self, **kwargs: Any) -> Pose:
-        await self.found()
+        await self.measured()
         return convert.to_pose(self._arm.T_base("tool"))
 
     async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
-        await self.found()
+        await self.measured()
         return convert.to_joint_positions(self._arm.state.q)
 
     async def is_moving(self) -> bool:
@@ -393,6 +393,9 @@ class ArmResource(Configured, Arm):
     async def found(self) -> None:
         """Wait until the servos have been found, for a request that reads them."""
 
+    async def measured(self) -> None:
+        """Wait until the arm's place is known; refuse the request while it cannot be read."""
+
     @property
     def ignored(self) -> tuple[str, ...]:
         return self.config.ignored
@@ -448,7 +451,7 @@ class ArmResource(Configured, Arm):
         return meshes.arm_models(with_tool=self.config.visualize_ee_frame)
 
     async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
-        await self.found()
+        await self.measured()
         marker = self._arm.T_base("tool") if self.config.visualize_ee_frame else None
         links = self._arm.T_base_links()
         return meshes.arm_geometries(self.short_name, links, marker)

@@ -33,6 +33,7 @@ from so101_motion.viam.requests.servo_commands import (
     out_of_fault,
     out_of_range,
     ready,
+    require_connected,
 )
 
 
@@ -95,7 +96,7 @@ class HardwareArm(ArmResource):
             raise
 
     async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
-        await self.found()
+        await self.measured()
         q = self._arm.state.q
         remarked = {remark.partition(" ")[0]: remark for remark in served_remarks(q)}  # by joint
         for joint, remark in remarked.items():
@@ -122,6 +123,11 @@ class HardwareArm(ArmResource):
     async def found(self) -> None:
         with grpc_statuses():
             await ready(self.rig)
+
+    async def measured(self) -> None:
+        await self.found()
+        with grpc_statuses():
+            require_connected(self.rig)
 
     async def ready(self) -> None:
         """Hold again after a fault and read the other arms' positions, before a move."""

@@ -136,7 +136,7 @@ class HardwareGripper(GripperResource):
 
     def _condition(self) -> dict[str, str]:
         """The faults that the servo reports, in words, or that it is silent; empty without any."""
-        if self._gripper.is_silent:
+        if self._is_silent:
             return {"condition": _SILENT}
         faults = self._own_health().get("faults", ())
         return {"condition": ", ".join(faults)} if faults else {}
@@ -200,7 +200,7 @@ class HardwareGripper(GripperResource):
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         state, not_ready = self.rig.arm.state, self.rig.not_ready
-        is_silent = not not_ready and self._gripper.is_silent
+        is_silent = not not_ready and self._is_silent
         status = {
             **({} if not_ready else self._position()),
             "not_ready": not_ready,
@@ -215,13 +215,17 @@ class HardwareGripper(GripperResource):
         figures: dict[str, Any] = health(self.rig.servos).get(GRIPPER_JOINT, {})
         return figures
 
+    @property
+    def _is_silent(self) -> bool:
+        return self._gripper.is_silent or not self.rig.servos.is_connected
+
     def _percentage(self) -> float:
-        if self._gripper.is_silent:
+        if self._is_silent:
             raise GRPCError(Status.UNAVAILABLE, _SILENT)
         return super()._percentage()
 
     def _position(self) -> dict[str, Any]:
-        if self._gripper.is_silent:
+        if self._is_silent:
             return {}
         q_jaw = self._gripper.q_jaw
         return {

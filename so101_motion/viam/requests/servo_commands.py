@@ -22,7 +22,13 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.calib.motors.arm_identification import look
 from so101_motion.calib.record import store
 from so101_motion.common.attributes import Attributes
-from so101_motion.common.errors import ConfigError, MotionError, NoReply, So101Error
+from so101_motion.common.errors import (
+    ConfigError,
+    MotionError,
+    NoReply,
+    PortUnavailable,
+    So101Error,
+)
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, lent_out
 from so101_motion.common.units import to_deg
@@ -53,6 +59,13 @@ async def ready(rig: HardwareRig) -> None:
     if rig.not_ready is not None and rig.servos.is_found:
         await asyncio.shield(asyncio.wrap_future(rig.look_again()))
     rig.require_ready()
+
+
+def require_connected(rig: HardwareRig) -> None:
+    """Refuse to say where the joints are while the port is away: all that is known is old."""
+    if not rig.servos.is_connected:
+        reason = "the adapter is not there, so where the joints are is not known; plug it in again"
+        raise PortUnavailable(rig.settings.port, reason)
 
 
 async def out_of_fault(rig: HardwareRig) -> None:
