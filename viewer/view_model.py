@@ -598,6 +598,7 @@ def _looks_different(state: JointState, other: JointState) -> bool:
         or state.fault != other.fault
         or state.reading.let_go != other.reading.let_go
         or state.reading.silent != other.reading.silent
+        or state.reading.driven != other.reading.driven
         or _apart(state.q, other.q) > SAME_PICTURE
         or abs(state.q_jaw - other.q_jaw) > SAME_PICTURE
     )
