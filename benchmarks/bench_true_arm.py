@@ -57,13 +57,12 @@ def without_compensation() -> Iterator[None]:
         yield
 
 
-def seen(seed: int, plans: int, kind: ServoType, volts: float | None) -> dict[str, list[float]]:
-    """Measurements of one arm on random plans; of one at another supply [V] at 90 deg/s only."""
+def seen(seed: int, plans: int, kind: ServoType) -> dict[str, list[float]]:
+    """Measurements of one arm on random plans."""
     found: dict[str, list[float]] = {"90": [], "180": [], "rest": [], "later": [], "tool": []}
     found |= {"errors": [], "over": []}
     model = RobotModel.load()
     options = {"kind": kind, "spread": 0.2, "seed": seed, "held_kg": LOADS_KG[seed % len(LOADS_KG)]}
-    options["volts"] = volts
     with (
         _referee.refereed(("motion",)) as referee,
         tempfile.TemporaryDirectory() as folder,
@@ -71,7 +70,7 @@ def seen(seed: int, plans: int, kind: ServoType, volts: float | None) -> dict[st
     ):
         rig = bench.open()
         bench.advance(1.0)
-        for speed, acceleration in CAPS if volts is None else CAPS[:1]:
+        for speed, acceleration in CAPS:
             rig.arm.set_speed(math.radians(speed))
             rig.arm.set_acceleration(math.radians(acceleration))
             for k in range(plans):
@@ -108,25 +107,22 @@ def main() -> None:
     rows = [measured(what, STS3215_12V, asked.arms, asked.plans)]
     few = max(asked.arms // 4, 1)
     rows.append(measured(f"7.4 V servos, {what}", STS3215_7V4, asked.arms, asked.plans))
-    taken = f"{few} arms, 12 V servos at 7.4 V, which are taken for the others"
-    rows.append(measured(taken, STS3215_12V, few, asked.plans, volts=7.4))
     with without_compensation():
         rows.append(measured(f"{few} arms without compensation", STS3215_12V, few, asked.plans))
     _common.write("bench_true_arm", [rows[0], BAR, *rows[1:]])
 
 
-def measured(
-    what: str, kind: ServoType, count: int, plans: int, volts: float | None = None
-) -> dict[str, Any]:
+def measured(what: str, kind: ServoType, count: int, plans: int) -> dict[str, Any]:
     """A row of the results."""
-    pieces = {f"{what}: {seed}": partial(seen, seed, plans, kind, volts) for seed in range(count)}
+    pieces = {f"{what}: {seed}": partial(seen, seed, plans, kind) for seed in range(count)}
     arms = _common.in_pieces("bench_true_arm", pieces)
     found = {name: [x for arm in arms for x in arm[name]] for name in arms[0]}
-    moving = {f"moving at {speed}": found[speed] for speed in ("90", "180") if found[speed]}
     return {
         "what": what,
-        **{f"{name}, worst [deg]": max(off) for name, off in moving.items()},
-        **{f"{name}, p95 [deg]": float(np.percentile(off, 95.0)) for name, off in moving.items()},
+        "moving at 90, worst [deg]": max(found["90"]),
+        "moving at 180, worst [deg]": max(found["180"]),
+        "moving at 90, p95 [deg]": float(np.percentile(found["90"], 95.0)),
+        "moving at 180, p95 [deg]": float(np.percentile(found["180"], 95.0)),
         "after 0.5 s, worst [deg]": max(found["rest"]),
         "moved later, worst [deg]": max(found["later"]),
         "past the goal, worst [deg]": max(found["over"]),

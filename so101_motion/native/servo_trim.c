@@ -23,12 +23,6 @@
 /* Where a kilogram adds this torque [N m], half of an error is taken for carried mass and half for something
  * else; less where it adds less. Chosen by trial: without that, errors near the upright looked like 0.2 kg. */
 #define DOUBT 2.0
-/* In a planned motion a goal gets this share of its joint's error on top, at most so much [rad], smoothed over so
- * long [s]. Below 1 it cannot swing, however late the servo is. Chosen by trial; 1 deg is a tenth of full drive. */
-#define PUSH 0.6
-#define LARGEST_PUSH (1.0 * DEG)
-#define SMOOTHING 0.04
-#define RECENT 0.05         /* rates are known over no more time than this [s] */
 #define STILL 0.06          /* how long the command must have stood still [s]: twice a servo's delay. Chosen. */
 #define AT_REST (4.0 * DEG) /* a faster joint moves [rad/s]; chosen, above the scatter of a resting one */
 #define CARRIES 0.3         /* unknown mass that the gripper may carry [kg]; chosen */
@@ -121,7 +115,7 @@ void so101_trim_start(Trim *t, const double *goal, const double *sag, const doub
     take_up(t, goal, own, per_kg, now);
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
-        t->ways[i] = t->rest[i] = t->push[i] = t->weight_rate[i] = t->push_rate[i] = 0.0;
+        t->ways[i] = t->rest[i] = 0.0;
         find(t, i);
         if (isnan(sag[i])) continue;
         const double off = limited(sag[i], so101_servo_error_for(s, s->largest_load));
@@ -136,21 +130,13 @@ void so101_trim_start(Trim *t, const double *goal, const double *sag, const doub
 
 void so101_trim_command(Trim *t, const double *goal, const double *qd, const double *way, const double *own,
                         const double *per_kg, double now) {
-    const double dt = now - t->since;
-    double before[JAW];
     for (int i = 0; i < JAW; i++) {
         const double step = t->has_goal != 0.0 ? goal[i] - t->goal[i] : 0.0;
         t->ways[i] = isnan(way[i]) ? limited(t->ways[i] + step / t->engaging, 1.0) : way[i];
         if (step != 0.0) t->gives_way[i] = 0.0;
-        before[i] = t->weights[i];
     }
     take_up(t, goal, own, per_kg, now);
     for (int i = 0; i < JAW; i++) {
-        const Servo *s = t->servo[i];
-        const double change = t->weights[i] - before[i], side = t->ways[i] * copysign(1.0, t->weights[i]);
-        /* Friction grows with the weight, too. */
-        const double torque = change * (1.0 + side * (s->load_external + s->load_motor));
-        t->weight_rate[i] = 0.0 < dt && dt < RECENT ? torque / so101_servo_stiffness(s) / dt : 0.0;
         t->qd[i] = qd[i];
         find(t, i);
     }
@@ -175,16 +161,10 @@ static void learn(Trim *t, const double *steps, int moving) {
     t->carried = limited(before + more / (heaviness + DOUBT * DOUBT), t->heaviest);
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
-        double change = (t->carried - before) * t->per_kg[i];
-        const double stiff = so101_servo_stiffness(s), bound = so101_servo_error_for(s, t->largest_drive);
-        const double rest = t->rest[i];
+        const double change = (t->carried - before) * t->per_kg[i], rest = t->rest[i];
+        const double bound = so101_servo_error_for(s, t->largest_drive);
         t->weights[i] += change;
-        if (!moving && steps[i] == 0.0) { /* friction holds it, and may bear what the mass explains */
-            const double friction = so101_servo_friction(s, t->weights[i], t->ways[i], 0.0);
-            const double way = limited(t->ways[i] - change / friction, 1.0);
-            change += (way - t->ways[i]) * friction, t->ways[i] = way;
-        }
-        const double step = (steps[i] - change / stiff) * (moving && s->is_known != 0.0 ? REST_KNOWN : 1.0);
+        const double step = (steps[i] - change / so101_servo_stiffness(s)) * (moving && s->is_known != 0.0 ? REST_KNOWN : 1.0);
         /* One that began beyond its bound may only come back. */
         t->rest[i] = least(most(rest + step, least(rest, -bound)), most(rest, bound));
         find(t, i);
@@ -196,9 +176,6 @@ static void learn_moving(Trim *t, const double *q, uint32_t fresh, double dt) {
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
         const double error = t->goal[i] - t->lags[i] - q[i];
-        const int pushes = t->is_planned != 0.0 && holds(fresh, i) && fabs(error) < MOVING_ERROR;
-        t->push_rate[i] = ((pushes ? limited(PUSH * error, LARGEST_PUSH) : 0.0) - t->push[i]) / SMOOTHING;
-        t->push[i] += t->push_rate[i] * least(dt, SMOOTHING);
         if (!holds(fresh, i) || !(DEAD_BAND < fabs(error) && fabs(error) < MOVING_ERROR)) continue;
         const double demand = so101_servo_distance(s, t->torque[i], t->qd[i]) + t->rest[i] + error;
         /* It can do no more; what was learnt then would throw it past its goal. */
@@ -232,7 +209,6 @@ void so101_trim_measure(Trim *t, const double *q, const double *qd, uint32_t fre
     }
     for (int i = 0; i < JAW; i++) {
         const double error = t->goal[i] - q[i];
-        t->rest[i] += t->push[i], t->push[i] = t->push_rate[i] = 0.0;
         double dead = DEAD_BAND;
         if (still >= LATE) {
             if (fabs(error) <= t->settle_position) t->arrived[i] = 1.0;

@@ -11,13 +11,9 @@ trembling command does not shake the goals. At rest it stays on the side it was.
 up. It first turns friction over to the side where it is needed, quickly, as long as nothing moves.
 The rest is load that the model does not know, and is kept for the motions that follow: the part
 that a mass in the gripper explains as that mass, because its torque changes with the pose, the
-remainder joint by joint. A joint that stands without an error is no evidence against that
-mass as long as its friction can bear it. While the command moves it learns slowly, from the error
-beyond the uncompensated lag: when that lag was taken for weight, a joint that followed a target at
-50 deg/s went up to 3 deg past the place where it was stopped.
-
-*A share of the error* of a planned motion, a degree at most, because what was learnt of a motion
-one way may be wrong where the joint turns round: a soft servo then stands for a tenth of a second.
+remainder joint by joint. While the command moves it learns slowly, from the error beyond the
+uncompensated lag: when that lag was taken for weight, a joint that followed a target at 50 deg/s
+went up to 3 deg past the place where it was stopped.
 
 An error too large for the arm's weight is not droop: the joint is held fast or still moving, and
 nothing is learnt. The integral is bounded by the torque it can cause. Errors of a tick or two are
@@ -88,7 +84,6 @@ class Trim(ctypes.Structure):
         weights: The torques that hold the joints where they will be when the last goal acts [N m].
         ways: Which way and how fully friction is overcome, -1 to 1.
         rest: The part of ``offset`` that neither weight nor friction explain [rad].
-        push: What follows the error of a planned motion [rad].
         models: The servos; ``put`` replaces one.
         weighs_itself: Whether C knows the arm's weight, and need not be given its torques.
     """
@@ -99,9 +94,7 @@ class Trim(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("carried", "since", "last", "has_goal")),
         *((name, SIX) for name in ("lags", "added_per_kg", "weights", "ways", "torque")),
         *((name, SIX) for name in ("without_speed", "known", "rest", "goal", "qd")),
-        *((name, SIX) for name in ("arrived", "gives_way", "push")),
-        *((name, SIX) for name in ("weight_rate", "push_rate")),
-        ("is_planned", ctypes.c_double),
+        *((name, SIX) for name in ("arrived", "gives_way")),
         ("servo", ctypes.POINTER(ServoModel) * 6),
         ("arm", ctypes.POINTER(ArmWeight)),
     ]
@@ -111,7 +104,6 @@ class Trim(ctypes.Structure):
     ways: Six
     rest: Six
     known: Six
-    push: Six
 
     def __init__(self, gravity: Gravity, per_kg: Gravity | None = None) -> None:
         super().__init__(
@@ -199,7 +191,7 @@ class Trim(ctypes.Structure):
     @property
     def offset(self) -> list[float]:
         """The offsets to add to the six commanded positions [rad]."""
-        return [sum(parts) for parts in zip(self.known, self.rest, self.push, strict=True)]
+        return [known + rest for known, rest in zip(self.known, self.rest, strict=True)]
 
     def start(self, goal: list[float], now: float, sag: Sequence[float | None]) -> None:
         """Start with the six joints at rest at ``goal`` [rad] at ``now`` [s].

@@ -156,34 +156,6 @@ def carried(figures, *, off):
     return trim.carried, np.abs(trim.rest).max()
 
 
-def test_a_mass_that_one_joint_feels_is_not_denied_by_another_that_its_friction_holds():
-    load = np.array([0.0, 2.0, 0.0, 0.5, 0.0, 0.0])
-    trim = Trim(lambda q: 0.2 * load, lambda q: load)
-    start(trim, GOAL, sag=(None,) * 6)
-    before = trim.offset[3]
-    hold(trim, GOAL - [0.0, 0.01, 0.0, 0.0, 0.0, 0.0], 0.5)
-    assert trim.carried > 0.05
-    tenth_of_a_tick = 1.5e-4
-    assert trim.offset[3] == pytest.approx(before, abs=tenth_of_a_tick), "nothing moves it"
-    assert trim.rest[3] == pytest.approx(0.0, abs=tenth_of_a_tick)
-
-
-@pytest.mark.parametrize(
-    ("is_planned", "off", "pushed"),
-    [(True, 0.01, 0.006), (True, 0.06, math.radians(1.0)), (False, 0.01, 0.0)],
-)
-def test_a_share_of_the_error_of_a_planned_motion_is_added_and_a_degree_at_most(
-    is_planned, off, pushed
-):
-    trim = Trim(weightless)
-    start(trim, GOAL)
-    trim.is_planned = is_planned
-    for k in range(50):
-        command(trim, GOAL + 0.01 * k, 0.01 * k)
-        trim.measure(SIX(*(GOAL + 0.01 * k - off)), SIX(), EACH, 0.01 * k)
-    assert trim.push[1] == pytest.approx(pushed, abs=1e-4)
-
-
 def test_a_servo_at_its_torque_limit_learns_nothing_in_motion():
     def learnt(most_drive, way):
         trim = Trim(lambda q: np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
