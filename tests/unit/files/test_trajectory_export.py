@@ -1,6 +1,5 @@
 import csv
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -63,14 +62,6 @@ def test_an_unknown_format_and_a_file_that_cannot_be_written_are_refused(traject
         export(trajectory, tmp_path / "no" / "such" / "folder.csv")
 
 
-def test_without_the_mcap_package_the_command_to_install_it_is_given(
-    trajectory, tmp_path, monkeypatch
-):
-    monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
-    with pytest.raises(ConfigError, match="pip install"):
-        export(trajectory, tmp_path / "move.mcap")
-
-
 @pytest.fixture(scope="module")
 def run():
     q_ref = np.linspace(np.zeros(5), np.full(5, 0.5), 4)
@@ -92,8 +83,3 @@ def test_a_run_is_written_as_wanted_and_as_measured(run, tmp_path):
     states = [message for topic, message in read if topic == "/joint_states"]
     assert len(states) == len(read) / 2 == 4
     np.testing.assert_allclose(states[-1].position, run.q[-1])
-
-
-def test_a_run_whose_rows_do_not_match_is_no_run():
-    with pytest.raises(ValueError, match="shape"):
-        Run(t=np.zeros(3), q_ref=np.zeros((3, 5)), q=np.zeros((2, 5)))
