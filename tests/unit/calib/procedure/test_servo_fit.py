@@ -10,7 +10,6 @@ from so101_motion.calib.procedure.servo_fit import (
     JointRecord,
     TwinFit,
     identify,
-    play,
     replayed,
     setpoints,
 )
@@ -85,27 +84,6 @@ def test_a_load_is_weighed_by_a_servo_that_is_known():
     )
     assert found.load is not None
     assert found.load.mass * (LEVER + found.load.com[0]) == pytest.approx(0.2 * LEVER, abs=0.006)
-
-
-@pytest.mark.parametrize("degrees", [0.7, 0.95])
-def test_play_shows_when_a_joint_without_load_turns_round(degrees):
-    true = ServoFigures(play=math.radians(degrees))
-    record = record_of(true, index=0)
-    weightless = np.zeros(len(record.t))
-    assert play(record, true, weightless) == pytest.approx(true.play, rel=0.05)
-    off = ServoFigures(friction=0.95, torque=0.95)
-    assert play(record, off, weightless) == pytest.approx(true.play, rel=0.1)
-
-
-def test_figures_that_are_somewhat_off_are_put_right_by_the_whole_record():
-    true = ServoFigures(torque=1.1, friction=0.9, dead_time=1.1, play=math.radians(0.95))
-    record = record_of(true, index=0)
-    off = ServoFigures(torque=1.0, friction=0.85, dead_time=1.0, play=0.8 * true.play)
-    found = TwinFit(record, np.zeros(len(record.t))).best(off, torque_is_open=True)
-    assert found.torque == pytest.approx(true.torque, rel=0.04)
-    assert found.friction == pytest.approx(true.friction, rel=0.04)
-    assert found.dead_time == pytest.approx(true.dead_time, abs=0.03)
-    assert found.play == pytest.approx(true.play, rel=0.04)
 
 
 def test_a_play_that_nobody_has_seen_is_not_made_up_and_set_points_arrive_where_they_were_sent():

@@ -13,7 +13,6 @@ from so101_motion.calib.procedure.steps import (
     State,
     step,
 )
-from so101_motion.common.errors import CalibrationError
 
 DOCS = Path(__file__).resolve().parents[4] / "docs"
 
@@ -49,13 +48,6 @@ def test_every_state_is_left_by_what_it_offers(state):
     for command in Command:
         if (state, command) in TABLE:
             assert step(state, command).otherwise in (state, State.ERROR)
-
-
-def test_a_refusal_names_the_state_and_what_is_possible_instead():
-    with pytest.raises(CalibrationError) as caught:
-        step(State.IDLE, Command.SAVE)
-    assert '"save_calibration" is not possible in the state "idle"' in str(caught.value)
-    assert str(caught.value).endswith('now possible: "start"')
 
 
 def test_the_page_in_the_documentation_is_current():

@@ -59,8 +59,6 @@ def test_the_published_example_is_read_and_lerobots_five_fields_are_enough():
         ({"range_min": 700.5}, "whole number"),
         ({"range_min": "700"}, "whole number"),
         ({"range_min": True}, "whole number"),
-        ({"range_min": float("nan")}, "range_min must be a whole number, not nan"),
-        ({"range_max": float("inf")}, "range_max must be a whole number, not inf"),
         ({"homing_offset": 10**400}, "homing_offset is 10.*which is impossible"),
         ({"homing_offset": None}, "homing_offset must be a whole number, not None"),
     ],
@@ -218,11 +216,3 @@ def test_each_number_stands_beside_what_the_servo_holds():
     assert (
         rows[5].sentence == "gripper: range_max is 3476 in the calibration, the servo is not known"
     )
-
-
-@pytest.mark.parametrize(
-    ("tolerance", "differ"), [(0, ["homing_offset", "range_max"]), (1, ["range_max"]), (10, [])]
-)
-def test_the_tolerance_can_be_chosen(tolerance, differ):
-    rows = diff(CALIBRATION, {"shoulder_pan": PAN_HELD}, tolerance=tolerance)
-    assert [row.field for row in rows if row.differs] == differ
