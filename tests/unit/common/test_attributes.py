@@ -8,26 +8,11 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.viam.component_config import (
     HardwareArmConfig,
     SimulatedArmConfig,
-    SimulatedGripperConfig,
 )
 
 
 def hardware(attributes):
     return HardwareArmConfig.from_attributes({"port": "/dev/null", **attributes})
-
-
-def test_an_empty_configuration_gives_the_published_defaults():
-    config = SimulatedArmConfig.from_attributes({})
-    assert config.speed == pytest.approx(math.radians(90.0))
-    assert (config.simulate_time, config.visualize_ee_frame, config.use_urdf) == (
-        True,
-        False,
-        False,
-    )
-    assert config.floor_z == pytest.approx(-0.0024)
-    assert (config.motion, config.position_tolerance, config.approach_tolerance) == (None,) * 3
-    gripper = SimulatedGripperConfig.from_attributes({})
-    assert (gripper.gripper_type, gripper.mesh_detail) == ("follower", "low")
 
 
 @pytest.mark.parametrize(

@@ -23,23 +23,15 @@ points = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 transforms = st.builds(SE3, rotations, points)
 
 
-@given(transforms, transforms, points)
-def test_composing_maps_points_like_mapping_twice(T_a_b, T_b_c, p_c):
-    np.testing.assert_allclose((T_a_b @ T_b_c) @ p_c, T_a_b @ (T_b_c @ p_c), atol=1e-12)
-
-
-@given(transforms)
-def test_inverse_undoes(T):
+@given(transforms, transforms, points, points)
+def test_transforms_compose_undo_each_other_and_map_many_points_like_each_alone(T, U, p, q):
+    np.testing.assert_allclose((T @ U) @ p, T @ (U @ p), atol=1e-12)
     np.testing.assert_allclose((T @ T.inverse).matrix, np.eye(4), atol=1e-12)
-
-
-@given(transforms, points, points)
-def test_many_points_map_like_each_alone(T, p, q):
     np.testing.assert_allclose(T @ np.stack([p, q]), np.stack([T @ p, T @ q]), atol=1e-12)
 
 
-@given(rotations)
-def test_quaternion_gives_the_rotation_back(R):
+@given(rotations, points, st.floats(0.1, 10.0))
+def test_a_quaternion_gives_the_rotation_back_whatever_its_length(R, p, length):
     w, x, y, z = quaternion_wxyz(R)
     assert w >= 0.0
     assert math.isclose(w * w + x * x + y * y + z * z, 1.0, abs_tol=1e-12)
@@ -47,10 +39,6 @@ def test_quaternion_gives_the_rotation_back(R):
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     rebuilt = (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * cross
     np.testing.assert_allclose(rebuilt, R, atol=1e-9)
-
-
-@given(rotations, points, st.floats(0.1, 10.0))
-def test_a_quaternion_of_any_length_makes_the_rotation_it_came_from(R, p, length):
     T = SE3.from_quaternion(length * quaternion_wxyz(R), p)
     np.testing.assert_allclose(T.R, R, atol=1e-9)
     np.testing.assert_array_equal(T.p, p)

@@ -17,7 +17,7 @@ from so101_viewer.server.host import ServedPage
 from so101_motion.arm.stop_order import NUMBERS, is_older
 from so101_motion.cli.operation_terminal import OperationTerminal
 from so101_motion.cli.terminal import Quit, Terminal
-from so101_motion.common.errors import ConfigError, MachineRefused, NotPossibleNow, So101Error
+from so101_motion.common.errors import ConfigError, MachineRefused, So101Error
 from so101_motion.common.operation import LocalOperation, Offer, RemoteOperation, Row, View
 from so101_motion.viam.conversion.convert import to_result
 from so101_motion.viam.requests.commands import answer
@@ -204,8 +204,3 @@ def test_it_is_a_panel_of_the_page(kettle, send, is_remote):
     finally:
         host.close()
         operation.close()
-
-
-def test_an_offer_that_cannot_be_given_is_refused_with_its_reason(kettle):
-    with pytest.raises(NotPossibleNow, match="it is not full"):
-        kettle.ask("boil")

@@ -19,17 +19,10 @@ def test_the_published_attributes_mean_what_they_meant():
     assert found.dependencies == ("left", "right", "lg", "rg")
     assert found.grippers == ("lg", "rg")
     assert (found.rate, found.lets_go, found.auto_start) == (20.0, False, True)
-    alone = config(follower_gripper="rg")  # is a dependency, but not mirrored
+    alone = config(follower_gripper="rg", leader_gripper="", rate_hz=0.0)  # is not mirrored
+    assert (alone.rate, alone.guarded) == (100.0, True)
+    assert np.degrees(alone.pace.approach.velocity) == pytest.approx(30.0)
     assert (alone.grippers, alone.dependencies) == (None, ("left", "right", "rg"))
-
-
-def test_the_defaults():
-    found = config(rate_hz=0.0, max_consecutive_errors=0.0, leader_gripper="")
-    assert found.rate == 100.0
-    assert (found.lets_go, found.auto_start, found.guarded) == (True, False, True)
-    assert found.mirror.of(np.arange(5.0)) == pytest.approx(np.arange(5.0))
-    assert np.degrees(found.pace.full.velocity) == pytest.approx(180.0)
-    assert np.degrees(found.pace.approach.velocity) == pytest.approx(30.0)
 
 
 def test_mirror_scale_and_offsets():

@@ -1,7 +1,6 @@
 """The state of a machine as a snapshot, commands, connecting, and pictures of its camera."""
 
 import asyncio
-import itertools
 import math
 
 import numpy as np
@@ -10,8 +9,6 @@ from grpclib import GRPCError, Status
 from harness.fake_camera import FakeCamera
 from harness.in_process_module import client_of
 from harness.web_camera import jpeg
-from hypothesis import given
-from hypothesis import strategies as st
 from viam.media.video import CameraMimeType, NamedImage
 from viam.proto.common import ResponseMetadata
 from viam.proto.component.arm import JointPositions
@@ -20,7 +17,6 @@ from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
-from so101_motion.tasks.guided.path import corners_of
 from so101_motion.viam.client.link import Access
 from so101_motion.viam.client.machine import picture_of
 from so101_motion.viam.client.reports import (
@@ -149,27 +145,6 @@ def test_a_resting_joint_that_trembles_is_wanted_where_it_was_or_where_it_came_t
     rests = next_state(later, told(q_deg=(5.4, 0, 0, 0, 0)), JAW, 0.2)
     np.testing.assert_array_equal(rests.q_ref, rests.q)
     assert not rests.qd.any()
-
-
-# The corners of a way
-
-ways = st.lists(
-    st.lists(st.floats(-3.0, 3.0), min_size=5, max_size=5), min_size=2, max_size=40
-).map(np.array)
-
-
-@given(ways, st.floats(0.001, 1.0))
-def test_straight_legs_between_corners_stay_near_the_whole_path(q, off_way):
-    kept = q[corners_of(q, off_way)]
-    np.testing.assert_array_equal(kept[[0, -1]], q[[0, -1]])
-    for point in q:
-        assert min(_off(point, a, b) for a, b in itertools.pairwise(kept)) <= off_way
-
-
-def _off(point, a, b):
-    leg = b - a
-    u = np.clip((point - a) @ leg / max(float(leg @ leg), 1e-300), 0.0, 1.0)
-    return float(np.max(np.abs(a + u * leg - point))) - 1e-9
 
 
 # Getting in

@@ -30,10 +30,8 @@ from so101_motion.viam.conversion.frames import Frames, parents, set_machine
 from so101_motion.viam.conversion.geometries import from_geometry
 from so101_motion.viam.conversion.world_state import (
     MOST_THINGS,
-    UniqueNames,
     allowing,
     scene_with,
-    taken_in,
 )
 
 TOOL = SE3.from_rpy((0.0, 1.0, 0.0), (0.3, 0.0, 0.2))
@@ -213,14 +211,6 @@ async def test_allowed_contacts_name_parts_as_viam_does(machine):
     assert len(await allowed("arm", "cube")) == 7
     with pytest.raises(ConfigError, match='did you mean "cube"'):
         await allowed("arm", "cubes")
-
-
-async def test_many_boxes_of_one_label_get_names_of_their_own_at_once():
-    begin = time.thread_time()
-    names = UniqueNames(taken_in(Scene()))
-    made = {names.new("box") for _ in range(20_000)}
-    assert len(made) == 20_000
-    assert time.thread_time() - begin < 2.0  # it took the square of the number: half a minute
 
 
 async def test_more_geometries_than_can_be_planned_around_are_refused_before_they_are_read():
