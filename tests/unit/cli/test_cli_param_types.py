@@ -48,7 +48,6 @@ def no_arm(monkeypatch):
         ("guide record --sim --yes there.json", "is there already"),
         ("guide record --sim --yes x.csv", "must end with .json"),
         ("guide record --sim --yes x.json --seconds nan", "not a usable number"),
-        ("guide record x.json", "which arm?"),
         ("guide replay --sim --yes none.json", "does not exist"),
         ("guide replay --sim --yes there.json --tolerance nan", "not a usable number"),
         ("teleop --leader /dev/ttyACM0", "--follower"),

@@ -55,13 +55,6 @@ def test_a_program_keeps_off_the_obstacles_of_a_scene(so101, tmp_path):
     assert "box" in refused(so101("run nod --sim --yes --scene", scene), 5)
 
 
-def test_an_unknown_program_is_refused_with_the_nearest(so101):
-    result = so101("run nodd --sim --yes")
-    assert "try: save one on the Program tab" in result.stderr
-    save(Waypoint(name="aside", q=A))
-    assert '"nod"' in refused(so101("run nodd --sim --yes"))
-
-
 def test_a_pose_of_ones_own_can_be_reached(so101, told):
     SavedPoses().save("over the mug", A)
     plan = told("plan --sim --pose", "over the mug")

@@ -276,16 +276,6 @@ def passing(*places, passes=True):
     )
 
 
-def test_passed_waypoints_are_one_motion_with_the_stop_behind_them(rig):
-    made = rehearse(Solo.of(rig), program(*passing(*AROUND), at(A, pause=1.0), rounds=2))
-    first, second, back = made.legs
-    assert [list(first.indices), list(second.indices)] == [[0, 1, 2, 3], [4]]
-    np.testing.assert_allclose(first.plan.q_goal, AROUND[-1])
-    assert first.at[-1] == first.plan.duration
-    np.testing.assert_allclose(back.plan.q_start, A)
-    np.testing.assert_allclose(back.plan.q_goal, AROUND[-1])
-
-
 def test_passing_where_the_arm_stands_is_no_motion(rig):
     there = np.zeros(5)
     made = rehearse(Solo.of(rig), program(*passing(there, there)))
