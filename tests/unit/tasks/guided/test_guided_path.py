@@ -24,6 +24,7 @@ def pan_deg(path):
         ([0, 1, 2, 3, 10, 20], 0.5, [0, 20]),  # on a line
         ([0, 5, 10, 5, 0, 5, 10, 5, 0], 1.0, [0, 10, 0, 10, 0]),  # wiping to and fro
         ([0, 8, 7.6, 9, 20], 0.5, [0, 20]),  # a little back on the way is no turn
+        ([0, 8, 7.4, 9, 20], 0.5, [0, 8, 7.4, 20]),  # more than the tolerance is one
     ],
 )
 def test_turns_are_kept_and_points_between_them_are_not(points, tolerance, kept):
