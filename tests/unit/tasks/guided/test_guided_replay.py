@@ -90,6 +90,15 @@ def test_the_jaw_is_where_it_was_at_each_place_however_fast_the_arm_goes(guest):
     assert speed.max() <= rig.gripper.limits.velocity[0] * 1.001
 
 
+def test_an_arm_waits_for_a_jaw_that_is_slower(guest):
+    path = path_through(HERE, [4, -40, 40, 20, 0], aperture=[0.0, 1.0])
+    rig = guest.rig
+    alone = plan_replay(rig.arm, path).legs[0].plan.duration
+    together = plan_replay(rig.arm, path, gripper=rig.gripper)
+    assert together.legs[0].plan.duration > 1.5 * alone
+    assert together.legs[0].aperture[-1] == pytest.approx(1.0, abs=0.02)
+
+
 @pytest.mark.parametrize("at", [0, 1, 2])
 def test_an_arm_that_is_nudged_while_the_jaw_closes_goes_the_rest_of_the_way_as_fast(guest, at):
     corners = [*LOOP[:3]]
