@@ -124,25 +124,7 @@ def test_a_calibration_that_is_killed_while_it_saves_is_completed_by_the_next_st
         assert rows == [reg.encode_offset(entry.homing_offset), entry.range_min, entry.range_max]
 
 
-def test_a_servo_that_is_missing_is_named_and_nothing_is_left_half_done(arm, tmp_path):
-    arm.world.disconnect("wrist_flex")
-    file = str(tmp_path / "x.json")
-    arguments = ["calibrate", "--port", arm.port, "--file", file, "--yes"]
-    result = CliRunner().invoke(main, arguments)
-    assert result.exit_code == 4, result.output
-    assert "servo 4 (wrist_flex)" in result.stderr
-    assert "cancelled: " in result.stderr
-
-
 # Setting motors up
-
-
-def test_a_finished_arm_needs_no_setup(arm):
-    result = CliRunner().invoke(main, ["setup", "--port", arm.port, "--yes", "--json"])
-    assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert told["ok"]
-    assert {motor["state"] for motor in told["motors"]} == {"verified"}
 
 
 def test_a_motor_that_is_not_as_it_must_be_is_named_with_what_to_do(arm):

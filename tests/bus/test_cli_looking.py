@@ -126,14 +126,6 @@ def test_a_configuration_is_printed_that_the_models_accept(arm, file):
     assert module["executable_path"].endswith("run.sh")
 
 
-def test_a_plan_for_servos_with_ids_of_other_joints_tells_of_them(tmp_path):
-    shifted = {place: place + 1 for place in range(1, 7)}
-    with Emulator(EmulatorOptions(link=tmp_path / "shifted", ids=shifted)) as emulator:
-        result = run("plan", "--port", emulator.port, "--joints", "0,-40,45,60,0")
-    assert result.exit_code == 4
-    assert "the ids run from 2 to 7, not from 1 to 6" in result.stderr
-
-
 # The doctor
 
 

@@ -140,13 +140,6 @@ def test_a_kit_as_new_gets_the_sensor_that_sets_it_up(table):
     assert "connect only one of them" in report.sentence
 
 
-def test_an_arm_with_a_servo_missing_is_not_suggested_as_an_arm(table):
-    table.arm(ids={1: 1, 2: 2, 3: 3, 5: 5, 6: 6})
-    report = table.only()
-    assert names(report) == ["so101-calibration-58CD"]
-    assert "1, 2, 3, 5, 6. Check the cables" in report.sentence
-
-
 def test_another_kind_of_servo_is_named(table):
     emulator = table.arm()
     for servo in emulator.world.servos:

@@ -4,11 +4,8 @@ import subprocess
 import sys
 import time
 
-from click.testing import CliRunner
-
 from so101_motion.calib.record import servo_file
 from so101_motion.calib.record.servo_file import ServoRecord
-from so101_motion.cli.verbs import main
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
@@ -51,12 +48,3 @@ def test_a_twin_has_the_supply_of_its_type_and_the_servos_of_the_file(tmp_path):
             bus.close()
         finally:
             process.terminate()
-
-
-def test_a_file_that_holds_no_servos_is_refused(tmp_path):
-    file = tmp_path / "my_arm.json"
-    file.write_text("{}")
-    result = CliRunner().invoke(main, ["emulate", "--like", str(file)])
-    assert result.exit_code != 0
-    assert 'holds no "servos"' in result.output
-    assert "identify the arm again" in result.output

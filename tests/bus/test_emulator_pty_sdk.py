@@ -118,17 +118,6 @@ def test_sdk_moves_all_joints_by_sync_write_and_watches_by_sync_read(client, emu
     assert reached == [pytest.approx(goal, abs=2) for goal in goals.values()]
 
 
-def test_sdk_finds_a_servo_again_at_its_new_baud_rate(client):
-    client.write(2, reg.BAUD, 4)
-    assert client.is_silent(2)
-    client.port.setBaudRate(115_200)
-    assert client.ping(2) == (777, 0)
-    assert client.is_silent(1)
-    client.write(2, reg.BAUD, 0)
-    client.port.setBaudRate(1_000_000)
-    assert client.ping(2) == (777, 0)
-
-
 def test_real_time_takes_at_least_the_time_of_the_wire(clock):
     options = EmulatorOptions(pacing=Pacing(realtime=True))
     with Emulator(options, now=clock.now) as emulator:

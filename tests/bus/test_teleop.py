@@ -42,17 +42,6 @@ def at(bench, *degrees):
     bench.clock.advance(2.5)
 
 
-def block(bench):
-    """Lead the follower against something that does not yield, until it waits for its leader."""
-    bench.start()
-    bench.advance(0.3)
-    shaft = bench.follower.world.servos[0].drive.shaft  # between two things that do not yield
-    shaft.lower, shaft.upper = shaft.output - 3.0, shaft.output + 3.0
-    bench.advance(0.5)
-    bench.leader.lead_to([60.0, 0.0, 0.0, 0.0, 0.0, 20.0], 1.0)
-    bench.until(lambda: waiting(bench))
-
-
 # Following
 
 
@@ -135,13 +124,6 @@ def test_the_guard_stops_short_of_the_table_and_lets_go_when_the_leader_comes_ba
     bench.until(lambda: not bench.teleop.status.held_by)
     assert bench.follower.q_deg == pytest.approx(bench.leader.q_deg, abs=2.0)
     assert np.abs(setpoints(bench, begin)[2]).max() < 100.0
-
-
-def test_a_blocked_follower_gives_way_and_goes_on_when_the_leader_comes_back(bench):
-    block(bench)
-    assert "shoulder_pan" in bench.teleop.status.reason
-    bench.leader.lead_to([*bench.follower.q_deg[:5] - zeros(bench), 20.0], 1.0)
-    bench.until(lambda: mirroring(bench))
 
 
 def test_a_follower_that_cannot_be_moved_is_reported_at_once(bench):
