@@ -87,16 +87,6 @@ def test_a_request_that_moves_the_arm_is_a_motion_as_any_other(rig):
         rig.start_request({"command": "no_such"}).result(60.0)
 
 
-def test_another_clients_motion_is_seen(machine, rig):
-    move_to(rig, RIGHT)
-    with MachineRig.connect(machine.address) as other:
-        motion = under_way(other)
-        until_true(lambda: rig.arm.state.arm_moving and rig.arm.state.mode is Mode.MOVING)
-        rig.arm.stop()
-        with pytest.raises(MotionError):
-            motion.result(60.0)
-
-
 def test_a_jaw_that_is_stopped_stays(rig):
     for _ in range(20):  # once, unless the jaw is open before a busy machine has stopped it
         rig.gripper.grab(wait=False).result(60.0)

@@ -171,19 +171,6 @@ async def test_contacts_can_be_allowed_by_name(arm, motion):
     assert await in_time(arm, motion.move("arm", at(250, 0, 60), crate, allowed))
 
 
-async def test_impossible_requests_are_refused_in_a_sentence(motion):
-    for component, destination, extra, says in [
-        ("arm", at(900, 0, 100), {}, "reach"),
-        ("arm", at(200, 0, 100, "moon"), {}, "moon"),
-        ("camera", at(200, 0, 100), {}, "is not attached to arm"),
-        ("arm", at(200, 0, 100), {"goal_metric_type": "positon_only"}, "position_only"),
-        ("arm", at(200, 0, 100), {"timeout": -1}, "timeout"),
-        ("arm", at(float("nan"), 0, 100), {}, "finite"),
-    ]:
-        with pytest.raises(GRPCError, match=says):
-            await motion.move(component, destination, extra=extra)
-
-
 async def test_giving_up_the_call_stops_the_arm(arm, motion):
     call = asyncio.ensure_future(motion.move("arm", at(100, -200, 150)))
     await until(lambda: arm.resource.rig.arm.is_moving)

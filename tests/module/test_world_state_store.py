@@ -121,19 +121,6 @@ async def test_there_is_always_something_to_show(store):
     assert top_mm == pytest.approx(-2.4)
 
 
-async def test_an_arm_that_is_not_there_is_named(arm):
-    config = config_of(STORE, "devrel:so101:world-state", {"arm": "amr"}, "world")
-    service = So101WorldState.new(config, {})
-    async with client_of(service) as client:
-        with pytest.raises(GRPCError, match=r"amr.*did you mean .arm") as caught:
-            await client.list_uuids()
-        assert caught.value.status is Status.INVALID_ARGUMENT
-        assert "amr" in (await client.get_status())["problem"]
-        changes = client.stream_transform_changes()
-        assert await anext(changes) == StreamTransformChangesResponse()
-        await changes.aclose()
-
-
 async def test_a_request_is_refused_with_what_answers_instead(store):
     await refused(
         store.do_command({"command": "list"}),
