@@ -7,9 +7,10 @@ import asyncio
 import json
 
 import pytest
-from grpclib import GRPCError, Status
+from grpclib import Status
 from harness.fake_parent import CALIBRATION, SENSOR, config_of, until
 from harness.held_calibration import put
+from harness.in_process_module import do, refused
 
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.world import no_gravity
@@ -37,17 +38,6 @@ def bench(models, tmp_path, monkeypatch):
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
     models.world.gravity = no_gravity
     return models
-
-
-async def do(resource, command, **arguments):
-    return await resource.do_command({"command": command, **arguments})
-
-
-async def refused(resource, command, **arguments):
-    """What a command is refused with: status and sentence."""
-    with pytest.raises(GRPCError) as caught:
-        await do(resource, command, **arguments)
-    return caught.value.status, caught.value.message
 
 
 JOINT_KEYS = {
@@ -184,13 +174,12 @@ async def test_every_command_of_the_motor_setup_answers_as_published(bench):
     assert setup["next_step"].startswith("assign gripper")
 
     wrong = {"current_id": 3, "target_id": 6, "current_baudrate": 57600}
-    status, says = await refused(sensor, "motor_setup_assign_id", **gripper, **wrong)
-    assert status is Status.FAILED_PRECONDITION
-    assert "has the id 1, not 3" in says
-    status, says = await refused(sensor, "motor_setup_assign_id", **gripper, target_id=5)
-    assert (status, "gripper has the id 6" in says) == (Status.INVALID_ARGUMENT, True)
-    status, says = await refused(sensor, "motor_setup_assign_id", **gripper, current_id=1.5)
-    assert (status, "whole number" in says) == (Status.INVALID_ARGUMENT, True)
+    for changes, status, says in (
+        (wrong, Status.FAILED_PRECONDITION, "has the id 1, not 3"),
+        ({"target_id": 5}, Status.INVALID_ARGUMENT, "gripper has the id 6"),
+        ({"current_id": 1.5}, Status.INVALID_ARGUMENT, "whole number"),
+    ):
+        await refused(do(sensor, "motor_setup_assign_id", **gripper, **changes), status, says)
 
     # The documentation's own example: the rate is a hint, and here a wrong one.
     wrong["current_id"] = 1
@@ -232,7 +221,6 @@ async def test_every_command_of_the_motor_setup_answers_as_published(bench):
 
     connect_only(bench, "gripper", "wrist_roll")
     await bench.pass_time(1.0)
-    status, says = await refused(sensor, "motor_setup_discover", **gripper)
-    assert status is Status.FAILED_PRECONDITION
-    assert "connect only the servo of gripper" in says
+    asked = do(sensor, "motor_setup_discover", **gripper)
+    await refused(asked, Status.FAILED_PRECONDITION, "connect only the servo of gripper")
     assert (await motor_setup(sensor))["motors"]["gripper"]["state"] == "failed"

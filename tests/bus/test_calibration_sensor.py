@@ -7,6 +7,7 @@ import pytest
 from grpclib import GRPCError
 from harness.emulated_rig import ModelBench
 from harness.held_calibration import put
+from harness.in_process_module import do, refused
 from viam.components.arm import JointPositions
 
 from so101_motion.calib.record import store
@@ -29,16 +30,6 @@ async def bench(data, planning_process):
     bench = ModelBench(data, q_start=HOME)
     yield bench
     await bench.end()
-
-
-async def do(component, command, **arguments):
-    return await component.do_command({"command": command, **arguments})
-
-
-async def refused(component, command, **arguments):
-    with pytest.raises(GRPCError) as caught:
-        await do(component, command, **arguments)
-    return caught.value.message
 
 
 async def record(bench, sensor, joints=JOINTS, *, middle=0.5):
@@ -95,7 +86,7 @@ async def test_a_running_arm_waits_and_then_has_the_new_calibration(bench):
     for call in (arm.move_to_joint_positions(goal), gripper.open(), arm.set_manual_mode(True)):
         with pytest.raises(GRPCError, match="in use for calibration; finish or abort that"):
             await bench.in_time(call)
-    assert "in use for calibration" in await refused(sensor, "motor_setup_scan_bus")
+    await refused(do(sensor, "motor_setup_scan_bus"), None, "in use for calibration")
     assert "in use for calibration" in (await do(arm, "diagnose"))["error"]
     saved = await do(sensor, "save_calibration")
 
@@ -159,8 +150,7 @@ async def test_only_the_joints_it_was_given_are_saved_as_soon_as_all_of_them_ans
     before, joints = held(bench), {"elbow_flex", "gripper"}
     await record(bench, sensor, joints)
     bench.world.disconnect("gripper")
-    says = await refused(sensor, "save_calibration")
-    assert "no reply" in says
+    says = (await refused(do(sensor, "save_calibration"), None, "no reply")).message
     now = await sensor.get_readings()
     assert (now["last_save_error"], now["calibration_state"]) == (says, "completed")
     assert set(now["joints"]) == joints
@@ -183,11 +173,10 @@ async def test_a_servo_that_is_missing_at_the_start_is_named_and_the_arm_stays_u
     arm, sensor = bench.new_arm(), bench.new_sensor()
     await bench.pass_time(0.5)
     bench.world.disconnect("gripper")
-    says = await refused(sensor, "start")
+    error = await refused(do(sensor, "start"), None, "no reply from servo 6 (gripper)")
     now = await sensor.get_readings()
 
-    assert "no reply from servo 6 (gripper)" in says
-    assert (now["calibration_state"], now["error"]) == ("error", says)
+    assert (now["calibration_state"], now["error"]) == ("error", error.message)
     assert now["available_commands"] == ["reset", "start"]
     assert bench.driven[:5] == [True] * 5
     assert arm.rig.arm.state.mode is Mode.HOLDING

@@ -70,6 +70,11 @@ def joints(*degrees):
     return JointPositions(values=list(map(float, degrees)))
 
 
+async def do(resource, command, **arguments):
+    """What a component or service answers to a command."""
+    return await resource.do_command({"command": command, **arguments})
+
+
 async def positions(client):
     """Where the joints of an arm are [deg]."""
     return list((await client.get_joint_positions()).values)

@@ -11,6 +11,7 @@ from grpclib import GRPCError, Status
 from harness.fake_machine import FakeMachine, Thing, a_box, hanging
 from harness.fake_parent import config_of, until
 from harness.in_process_module import advance, client_of, in_time, joints, new_arm, refused
+from harness.setpoints import swing
 from viam.components.arm import Arm
 
 from so101_motion.common.units import to_rad
@@ -187,14 +188,11 @@ async def test_a_stop_ends_one_that_waits_to_start_by_itself(machine, caplog):
         assert not (await client.do_command({"command": "status"}))["running"]
 
 
-async def streamed(client, begin, end, seconds=4.0, updates=None):
+async def streamed(client, begin, end):
     """Send a smooth swing as time-stamped points, half a second in each batch."""
-    u = np.linspace(0.0, 1.0, round(seconds / 0.02) + 1)
-    share = 10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5
-    q = np.asarray(begin) + share[:, None] * (np.asarray(end) - begin)
     points = [
-        Arm.TrajectoryPoint(time=timedelta(seconds=0.02 * k), positions=each.tolist())
-        for k, each in enumerate(q)
+        Arm.TrajectoryPoint(time=timedelta(seconds=each.t), positions=np.degrees(each.q).tolist())
+        for each in swing(np.radians(begin), np.radians(end), seconds=4.0)
     ]
 
     async def batches():
@@ -202,9 +200,8 @@ async def streamed(client, begin, end, seconds=4.0, updates=None):
             yield points[k : k + 25]
 
     async def play():
-        async for update in client.move_through_joint_positions_streamed(batches()):
-            if updates is not None:
-                updates.append(update)
+        async for _ in client.move_through_joint_positions_streamed(batches()):
+            pass
 
     await in_time(client, play())
 

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.in_process_module import advance, in_time, refused
+from harness.in_process_module import advance, do, in_time, refused
 from viam.components.arm import JointPositions
 
 from so101_motion.common.errors import ConfigError
@@ -33,16 +33,12 @@ async def lead(arm, client, *way_deg):
         here = there
 
 
-async def ask(client, command, **arguments):
-    return await client.do_command({"command": command, **arguments})
-
-
 async def test_a_path_is_taught_saved_listed_replayed_deleted_and_restored(arm, client, tmp_path):
-    assert await ask(client, "record_path", name="wave") == {"recording": "wave", "mode": "manual"}
+    assert await do(client, "record_path", name="wave") == {"recording": "wave", "mode": "manual"}
     assert await client.get_manual_mode()
     await lead(arm, client, *CORNERS)
-    assert (await ask(client, "list_paths"))["recording"] == "wave"
-    told = await ask(client, "end_path")
+    assert (await do(client, "list_paths"))["recording"] == "wave"
+    told = await do(client, "end_path")
     assert told["name"] == "wave"
     assert told["duration_s"] == pytest.approx(1.96, abs=0.1)
     assert told["ended_by"] == "end_path"
@@ -51,10 +47,10 @@ async def test_a_path_is_taught_saved_listed_replayed_deleted_and_restored(arm, 
     assert content["schema"] == "so101/guided-path/1"
     assert told["file"] == str(tmp_path / "paths" / "wave.json")
 
-    outline = await ask(client, "replay_path", name="wave", tolerance_deg=1.0, outline=True)
+    outline = await do(client, "replay_path", name="wave", tolerance_deg=1.0, outline=True)
     assert 0.2 < outline["approach_s"] < outline["replay_s"]
     assert await client.get_manual_mode(), "it was only planned"
-    told = await in_time(client, ask(client, "replay_path", name="wave", tolerance_deg=1.0))
+    told = await in_time(client, do(client, "replay_path", name="wave", tolerance_deg=1.0))
     line_mm = outline.pop("tool_path_mm")
     assert told == outline
     assert not await client.get_manual_mode()
@@ -63,28 +59,28 @@ async def test_a_path_is_taught_saved_listed_replayed_deleted_and_restored(arm, 
     end = RobotModel.load().frame(np.radians(CORNERS[-1])).p
     np.testing.assert_allclose(line_mm[-1], 1000.0 * end, atol=1.0)
 
-    listed = await ask(client, "list_paths")
+    listed = await do(client, "list_paths")
     assert [each["name"] for each in listed["paths"]] == ["wave"]
     assert listed["recording"] == ""
-    deleted = await ask(client, "delete_path", name="wave")
+    deleted = await do(client, "delete_path", name="wave")
     assert deleted == {"deleted": "wave", "kept_as": "1 wave"}
-    assert (await ask(client, "list_paths"))["paths"] == []
-    assert await ask(client, "restore_path", kept_as="1 wave") == {"restored": "wave"}
-    assert await ask(client, "list_paths") == listed
+    assert (await do(client, "list_paths"))["paths"] == []
+    assert await do(client, "restore_path", kept_as="1 wave") == {"restored": "wave"}
+    assert await do(client, "list_paths") == listed
     assert json.loads((tmp_path / "paths" / "wave.json").read_text()) == content
 
 
 async def test_the_time_limit_of_manual_mode_ends_the_recording_and_it_is_kept(
     arm, client, tmp_path
 ):
-    await ask(client, "record_path", name="short", enabled_for=1.0)
+    await do(client, "record_path", name="short", enabled_for=1.0)
     await lead(arm, client, [5, 0, 0, 0, 0])
     async with asyncio.timeout(30):
         while await client.get_manual_mode():
             await advance(client, 0.01)
         while not (tmp_path / "paths" / "short.json").exists():
             await advance(client, 0.01)
-    told = await ask(client, "end_path")
+    told = await do(client, "end_path")
     assert told["ended_by"] == "manual mode ended"
     assert told["points"] >= 2
 
@@ -111,17 +107,17 @@ async def test_invalid_input_is_refused_with_a_sentence(client):
 
 async def test_two_recordings_at_once_and_one_that_is_there_are_refused(arm, client):
     with pytest.raises(GRPCError, match="nothing is being recorded"):
-        await ask(client, "end_path")
-    await ask(client, "record_path", name="one")
+        await do(client, "end_path")
+    await do(client, "record_path", name="one")
     with pytest.raises(GRPCError, match="one is being recorded already"):
-        await ask(client, "record_path", name="two")
+        await do(client, "record_path", name="two")
     await lead(arm, client, CORNERS[0])
-    await ask(client, "end_path")
+    await do(client, "end_path")
     with pytest.raises(GRPCError, match="is there already"):
-        await ask(client, "record_path", name="one")
-    await ask(client, "record_path", name="one", replace=True)
+        await do(client, "record_path", name="one")
+    await do(client, "record_path", name="one", replace=True)
     await in_time(client, client.move_to_joint_positions(JointPositions(values=[0.0] * 5)))
-    assert (await ask(client, "end_path"))["ended_by"] == "manual mode ended"
+    assert (await do(client, "end_path"))["ended_by"] == "manual mode ended"
 
 
 async def test_a_path_that_could_not_be_saved_is_saved_by_the_next_request(
@@ -135,14 +131,14 @@ async def test_a_path_that_could_not_be_saved_is_saved_by_the_next_request(
         write(*args, **kwargs)
 
     monkeypatch.setattr(files, "write", written)
-    await ask(client, "record_path", name="wave")
+    await do(client, "record_path", name="wave")
     await lead(arm, client, *CORNERS)
     with pytest.raises(GRPCError, match="No space left"):
-        await ask(client, "end_path")
-    await ask(client, "record_path", name="next")
+        await do(client, "end_path")
+    await do(client, "record_path", name="next")
     assert (tmp_path / "paths" / "wave.json").exists(), "before another one begins"
     await lead(arm, client, *CORNERS)
-    assert (await ask(client, "end_path"))["name"] == "next"
+    assert (await do(client, "end_path"))["name"] == "next"
 
 
 # Programs
@@ -178,10 +174,10 @@ async def test_a_stop_or_a_call_that_is_given_up_ends_it(arm, client, what, end)
     if what == "program":
         call = client.do_command(request(A, B, rounds="endless"))
     else:
-        await ask(client, "record_path", name="wave")
+        await do(client, "record_path", name="wave")
         await lead(arm, client, *CORNERS)
-        await ask(client, "end_path")
-        call = ask(client, "replay_path", name="wave")
+        await do(client, "end_path")
+        call = do(client, "replay_path", name="wave")
     running = asyncio.ensure_future(call)
     while not arm.rig.arm.is_moving:
         assert not running.done()
