@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.stop_order import STOP, forget_request, is_older, refuse_older
-from so101_motion.common.errors import CLOSED, SUPERSEDED, MotionError
+from so101_motion.common.errors import SUPERSEDED, ArmClosed
 from so101_motion.control.motion_source import S
 
 T = TypeVar("T")
@@ -83,7 +83,7 @@ class MotionQueue:
 
         Raises:
             Interrupted: The arm was stopped after the request for this motion had arrived.
-            MotionError: The queue has been closed.
+            ArmClosed: The queue has been closed.
         """
         motion = Motion()
         with self.lock:
@@ -93,7 +93,7 @@ class MotionQueue:
                 # as ``asyncio.to_thread`` has it: large contents of a request are in its context
                 self._threads.submit(copy_context().run, self._run, motion, [previous], run)
             except RuntimeError as error:  # no more threads after ``close``
-                raise MotionError(CLOSED) from error
+                raise ArmClosed from error
             self.current = motion
             if goes_on and previous.playing is not None:
                 motion.playing = previous.playing

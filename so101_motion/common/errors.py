@@ -293,6 +293,14 @@ class Interrupted(MotionError):
         super().__init__(f"the motion was ended early by {by}; the arm holds where it stopped")
 
 
+class ArmClosed(Interrupted):
+    """The arm had been closed before the request was made."""
+
+    def __init__(self) -> None:
+        super().__init__("shutdown")
+        self.args = (CLOSED,)
+
+
 class NotHolding(MotionError):
     """The arm is limp or in a fault, so it cannot be moved until it holds again."""
 

@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from so101_motion.common.errors import CLOSED, Interrupted, MotionError
+from so101_motion.common.errors import ArmClosed, Interrupted
 from so101_motion.control.joint_group import Channel
 
 T = TypeVar("T")
@@ -84,7 +84,7 @@ class RequestQueue:
         future: Future[Any] | None = None,
         channel: Channel | None = None,
     ) -> Future[Any]:
-        """Queue a request; it fails with ``MotionError`` once the queue has been closed.
+        """Queue a request; it fails with ``ArmClosed`` once the queue has been closed.
 
         Args:
             run: Called on the I/O thread, between two ticks.
@@ -102,7 +102,7 @@ class RequestQueue:
             if not closing:
                 self._requests.append(request)
         if closing:
-            request.future.set_exception(MotionError(CLOSED))
+            request.future.set_exception(ArmClosed())
         self._wake.set()
         return request.future
 

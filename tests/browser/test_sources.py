@@ -100,7 +100,7 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(cable):
     hand.until(lambda: hand.color_of(BASE) == in_color)
     hand.until(lambda: not hand.can("Plan"))
     hand.press("Hold")
-    hand.expect("Idle, holding")
+    hand.expect("Held in part")
     hand.until(lambda: not hand.says("press Hold"))
     np.testing.assert_allclose(cable.q, before, atol=0.06)  # an arm held anew sags a little
     hand.expect("is back; nothing moves until you ask")

@@ -205,7 +205,7 @@ async def test_the_machine_is_planned_around(process):
     bench.has()
     await bench.plan(200, 0, 60)
     bench.has(stick)
-    await bench.both_refuse(200, 0, 10, of="'stick'")
+    await bench.both_refuse(200, 0, 10, of="stick")
 
     # What comes into a store, moves or goes there is in the very next plan: that asks the machine,
     # over the same connection, after the store has said so.

@@ -12,6 +12,7 @@ from so101_motion.common.errors import So101Error
 
 ONE_OF_EACH = [
     errors.ConfigError("speed", 200.0, "must be between 3 and 180 deg/s"),
+    errors.ArmClosed(),
     errors.ChoiceNeeded("arm", None, "the machine has several; name one of left, right"),
     errors.Unreachable(
         "too far",

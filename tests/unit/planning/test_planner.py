@@ -386,7 +386,7 @@ def test_it_rises_and_stops_as_soon_as_it_is_free(model):
 
 def test_an_arm_that_is_buried_is_told_of_the_hand(model):
     buried = Obstacle(name="heap", shape=Sphere(radius=0.9), T_base_obstacle=SE3.identity())
-    with pytest.raises(InCollision, match="no straight motion frees it; move the arm by hand"):
+    with pytest.raises(InCollision, match="no straight motion frees it; guide it by hand"):
         left(model, np.zeros(5), Scene(obstacles=(buried,)))
 
 
