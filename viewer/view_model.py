@@ -596,6 +596,7 @@ def _looks_different(state: JointState, other: JointState) -> bool:
         state.mode is not other.mode
         or state.arm_moving
         or state.fault != other.fault
+        or state.reading.alarms != other.reading.alarms
         or state.reading.let_go != other.reading.let_go
         or state.reading.silent != other.reading.silent
         or state.reading.driven != other.reading.driven

@@ -120,9 +120,12 @@ def blocked(state: JointState) -> Sentence | None:
     reason, gone = reasons.get(state.mode), state.reading.let_go_of(ARM_JOINTS)
     if reason is None and gone is not None:
         reason = f"{gone} has let go: support the arm. Nothing moves before its servo holds again."
-    alarmed = next((joint for joint in ARM_JOINTS if joint in state.reading.alarms), None)
+    alarms = state.reading.alarms
+    alarmed = next((joint for joint in ARM_JOINTS if joint in alarms), None)
     if reason is None and alarmed is not None:  # any motion would end at once
-        reason = f"{alarmed}: {state.reading.alarms[alarmed]}."
+        fixes = {text.rpartition("; ")[2] for text in alarms.values()}
+        is_all = len(alarms) == len(_JOINTS) and len(fixes) == 1  # they may differ by 0.1 V
+        reason = f"{'Every joint' if is_all else alarmed}: {alarms[alarmed]}."
     return None if reason is None else Sentence(reason, Tone.BAD)
 
 

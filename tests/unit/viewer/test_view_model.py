@@ -22,6 +22,7 @@ from so101_viewer.view_model import MoveModel, ViewModel
 
 from so101_motion.common.errors import ConfigError, Interrupted, NoPath, ServoAlarm
 from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.planning.collision.apart import ROOM
@@ -276,6 +277,19 @@ def test_what_an_alarm_has_refused_is_red_until_the_alarm_is_over_without_the_fi
     arm.be(np.zeros(5))
     page.refresh()
     assert page.sentence.text == "Reachable. Press Plan."
+
+
+def test_an_alarm_is_shown_as_soon_as_it_is_there_and_no_longer(page, arm):
+    welcome = page.sentence
+    low = {joint: "it gets only 5.0 V; check it" for joint in (*ARM_JOINTS, GRIPPER_JOINT)}
+    for alarms, says in (
+        (low, "Every joint: it gets only 5.0 V; check it."),
+        ({**low, "elbow_flex": "it is hot; wait"}, "shoulder_pan: it gets only 5.0 V; check it."),
+        ({}, welcome.text),
+    ):
+        arm.be(np.zeros(5), alarms=alarms)
+        assert page.refresh()
+        assert (page.sentence.text, page.can_plan) == (says, not alarms)
 
 
 def test_an_arm_in_contact_where_it_stands_is_offered_a_way_out_that_is_shown_first(page, arm):
