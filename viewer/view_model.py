@@ -348,6 +348,7 @@ class MoveModel:
         self._count = 0  # plans that were shown
         self._causes = Causes(arm.arm for arm in arms.values())
         self._had_alarms = False  # before the newest motion, which ended for them
+        self._arrived: tuple[Sentence | None, tuple[Array, ...]] = (None, ())  # and where
         for name, arm in self.arms.items():
             arm.dropped = partial(self._drop_plan, name)
 
@@ -467,6 +468,15 @@ class MoveModel:
     def _have_alarms(self) -> bool:
         return any(arm.arm.state.reading.alarms for arm in self.arms.values())
 
+    @property
+    def _have_left(self) -> bool:
+        """Whether an arm no longer stands where it is said to have arrived."""
+        said, places = self._arrived
+        here = (arm.state.q for arm in self.arms.values())
+        return said is self._sentence and any(
+            _apart(q, place) > SAME_POSE for q, place in zip(here, places, strict=True)
+        )
+
     def refresh(self) -> bool:
         news = [arm.refresh() for arm in self.arms.values()]
         gave_way = any(
@@ -479,10 +489,13 @@ class MoveModel:
         changed = self._causes.have_changed()
         if self._had_alarms and not self._motions and not self._have_alarms:
             self._had_alarms, changed = False, True
-        if changed and self._sentence.tone is Tone.BAD and not self._motions:
+        is_over = changed and self._sentence.tone is Tone.BAD
+        is_of_now = self._sentence in (texts.ALREADY_THERE, texts.PRESS_PLAN)
+        if (is_over or is_of_now or self._have_left) and not self._motions:
             here = all(arm.is_at_target for arm in self.arms.values())
+            before = self._sentence
             self._sentence = texts.ALREADY_THERE if here else texts.PRESS_PLAN
-            news.append(True)
+            news.append(self._sentence is not before)
         news += [self._collect_plan(), self._show_plan_under_way(), self._collect_motions()]
         if self._playback.advance(self._now()):
             self._place_ghosts()
@@ -570,6 +583,7 @@ class MoveModel:
         else:
             off = max(arm.distance_to_goal() for arm in self.arms.values())
             self._sentence = texts.arrived(off)
+            self._arrived = self._sentence, tuple(arm.state.q for arm in self.arms.values())
         return True
 
     def _place_ghosts(self) -> None:

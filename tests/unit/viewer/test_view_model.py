@@ -128,6 +128,11 @@ def test_two_buttons_show_the_product(page, arm):
     assert not page.can_plan
     assert not page.can_execute
 
+    for off_deg, says in ((0.3, "Arrived"), (2.0, "Reachable. Press Plan."), (0.0, "The arm is a")):
+        arm.be(arm.executed[0].q_goal + to_rad(off_deg), t=2.0)  # jogged there, or stopped there
+        page.refresh()
+        assert page.sentence.text.startswith(says)
+
 
 @pytest.mark.parametrize(
     ("p_base", "says"),
@@ -366,6 +371,9 @@ def test_here_is_where_the_arm_is_and_the_jaw_moves_at_once(page, arm, gripper):
     page.set_target_here()
     np.testing.assert_allclose(page.target.q, 0.3)
     assert page.sentence.text == "The arm is already there."
+    arm.be(np.full(5, 0.2))
+    page.refresh()
+    assert page.sentence.text == "Reachable. Press Plan."
 
 
 def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(page, inputs):
