@@ -21,6 +21,7 @@ from so101_motion.drivers.feetech.servo_judgement import HOT_C, LOW_V, TOO_LOW_V
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
+from so101_motion.setup.setup_steps import CALIBRATION_ONLY
 
 from ..page import markup, texts
 from ..page.page_context import PageContext, Part
@@ -225,14 +226,14 @@ def state_alarms(
     unknown = health.uncalibrated
     if unknown:
         text = (
-            f"No calibration: {_listed(unknown)} may not be where the picture shows it. Calibrate"
-            " on the Setup tab before you move the arm."
+            f"No calibration: {_listed(unknown)} may not be where the picture shows it. Choose"
+            f" {CALIBRATION_ONLY.title} on the Setup tab before you move the arm."
         )
         found.append(_warm("calibration", unknown, text))
     elif not health.has_file and state.mode is Mode.LIMP:  # once; then the Health tab has it
         text = (
             f"No calibration file fits this arm: {_NO_FILE}. You can use it, slowly at first;"
-            " Calibrate on the Setup tab makes a file."
+            f" {CALIBRATION_ONLY.title} on the Setup tab makes a file."
         )
         found.append(_warm("calibration", (), text))
     inside = dict(state.reading.out_of_range)

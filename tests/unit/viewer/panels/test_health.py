@@ -179,7 +179,7 @@ def test_that_there_is_no_calibration_file_is_said_before_the_arm_holds_then_in_
     health = replace(FILED, has_file=False)
     (alarm,) = state_alarms(replace(STILL, mode=Mode.LIMP), health)
     assert "40 mm off" in alarm.sentence.text
-    assert "Setup tab" in alarm.sentence.text
+    assert "Calibration Only on the Setup tab" in alarm.sentence.text
     assert state_alarms(STILL, health) == ()
     assert "40 mm off" in figures(health)
     assert "40 mm off" not in figures(FILED)
