@@ -12,11 +12,15 @@
   const words = (node) => node.textContent.replace(/[\d.,]+/g, '');  // a countdown is no news
   const isBad = (node) => node.matches('.so101-bad, .so101-marked');
 
+  // The nearest box, a tab's, is as tall as what is in it; the panel around it scrolls.
   function isAway(node) {
-    let around = node.parentElement;
-    while (around && !/auto|scroll/.test(getComputedStyle(around).overflowY)) around = around.parentElement;
-    const [{ top, bottom }, seen] = [node.getBoundingClientRect(), around?.getBoundingClientRect()];
-    return seen && (bottom < seen.top + 16 || top > seen.bottom - 16);
+    const { top, bottom } = node.getBoundingClientRect();
+    for (let around = node.parentElement; around; around = around.parentElement) {
+      if (!/auto|scroll/.test(getComputedStyle(around).overflowY)) continue;
+      const seen = around.getBoundingClientRect();
+      if (bottom < seen.top + 16 || top > seen.bottom - 16) return true;
+    }
+    return false;
   }
 
   function look() {
