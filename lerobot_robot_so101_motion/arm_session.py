@@ -8,6 +8,7 @@ is near. If it cannot be reached or has a fault, an error is raised.
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -141,7 +142,8 @@ class ArmSession:
         following = self._following
         if following is None or following.future.done():
             following = self._begin(q)
-        taken = self.state.q_ref if following is None else following.aim(q)
+        # However far: what a policy says is drawn into the range, and told.
+        taken = self.state.q_ref if following is None else following.aim(q, most=math.inf)
         return taken, self._aim_jaw(aperture)
 
     def rest(self) -> None:
@@ -207,4 +209,4 @@ class ArmSession:
             self._jaw = jaw = self.rig.gripper.follow(
                 approach=slow, stale_after=self._pace.stale_after
             )
-        return jaw.aim(aperture)
+        return jaw.aim(aperture, most=math.inf)

@@ -73,18 +73,21 @@ class JawFollowing(EndsWithBlock):
 
     # Any thread
 
-    def aim(self, aperture: float, rate: float = 0.0) -> float:
+    def aim(self, aperture: float, rate: float = 0.0, *, most: float = 2.0) -> float:
         """Open or close to an aperture, from the next control cycle on; never waits.
 
         Args:
             aperture: How far, 0 closed to 1 open.
             rate: How fast that changes, shares of the travel [1/s].
+            most: Values beyond it, either way, are taken for percent and refused; a hand's
+                overshoot is less.
 
         Returns:
             The aperture as it was taken, within 0 to 1.
 
         Raises:
-            ConfigError: These are not finite numbers; the aperture before stays.
+            ConfigError: These are not finite numbers, or the aperture is beyond ``most``; the one
+                before stays.
             So101Error: The following has ended; the error says why.
         """
         try:
@@ -93,6 +96,8 @@ class JawFollowing(EndsWithBlock):
             raise ConfigError("aperture", aperture, "must be a number from 0 to 1") from error
         if not is_finite(values):
             raise ConfigError("aperture", aperture, "must be finite, and so must its rate")
+        if abs(values[0]) > most:
+            raise ConfigError("aperture", aperture, f"must be from 0 to 1{_in_percent(values[0])}")
         taken = min(max(values[0], 0.0), 1.0)
         with self._lock:
             self._refuse_if_over()
@@ -454,8 +459,7 @@ class Gripper(JawVerbs):
     def angle_of(self, aperture: float) -> float:
         """The jaw angle [rad] that an aperture stands for; ``ConfigError`` outside 0 to 1."""
         if not isinstance(aperture, Real) or not 0.0 <= aperture <= 1.0:
-            is_percent = isinstance(aperture, Real) and 1.0 < aperture <= 100.0
-            hint = f"; {aperture:g} % is {aperture / 100.0:g}" if is_percent else ""
+            hint = _in_percent(aperture) if isinstance(aperture, Real) else ""
             raise ConfigError("aperture", aperture, f"must be a number from 0 (closed) to 1{hint}")
         return self.closed + aperture * (self.opened - self.closed)
 
@@ -553,6 +557,10 @@ class Gripper(JawVerbs):
             motion.future.set_exception(refusal)
         else:
             running.add_done_callback(then)
+
+
+def _in_percent(aperture: float) -> str:
+    return f"; {aperture:g} % is {aperture / 100.0:g}" if 1.0 < aperture <= 100.0 else ""
 
 
 @contextmanager

@@ -367,7 +367,14 @@ class Following(OpenEndedMotion):
 
     # Any thread
 
-    def aim(self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None) -> Array:
+    def aim(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        qdd: ArrayLike | None = None,
+        *,
+        most: float = 2.0 * math.pi,
+    ) -> Array:
         """Go to joint angles, from the next control cycle on; never waits.
 
         Args:
@@ -376,16 +383,19 @@ class Following(OpenEndedMotion):
                 until the next one. None for a target that stands still.
             qdd: Acceleration of the target, shape (n,), [rad/s^2]; None if it is not known. With
                 it the joints follow more closely, because the driver makes up for their lag.
+            most: Farther angles are taken for degrees and refused [rad]; ``math.inf`` for targets
+                that may be anywhere, such as a policy's, whose unit is known.
 
         Returns:
             The target as it was taken, within the range, shape (n,), [rad].
 
         Raises:
-            ConfigError: These are not ``n`` finite numbers; the target before stays.
+            ConfigError: These are not ``n`` finite numbers, or an angle is beyond ``most``; the
+                target before stays.
             So101Error: The following has ended; the error says why.
         """
         self._refuse_if_over()
-        wanted = self._checked("q", q)
+        wanted = self._checked("q", q, most)
         rate = np.zeros(len(wanted)) if qd is None else self._checked("qd", qd)
         taken = frozen_array(np.clip(wanted, self._lower, self._upper), wanted.shape)
         outside = frozen_array(wanted - taken, wanted.shape)
@@ -522,9 +532,8 @@ class Following(OpenEndedMotion):
         self._bounds = JointBounds(self._least, self._most, self.limits, self._stop_limits, now)
         self._braked = self._stops.to_rest(now).after
 
-    def _checked(self, name: str, values: ArrayLike) -> Array:
-        # However far: what a policy says is drawn into the range, and told, see ``outside``.
-        found = joint_angles(name, values, self._lower.shape, most=math.inf)
+    def _checked(self, name: str, values: ArrayLike, most: float = math.inf) -> Array:
+        found = joint_angles(name, values, self._lower.shape, most=most)
         if not is_finite(found):
             raise ConfigError(name, values, f"must be {len(self._lower)} finite numbers")
         return found

@@ -163,7 +163,7 @@ def attack(folder, *, seed, count, fast=False):
 def _send(following, kind, target, outcome):
     outcome.sent[kind] += 1
     try:
-        taken = following.aim(*target) if isinstance(target, tuple) else following.aim(target)
+        taken = following.aim(*target if isinstance(target, tuple) else (target,), most=math.inf)
     except So101Error:
         outcome.refused += 1
     else:

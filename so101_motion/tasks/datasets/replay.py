@@ -6,6 +6,7 @@ counted in control periods, so a late period skips nothing.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from concurrent.futures import Future, wait
@@ -212,15 +213,17 @@ class _Run:
         if t > replay.duration + _REST:
             following.close()
         elif t < replay.duration:
-            following.aim(q, (self._at(t + _AHEAD + self._dt) - q) / self._dt)
+            qd = (self._at(t + _AHEAD + self._dt) - q) / self._dt
+            following.aim(q, qd, most=math.inf)
         else:
-            following.aim(q)
+            following.aim(q, most=math.inf)
 
     def aim_jaw(self, jaw: JawFollowing) -> None:
         """Open or close the jaw as far as is due."""
         aperture = self._replay.aperture
         assert aperture is not None
-        jaw.aim(float(np.interp(self._calls * self._dt, self._replay.t, aperture)))
+        wanted = float(np.interp(self._calls * self._dt, self._replay.t, aperture))
+        jaw.aim(wanted, most=math.inf)
 
     def outcome(self) -> ReplayOutcome:
         wanted, measured = np.array(self._wanted), np.array(self._measured)

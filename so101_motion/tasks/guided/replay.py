@@ -10,6 +10,7 @@ hand that closes the jaw nudges the arm.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
@@ -398,4 +399,4 @@ class _JawRun:
         ahead = self._q[self._at : self._at + _AHEAD]
         self._at += int(np.argmin(np.abs(ahead - q_ref).max(axis=1)))
         coming = min(self._at + 1, len(self._q) - 1)  # where the arm is wanted after this period
-        jaw.aim(self._aperture[coming], self._rate[coming])
+        jaw.aim(self._aperture[coming], self._rate[coming], most=math.inf)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -281,7 +282,7 @@ class LocalFollower(Follower):
         if wanted is None:
             following.hold(briefly=pilot.gate.pauses_mirroring)
         else:
-            following.aim(*wanted)
+            following.aim(*wanted, most=math.inf)  # a leader may turn on and on
 
     def _lead_jaw(self, pilot: Pilot) -> None:
         jaw = self._jaw
@@ -292,4 +293,4 @@ class LocalFollower(Follower):
             jaw.hold(briefly=pilot.gate.pauses_mirroring)
             return
         with suppress(So101Error):  # it has just ended
-            jaw.aim(*wanted)
+            jaw.aim(*wanted, most=math.inf)

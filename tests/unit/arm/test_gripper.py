@@ -185,7 +185,8 @@ def test_the_jaw_follows_apertures_and_rests_when_they_cease(rig, gripper):
     assert jaw.aim(0.6) == 0.6
     lead(rig, jaw, 0.6, 2.0)
     assert gripper.aperture == pytest.approx(0.6, abs=1e-3)
-    assert jaw.aim(-7.0) == 0.0
+    assert jaw.aim(-1.5) == 0.0
+    assert jaw.aim(-7.0, most=math.inf) == 0.0
     with pytest.raises(ConfigError):
         jaw.aim(math.nan)
     rig.clock.advance(2.0)

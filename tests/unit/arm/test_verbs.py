@@ -89,6 +89,8 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         "must be a Tool": lambda: arm.set_tool("pen"),
         "a serial port": lambda: so101.open(3),
         "SavedPoses": lambda: arm.move("ready"),
+        "30 rad: did you mean degrees[?] 30 deg": lambda: arm.follow().aim([30, 0, 0, 30, 0]),
+        "60 % is 0.6": lambda: rig.gripper.follow().aim(60),
         "2 x 3; of several points": lambda: arm.plan([[0.2, 0, 0.1], [0.25, 0, 0.1]]),
         "250 m: did you mean millimetres": lambda: so101.point(250, 120, 150),
         "40 m: did you mean millimetres": lambda: so101.ApproachGoal(
