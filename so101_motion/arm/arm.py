@@ -247,8 +247,11 @@ class Arm(CappedJoints):
             Strength.of_servos(load.servo_voltage), shares=self._strength.shares
         )
 
-    def set_payload(self, payload: Payload) -> None:
+    def set_payload(self, payload: Payload | None) -> None:
         """Set what the gripper carries, for plans from now on, until ``set_load`` is called."""
+        if not isinstance(payload, Payload | None):
+            how = "Payload(mass=..., com=(x, y, z)), in kg and metres in the tool frame"
+            raise ConfigError("payload", payload, f"must be a {how}")
         self._payload = payload
 
     def set_servo_strength(self, shares: Sequence[float]) -> None:
@@ -769,7 +772,9 @@ def _goal(to: Goal | ArrayLike) -> Goal:
         return to
     if isinstance(to, str):
         raise ConfigError(
-            "goal", to, f"a named pose is files.saved_poses.SavedPoses().find({to!r}).q"
+            "goal",
+            to,
+            f"a named pose is so101_motion.files.saved_poses.SavedPoses().find({to!r}).q",
         )
     try:
         return JointGoal(q=joint_angles("goal", to))

@@ -40,7 +40,7 @@ from so101_motion.control.executor import Channel, Executor
 from so101_motion.control.following import STALE_AFTER, Following, FollowingSettings
 from so101_motion.control.motion_source import EndsWithBlock
 from so101_motion.control.request_queue import running_future
-from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.limits import MotionLimits, checked_limits
 
 LET_GO = 0.03
 """A grip ends when the wanted aperture is wider than the jaw by this share of the travel; chosen:
@@ -505,7 +505,7 @@ class Gripper(JawVerbs):
             q_start=[executor.state.q_jaw_ref],
             lower=ends[:1],
             upper=ends[1:],
-            limits=limits or self.limits,
+            limits=checked_limits(limits) or self.limits,
             stop_limits=executor.stop_limits(Channel.JAW),
             dt=executor.dt,
             **how,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from so101_motion.common.errors import ConfigError, OutsideLimits
 from so101_motion.common.geometry import Array, frozen_array, in_radians
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import range_deg, to_deg, to_rad
-from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.limits import MotionLimits, checked_limits
 
 JERK_TIME = 0.1
 """Time to build up full acceleration [s]: jerk cap = acceleration cap / this. Chosen: at the
@@ -128,13 +129,15 @@ class CappedJoints:
         return self._below_ceiling(limits).eased(self.slowdown())
 
     def _below_ceiling(self, limits: MotionLimits | None) -> MotionLimits:
-        wanted = limits or self.limits
+        wanted = checked_limits(limits) or self.limits
         most = np.minimum(self._ceiling.acceleration, self.servo_acceleration)
         return wanted.lowered_to(self._ceiling.speed, most)
 
 
 def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) -> None:
     lower, upper = bounds_deg
+    if not isinstance(value, Real):
+        raise ConfigError(name, value, f"must be a number [rad{unit.removeprefix('deg')}]")
     in_radians(name, np.array(value), 2.0 * to_rad(upper), unit.removeprefix("deg"))
     value_deg = round(to_deg(value), 9)  # 180 deg came in as a float in radians
     checked_number(name, value_deg, lower=lower, upper=upper, unit=unit)

@@ -62,7 +62,7 @@ class Run:
 Motion = Trajectory | Run
 
 
-def export(motion: Motion, path: Path) -> None:
+def export(motion: Motion, path: Path | str) -> None:
     """Write a motion of the five arm joints to a file; the name's ending chooses the format.
 
     Args:
@@ -73,6 +73,7 @@ def export(motion: Motion, path: Path) -> None:
         ConfigError: There is no such format, the file cannot be written, or the package for MCAP is
             not installed.
     """
+    path = Path(path)
     atomic.save("out", path, encoded(motion, path.name))
 
 

@@ -106,6 +106,8 @@ def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Ar
 
     Lengths are metres and z is up where the format declares them (GLB, 3MF); else as in the file.
     """
+    if not isinstance(data, bytes | bytearray):
+        raise ConfigError("mesh", data, "is not bytes; give the bytes: Path(...).read_bytes()")
     size = f"{len(data)} bytes"
     if kind not in MESHES:
         reason = f"is not one of {', '.join(MESHES)}; export STL or GLB"

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, frozen_array, in_metres, in_radians
 
 ToolSpeed = Callable[[Array, Array], Array]
@@ -113,3 +114,11 @@ class MotionLimits:
             jerk=self.jerk,
             tool_speed=self.tool_speed,
         )
+
+
+def checked_limits(given: MotionLimits | None) -> MotionLimits | None:
+    """The caps that a calling program gives; ``ConfigError`` for anything else."""
+    if not isinstance(given, MotionLimits | None):
+        how = "velocity=..., acceleration=..., jerk=..."
+        raise ConfigError("limits", given, f"must be MotionLimits, as MotionLimits.uniform({how})")
+    return given

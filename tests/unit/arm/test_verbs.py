@@ -2,12 +2,14 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import so101_motion as so101
 from so101_motion.common.clock import ManualClock
+from so101_motion.planning.collision.shape_files import file_mesh
 from so101_motion.tasks.jog_operation import JogOperation
 
 
@@ -88,9 +90,14 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         "number from 0": lambda: rig.gripper.move("open"),
         "must be a Tool": lambda: arm.set_tool("pen"),
         "a serial port": lambda: so101.open(3),
-        "SavedPoses": lambda: arm.move("ready"),
+        "so101_motion.files.saved_poses": lambda: arm.move("ready"),
         "30 rad: did you mean degrees[?] 30 deg": lambda: arm.follow().aim([30, 0, 0, 30, 0]),
         "60 % is 0.6": lambda: rig.gripper.follow().aim(60),
+        "must be a Payload": lambda: arm.set_payload(0.1),
+        "must be MotionLimits": lambda: arm.plan([0] * 5, limits={"velocity": 1}),
+        "MotionLimits.uniform": lambda: rig.gripper.move(0.5, limits={"velocity": 1}),
+        "must be a number .rad/s.": lambda: arm.set_speed("fast"),
+        "give the bytes": lambda: file_mesh("stl", Path("part.stl")),
         "2 x 3; of several points": lambda: arm.plan([[0.2, 0, 0.1], [0.25, 0, 0.1]]),
         "250 m: did you mean millimetres": lambda: so101.point(250, 120, 150),
         "40 m: did you mean millimetres": lambda: so101.ApproachGoal(
