@@ -15,7 +15,7 @@ from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
 from so101_motion.common.encoder_zeros import EncoderZeros
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.units import to_rad
@@ -110,10 +110,13 @@ def open_cell(file: CellFile, *, clock: Clock | None = None) -> CellRigs:
     with ExitStack() as opened:
         rigs: dict[str, Rig] = {}
         for arm in file.arms:
-            if arm.port:
-                rig: Rig = open_so101(arm.port, arm.calibration_id or None, clock=clock)
-            else:
-                rig = open_simulated(clock=clock, q_start=q_start)
+            try:
+                if arm.port:
+                    rig: Rig = open_so101(arm.port, arm.calibration_id or None, clock=clock)
+                else:
+                    rig = open_simulated(clock=clock, q_start=q_start)
+            except So101Error as error:
+                raise error.about(arm.name) from error
             rigs[arm.name] = opened.enter_context(rig)
             if arm.max_speed is not None:
                 rig.arm.set_ceiling(replace(rig.arm.ceiling, speed=arm.max_speed))

@@ -9,7 +9,7 @@ from harness.facing_arms import Facing
 from so101_viewer.world.scene_user import ArmsOfCell
 
 from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import BusError, ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.files.cell_file import CellArm, CellFile
 from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene
@@ -55,6 +55,12 @@ def test_one_port_under_two_names_is_refused_before_it_is_opened(tmp_path):
     )
     with pytest.raises(ConfigError, match="under another name"):
         open_cell(CellFile(arms=arms, scene=Scene()), clock=ManualClock())
+
+
+def test_an_arm_that_cannot_be_opened_is_named(tmp_path):
+    arms = (CellArm(name="bea", T_cell_base=SE3.identity(), port=str(tmp_path / "none")),)
+    with pytest.raises(BusError, match=r"^bea: .*no such port"):
+        open_cell(CellFile(arms=arms, scene=Scene()))
 
 
 def test_a_cube_that_one_arm_puts_down_is_picked_by_the_other_in_one_program():
