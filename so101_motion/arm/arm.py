@@ -251,7 +251,7 @@ class Arm(CappedJoints):
         """Set what the gripper carries, for plans from now on, until ``set_load`` is called."""
         if not isinstance(payload, Payload | None):
             how = "Payload(mass=..., com=(x, y, z)), in kg and metres in the tool frame"
-            raise ConfigError("payload", payload, f"must be a {how}")
+            raise ConfigError("payload", payload, f"must be a {Payload.__module__}.{how}")
         self._payload = payload
 
     def set_servo_strength(self, shares: Sequence[float]) -> None:
@@ -771,11 +771,8 @@ def _goal(to: Goal | ArrayLike) -> Goal:
     if isinstance(to, Goal):
         return to
     if isinstance(to, str):
-        raise ConfigError(
-            "goal",
-            to,
-            f"a named pose is so101_motion.files.saved_poses.SavedPoses().find({to!r}).q",
-        )
+        where = "from so101_motion.files.saved_poses import SavedPoses"
+        raise ConfigError("goal", to, f"a named pose is SavedPoses().find({to!r}).q; {where}")
     try:
         return JointGoal(q=joint_angles("goal", to))
     except ConfigError as error:
