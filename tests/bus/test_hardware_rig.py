@@ -1,4 +1,5 @@
 import json
+import time
 from contextlib import closing
 
 import numpy as np
@@ -272,6 +273,8 @@ def test_who_only_looks_at_an_arm_sees_which_joints_hold_and_can_let_go_of_or_ho
     off = dict.fromkeys({1, 2, 3, 4, 5, 6}.difference(on), 0)
     with closing(Bus(SerialPort(str(bench.port)))) as bus:
         bus.write_each(reg.TORQUE_ENABLE, off)
+        while bench.driven != [number in on for number in range(1, 7)]:
+            time.sleep(0.001)  # what was not heard yet would be lost when the port is closed
     rig = bench.open(servo_ids=None, gripper_id=None, timeout=None)
     bench.advance(0.2)
     state, before = rig.arm.state, bench.q_deg
