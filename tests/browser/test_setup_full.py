@@ -281,7 +281,7 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_is_ready_to_use(person, ki
     monkeypatch.setattr(shared_fields, "ASKED_FOR", 60.0)  # a busy page answers late
     person.presses("Next")
     plans = "This will move:"  # planned anew where a busy machine had no time for it
-    person.insists("Hold the joints", "Back", "Next", until=lambda: person.guest.says(plans))
+    person.insists("Hold the joints", "Plan the test", until=lambda: person.guest.says(plans))
     person.presses("Guide by hand")
     person.sees("Guided by hand")
     person.sees("The arm yields to your hand. Move it by hand")
