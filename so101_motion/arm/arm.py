@@ -174,7 +174,9 @@ class Arm(CappedJoints):
         payload.
         """
         if not isinstance(tool, Tool | None):
-            raise ConfigError("tool", tool, "must be a Tool; files.tool_file.find_tool reads one")
+            raise ConfigError(
+                "tool", tool, "must be a Tool; so101_motion.files.tool_file.find_tool reads one"
+            )
         scene = self._scene if self._tool is None else self._tool.off(self._scene)
         checked = scene if tool is None else tool.on(scene)
         model = self._bare

@@ -124,17 +124,16 @@ def _wrong(report: PortReport) -> list[str]:
 
 def _nudged(report: PortReport, name: str, taken: list[str]) -> str:
     """Nudge an arm, and ask what it is to be called; a limp arm is limp again afterwards."""
+    from so101_motion.cli.status import is_held
+    from so101_motion.rig.hardware_rig import HardwareRig
 
     def its_own(given: str) -> str:
         if given in taken:
             raise click.UsageError(f'another arm is called "{given}"')
         return given
 
-    from so101_motion.cli.status import is_held
-    from so101_motion.rig.hardware_rig import HardwareRig
-
     port = report.port.name
-    have_agreed(f"Move the jaw of the arm on {port} by 3 deg and back?", else_="")
+    have_agreed(f"Move the jaw of the arm on {port} by 3 deg and back?", otherwise="")
     source = Source(port=port, calibration_file=report.calibration, say=lambda _: None)
     with quietly(), closing(source.open_to_look()) as rig:
         was_held = isinstance(rig, HardwareRig) and is_held(rig)

@@ -137,7 +137,6 @@ def _put_back(walk: OperationTerminal, terminal: Terminal) -> None:
 
 
 def _print_result(ended: StepResult, stored: Stored, sentences: list[str]) -> None:
-
     click.echo(f"saved to {stored.path}")
     for meaning in sentences:
         echo(meaning, indent="  ")

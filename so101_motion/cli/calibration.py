@@ -453,7 +453,6 @@ def _print_dry_run(wanted: Stored, as_json: bool) -> None:
 
 
 def _notes(stored: Stored) -> None:
-
     for note in _told(stored):
         echo(f"note: {note}", err=True)
 

@@ -91,7 +91,6 @@ def doctor(
 
 
 def _diagnose_machine(machine: MachineSource, as_json: bool) -> None:
-
     with quietly(), closing(machine.open()) as rig:
         try:
             answer = dict(rig.do_command(rig.arm_name, {"command": "diagnose"}))
@@ -234,7 +233,6 @@ def _planned(seen: Findings, rig: Rig) -> Findings:
 
 
 def _print(check: Check) -> None:
-
     sign, colour = _SIGNS[check.verdict]
     click.echo(click.style(sign, fg=colour) + f" {check.name}")
     echo(check.sentence, indent="    ")

@@ -144,15 +144,15 @@ class Verbs(click.Group):
 
 
 def have_agreed(
-    question: str, yes: bool = False, else_: str = "; give --yes to start without asking"
+    question: str, yes: bool = False, otherwise: str = "; give --yes to start without asking"
 ) -> None:
     """Ask a person before something moves, unless ``yes``; ends the verb if the answer is no.
 
-    ``else_`` says what to do where nobody can be asked.
+    ``otherwise`` says what to do where nobody can be asked.
     """
     if yes:
         return
-    nobody = click.UsageError(f"there is no terminal to ask on{else_}")
+    nobody = click.UsageError(f"there is no terminal to ask on{otherwise}")
     if sys.stdin is None:  # it was closed
         raise nobody
     try:

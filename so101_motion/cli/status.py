@@ -146,7 +146,6 @@ def _by_joint(*columns: Any) -> dict[str, Any]:
 
 
 def _print_state(seen: dict[str, Any]) -> None:
-
     click.echo(f"{seen['source']}: {seen['mode']}")
     if seen["fault"]:
         echo(seen["fault"], indent="  ")

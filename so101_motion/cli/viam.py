@@ -100,7 +100,6 @@ def config(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None
 
 
 def _tell(migration: Migration) -> None:
-
     for part in migration.parts:
         for word, lines in (("error", (part.problem,)), ("note", part.notes)):
             for line in filter(None, lines):

@@ -270,8 +270,9 @@ class MotionError(So101Error):
 
 
 SUPERSEDED = "a newer motion"
-CLOSED = "this arm has been closed; open it again"
 """``Interrupted.by`` of a motion that a newer one replaced; any other value is a stop."""
+
+CLOSED = "this arm has been closed; open it again"
 
 
 class CommandRefused(MotionError):

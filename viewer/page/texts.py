@@ -112,7 +112,8 @@ def _without_record(text: str) -> str:
 
 def blocked(state: JointState) -> Sentence | None:
     reasons = {
-        Mode.LIMP: f"The arm {state.torque or 'is limp'}. Press Hold before you move it.",
+        # what an arm that is held in part does stands in the bar
+        Mode.LIMP: f"{'' if state.torque else 'The arm is limp. '}Press Hold before you move it.",
         Mode.GUIDING: "Guide by hand is on. Press Hold before you plan a motion.",
         Mode.FAULT: "The arm is in a fault, so nothing can move.",
         Mode.CALIBRATING: "The arm is being calibrated.",

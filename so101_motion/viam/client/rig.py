@@ -156,8 +156,9 @@ class MachineArm(Arm):
         """Take over the caps that the machine told, unless those here were others ``before``."""
         mine = self.speed, self.acceleration
         known = dict(zip(_CAPS, map(in_deg, mine), strict=True))
-        if mine == before and {**known, **told} != known:
-            speed, acceleration = (to_rad(float(told[key])) for key in _CAPS)
+        new = {**known, **told}
+        if mine == before and new != known:
+            speed, acceleration = (to_rad(float(new[key])) for key in _CAPS)
             self._caps = JointCaps(speed=speed, acceleration=acceleration)
 
     def set_speed(self, speed: float) -> None:
@@ -430,15 +431,15 @@ class MachineRig(Machine):
         while self._setup:  # else it is no arm of our module
             try:
                 self._around = await arm.do_command(command, timeout=3.0 * PATIENCE)
+                if hasattr(self, "arm"):  # else it is being made
+                    before = self.arm.speed, self.arm.acceleration
+                    self.arm.take_caps(await _answer(arm, {"get_motion_params": True}), before)
             except GRPCError as error:
                 self._around = {"unknown": error.message or _SILENT}
             except LOSSES:
                 self._around = {"unknown": _SILENT}
             self._looked.set()
             await asyncio.sleep(_LOOKED_AROUND)
-            if hasattr(self, "arm"):  # else it is being made
-                before = self.arm.speed, self.arm.acceleration
-                self.arm.take_caps(await _answer(arm, {"get_motion_params": True}), before)
         self._looked.set()
 
     async def _ask_both(self) -> None:

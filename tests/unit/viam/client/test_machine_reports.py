@@ -2,6 +2,8 @@
 
 import asyncio
 import math
+import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
+from so101_motion.viam.client import rig as client_rig
 from so101_motion.viam.client.link import Access
 from so101_motion.viam.client.machine import picture_of
 from so101_motion.viam.client.reports import (
@@ -26,6 +29,7 @@ from so101_motion.viam.client.reports import (
     ask_gripper,
     next_state,
 )
+from so101_motion.viam.client.rig import MachineRig
 
 JAW = GripperReport(aperture=0.5)
 
@@ -182,3 +186,22 @@ async def test_a_picture_is_a_jpeg_and_the_next_one_another():
         camera.kinds = (CameraMimeType.VIAM_RGBA,)
         with pytest.raises(ConfigError, match="neither JPEG nor PNG"):
             await picture_of(client)
+
+
+async def test_an_answer_about_the_caps_that_is_lost_does_not_end_the_look_around(monkeypatch):
+    """A plan would be made for ever around what stood there then."""
+    monkeypatch.setattr(client_rig, "_LOOKED_AROUND", 0.0)
+    asked = []
+
+    async def do_command(command, **_):
+        asked.append(command)
+        if "get_motion_params" in command:
+            raise TimeoutError
+        if len(asked) > 4:
+            raise ValueError("enough")
+        return {}
+
+    caps = SimpleNamespace(speed=1.0, acceleration=1.0, take_caps=None)
+    rig = SimpleNamespace(_setup={"scene": {}}, _looked=threading.Event(), arm=caps)
+    with pytest.raises(ValueError, match="enough"):
+        await MachineRig._look_around(rig, SimpleNamespace(do_command=do_command))
