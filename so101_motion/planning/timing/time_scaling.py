@@ -35,6 +35,7 @@ COARSE, FINE = 8, 4  # number of durations tried over the whole range, then betw
 SHORTEST, LONGEST = 0.5, 6.0  # durations, relative to full braking; chosen
 ATTEMPTS = 6  # most stops measured within a control tick; chosen, mostly one
 SLOWEST = 40.0  # longest speed-up, relative to full braking; chosen
+RATES = np.array([1.0, 0.85, 0.7])  # of time after a speed-up; chosen
 _NONE = 1e-3  # a smaller motion counts as none, in units of radians and seconds
 JERK_TOLERANCE = 0.02  # relative; chosen: samples show jerk no better
 
@@ -119,7 +120,8 @@ def shortest_slowdown(
 def shortest_speedup(trajectory: Trajectory, t: float) -> Trajectory | None:
     """The shortest continuation of a motion from rest at its time ``t`` [s], to its end.
 
-    Its own accelerations and jerks are the limits; None if none tried keeps them.
+    Its own accelerations and jerks are the limits. Where they allow no more, its time runs slower
+    to the end than it did; None if none tried keeps them.
     """
     dt = trajectory.dt
     limits = MotionLimits(
@@ -128,9 +130,11 @@ def shortest_speedup(trajectory: Trajectory, t: float) -> Trajectory | None:
         jerk=_largest(np.diff(trajectory.qdd, axis=0) / dt),
     )
     shortest = max(_braking_time(trajectory.sample(t), limits), 2.0 * dt)
-    for duration in shortest * np.geomspace(1.0, SLOWEST, 2 * ATTEMPTS):
-        # With an even number of ticks it goes on through the motion's own samples.
-        resumed = _sped_up(trajectory, t, 2 * math.ceil(0.5 * duration / dt))
+    # With an even number of ticks it goes on through the motion's own samples.
+    ticks = 2 * np.ceil(0.5 * shortest / dt * np.geomspace(1.0, SLOWEST, 2 * ATTEMPTS))
+    lost = 0.5 * ticks[:, None] * dt + (1.0 / RATES - 1.0) * (trajectory.duration - t)
+    for i, j in zip(*np.unravel_index(np.argsort(lost, axis=None), lost.shape), strict=True):
+        resumed = _sped_up(trajectory, t, int(ticks[i]), float(RATES[j]))
         if _keeps(resumed, limits):
             return resumed
     return None
@@ -189,16 +193,17 @@ def _slowed(
     return Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=duration)
 
 
-def _sped_up(trajectory: Trajectory, t: float, ticks: int) -> Trajectory:
-    """The motion from ``t`` to its end; its time stands at first and runs after ``ticks``."""
+def _sped_up(trajectory: Trajectory, t: float, ticks: int, most: float) -> Trajectory:
+    """The motion from ``t`` to its end; its time stands at first, then runs at ``most``."""
     dt, duration = trajectory.dt, ticks * trajectory.dt
     falling = ramp(SHAPES[0], 1.0 - np.arange(ticks + 1) / ticks)
-    advance = duration * (falling.advance[0] - falling.advance)
-    left = (len(trajectory) - 1) * dt - t - advance[-1]
+    advance = most * duration * (falling.advance[0] - falling.advance)
+    left = ((len(trajectory) - 1) * dt - t - advance[-1]) / most
     running = np.arange(1, max(0, math.ceil(left / dt - 1e-9)) + 1) * dt
-    q, qd, qdd = trajectory.at(t + np.concatenate([advance, advance[-1] + running]))
-    rate, slope = np.ones((len(q), 1)), np.zeros((len(q), 1))
-    rate[: ticks + 1, 0], slope[: ticks + 1, 0] = falling.rate, -falling.slope / duration
+    q, qd, qdd = trajectory.at(t + np.concatenate([advance, advance[-1] + most * running]))
+    rate, slope = np.full((len(q), 1), most), np.zeros((len(q), 1))
+    rate[: ticks + 1, 0] = most * falling.rate
+    slope[: ticks + 1, 0] = -most * falling.slope / duration
     qdd = qdd * rate**2 + qd * slope
     qd = qd * rate
     qd[[0, -1]] = qdd[[0, -1]] = 0.0  # not nearly

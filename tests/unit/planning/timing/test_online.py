@@ -317,7 +317,9 @@ def test_a_motion_can_rest_wherever_it_turns_or_stands() -> None:
 
 
 @settings(max_examples=20)
-@given(seed=st.integers(0, 2**31), share=st.floats(0.1, 0.99))
+@given(
+    seed=st.integers(0, 2**31), share=st.sampled_from([0.005, 0.01, 0.02]) | st.floats(0.02, 0.99)
+)
 def test_a_motion_goes_on_from_rest_as_gently_as_it_began(seed, share) -> None:
     rng = np.random.default_rng(seed)
     limits = MotionLimits.uniform(velocity=2.0, acceleration=5.0, jerk=100.0)
