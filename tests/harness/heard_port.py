@@ -31,8 +31,13 @@ class HeardPort(SerialPort):
         terminal.leave_to_client(left=True)
 
     def write(self, data):
+        sent = self._terminal.received + len(data)
         super().write(data)
+        until = time.monotonic() + _PATIENCE
         self._terminal.serve_now()
+        while self._terminal.received < sent and self._terminal.device and time.monotonic() < until:
+            time.sleep(1e-5)  # the kernel hands them over in a thread of its own
+            self._terminal.serve_now()
 
     def read(self, until):
         due = self._terminal.serve_now()

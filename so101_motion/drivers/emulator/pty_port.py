@@ -123,8 +123,9 @@ def _watch(path: str) -> int | None:
 class PtyPort:
     """Serves a bus on a pseudo-terminal, to whose present name ``link`` leads if it is given.
 
-    ``now`` is the emulator's clock [s]. ``delivered`` counts the bytes handed to clients, which
-    open ``port``: the link if there is one, else the terminal's name.
+    ``now`` is the emulator's clock [s]. ``received`` counts the bytes that clients sent,
+    ``delivered`` those handed to them. They open ``port``: the link if there is one, else the
+    terminal's name.
     """
 
     def __init__(
@@ -143,7 +144,7 @@ class PtyPort:
         self._lock = threading.Lock()
         self._closing = False
         self._is_left_to_client = False
-        self.delivered = 0
+        self.received = self.delivered = 0
         self._terminal: _Terminal | None = None
         self.plug()
         self._thread = threading.Thread(target=self._serve, name="so101-emulator-port", daemon=True)
@@ -252,6 +253,7 @@ class PtyPort:
     def _receive(self, terminal: _Terminal) -> None:
         arrival = time.monotonic()
         data = os.read(terminal.master, _CHUNK)
+        self.received += len(data)
         baud = terminal.baud()
         replies = self._bus.feed(data, self._now(), baud=baud)
         start = max(arrival, self._wire_free)
