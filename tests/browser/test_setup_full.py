@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from harness.browser_user import Guest
+from harness.clocks import pace_arms_on_servos
 from harness.emulated_kit import new_kit  # it lives with the tests of the module
 from playwright.sync_api import TimeoutError
 from so101_viewer.page import shared_fields
@@ -45,7 +46,10 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def kit(folder):
-    with new_kit(folder) as kit:
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        new_kit(folder, now=pace_arms_on_servos(patch.setattr).now) as kit,
+    ):
         yield kit
 
 

@@ -140,6 +140,15 @@ def pace_simulated_arms(setattr=setattr):
     setattr(simulated_rig, "MonotonicClock", lambda: clock)
 
 
+def pace_arms_on_servos(setattr=setattr):
+    """The same for arms on servos; returns the clock, which is to be that of the servos, too."""
+    from so101_motion.rig import hardware_rig
+
+    clock = PacedClock()
+    setattr(hardware_rig, "MonotonicClock", lambda: clock)
+    return clock
+
+
 def hurry_simulated_arms(setattr=setattr):
     """From now on the time of all simulated arms passes fifty times as fast as in life.
 

@@ -1,7 +1,8 @@
 """Servos of an arm in the tests' own process, on a port that the module's process opens.
 
-They are those of ``so101 emulate --realtime``, and time is real. The tests do what a person does to
-a kit: they plug servos in and out, place joints, and lead them to their stops.
+They are those of ``so101 emulate --realtime``, and time is real unless ``now`` says otherwise. The
+tests do what a person does to a kit: they plug servos in and out, place joints, and lead them to
+their stops.
 """
 
 import math
@@ -28,12 +29,13 @@ class Kit:
         world: The servos.
     """
 
-    def __init__(self, folder, **options):
+    def __init__(self, folder, *, now=time.monotonic, **options):
         self.port = str(folder / "arm")
         self._emulator = Emulator(
             EmulatorOptions(
                 link=folder / "arm", calibrated=False, pacing=Pacing(realtime=True), **options
-            )
+            ),
+            now=now,
         )
         self.world = self._emulator.world
 
@@ -75,7 +77,7 @@ class Kit:
         lines = [f"0 {joint} start" for joint in JOINTS]
         lines += [f"1 {joint} {math.degrees(pose.get(joint, 0.0))}" for joint in JOINTS]
         with self.world.lock:
-            self.world.hand = Hand(parse_script("\n".join(lines)), time.monotonic())
+            self.world.hand = Hand(parse_script("\n".join(lines)), self._emulator.now())
 
     def let_go(self):
         with self.world.lock:
@@ -100,9 +102,9 @@ class Kit:
 
 
 @contextmanager
-def new_kit(folder):
+def new_kit(folder, **options):
     """A kit in its box: all ids are 1, nothing is plugged in, and no two servos look alike."""
-    with emulated_kit(folder, ids=NEW) as kit:
+    with emulated_kit(folder, ids=NEW, **options) as kit:
         for place, joint in enumerate(reversed(JOINTS), start=1):
             kit.put(place / 7, (joint,))
         kit.plug_in()
