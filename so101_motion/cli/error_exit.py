@@ -33,7 +33,7 @@ from so101_motion.cli.shared import (
     state_of_opened_arms,
 )
 from so101_motion.common import errors, interrupts
-from so101_motion.common.errors import BACK_OUT_SLOWLY, LONGEST_QUOTE, So101Error, clipped, quoted
+from so101_motion.common.errors import LONGEST_QUOTE, So101Error, clipped, quoted
 from so101_motion.common.import_check import explain
 
 _VERBS = (
@@ -67,8 +67,9 @@ def parted(error: So101Error) -> ErrorText:
     if isinstance(error, errors.MachineRefused):
         why, advice = _split(error.reason)
         return ErrorText(error.what, f"the machine says: {why}", advice)
-    way = f"{BACK_OUT_SLOWLY} (so101 move --leave-contact)"
-    what, advice = _split(str(error).replace(BACK_OUT_SLOWLY, way))
+    what, advice = _split(str(error))
+    if isinstance(error, errors.InCollision) and error.can_back_out:
+        advice += "; so101 move --leave-contact backs it out"
     return ErrorText(what, advice=advice)
 
 

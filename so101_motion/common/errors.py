@@ -175,16 +175,23 @@ class InCollision(PlanningError):
         where: ``"start"``, ``"goal"`` or ``"path"``.
         fraction: For a prescribed path of the tool the share of it that can be followed, 0 to 1;
             None where the path was free to choose.
+        can_back_out: Whether the arm can be told to back out slowly; each surface names its own
+            command for that.
     """
 
     def __init__(
-        self, message: str, *, first: str, second: str, where: str, fraction: float | None = None
+        self,
+        message: str,
+        *,
+        first: str,
+        second: str,
+        where: str,
+        fraction: float | None = None,
+        can_back_out: bool = False,
     ) -> None:
         self.first, self.second, self.where, self.fraction = first, second, where, fraction
+        self.can_back_out = can_back_out
         super().__init__(message)
-
-
-BACK_OUT_SLOWLY = "back out slowly"  # in messages; each surface puts its own way to ask behind it
 
 
 class Overloaded(PlanningError):

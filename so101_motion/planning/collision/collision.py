@@ -35,7 +35,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from so101_motion.common.errors import BACK_OUT_SLOWLY
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.batch_check import (
@@ -53,7 +52,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 BACK_OUT = (
     "how deep is not known, so guide it out by hand, correct the scene, or let it"
-    f" {BACK_OUT_SLOWLY}, which may lead deeper"
+    " back out slowly, which may lead deeper"
 )
 """What to do about an arm in a surface of which the inside is not known."""
 

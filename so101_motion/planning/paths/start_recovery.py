@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from so101_motion.common.errors import BACK_OUT_SLOWLY, InCollision
+from so101_motion.common.errors import InCollision
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.collision import BACK_OUT, CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
@@ -40,7 +40,7 @@ do, and the depth of an overlap is not known better. Chosen."""
 _RANDOM_DIRECTIONS = 60
 
 _MOTION = {
-    False: f"small motion frees it; {BACK_OUT_SLOWLY}, guide it by hand, or correct the scene if"
+    False: "small motion frees it; back out slowly, guide it by hand, or correct the scene if"
     " that is not there",
     True: "straight motion frees it; guide it by hand, or correct the scene if that is not there",
 }
@@ -80,6 +80,7 @@ def find_departure(
             first=first,
             second=second,
             where="start",
+            can_back_out=True,
         )
     inside = np.clip(q_start, model.lower, model.upper)
     random = np.random.default_rng(seed).standard_normal((_RANDOM_DIRECTIONS, 5))
@@ -105,6 +106,7 @@ def find_departure(
         first=closest.first,
         second=closest.second,
         where="start",
+        can_back_out=farthest <= FARTHEST,
     )
 
 

@@ -24,13 +24,13 @@ from so101_motion.common.attributes import (
     suggest,
 )
 from so101_motion.common.errors import (
-    BACK_OUT_SLOWLY,
     LONGEST_MESSAGE,
     SUPERSEDED,
     BusError,
     CalibrationError,
     ConfigError,
     CorruptReply,
+    InCollision,
     Interrupted,
     MachineUnavailable,
     MotionError,
@@ -256,8 +256,10 @@ def grpc_error(error: So101Error) -> GRPCError:
     status = next(STATUS[cls] for cls in type(error).__mro__ if cls in STATUS)
     if isinstance(error, Interrupted) and error.by != SUPERSEDED:
         status = Status.CANCELLED
-    way = f'{BACK_OUT_SLOWLY} (the command "leave_contact")'
-    return GRPCError(status, on_the_wire(str(error).replace(BACK_OUT_SLOWLY, way)))
+    message = str(error)
+    if isinstance(error, InCollision) and error.can_back_out:
+        message += '; the command "leave_contact" backs it out'
+    return GRPCError(status, on_the_wire(message))
 
 
 LONGEST_ON_THE_WIRE = 1_500

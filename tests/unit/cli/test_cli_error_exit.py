@@ -12,10 +12,9 @@ from click.testing import CliRunner
 from so101_motion.cli.error_exit import KINDS, parted, reports_errors
 from so101_motion.cli.shared import DEBUG, in_lines, print_json
 from so101_motion.common.errors import (
-    BACK_OUT_SLOWLY,
     CalibrationError,
     ConfigError,
-    PlanningError,
+    InCollision,
     PortUnavailable,
 )
 
@@ -124,6 +123,17 @@ def test_a_log_line_is_one_line_and_shows_a_traceback_only_on_request(capsys, mo
     assert "Traceback" in trouble()
 
 
+def test_a_log_line_that_differs_in_a_figure_only_is_counted_and_not_repeated(capsys):
+    log = logging.getLogger("so101_motion.control.executor")
+    with in_lines():
+        for joint in ("elbow", "jaw"):
+            for _ in range(3):
+                log.warning("%s waited for %.2f s", joint, 0.2)
+        log.warning("done")
+    waited = "{} waited for 0.20 s\n(and 2 times more)\n"
+    assert capsys.readouterr().err == f"{waited.format('elbow')}{waited.format('jaw')}done\n"
+
+
 def test_a_full_disk_or_a_reader_who_closes_the_pipe_is_no_defect(capsys):
     with pytest.raises(SystemExit), reports_errors():
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -146,8 +156,10 @@ def test_an_error_is_printed_as_what_why_and_what_to_try():
     assert (parts.what, parts.why, parts.advice) == (
         "/dev/a", "in use by another program", "end it first",
     )  # fmt: skip
-    parts = parted(PlanningError(f"it touches; {BACK_OUT_SLOWLY}, or guide it by hand"))
-    assert parts[2] == "back out slowly (so101 move --leave-contact), or guide it by hand"
+    touch = {"first": "jaw", "second": "floor", "where": "start"}
+    parts = parted(InCollision("it touches; guide it by hand", **touch, can_back_out=True))
+    assert parts.advice == "guide it by hand; so101 move --leave-contact backs it out"
+    assert parted(InCollision("it touches; guide it by hand", **touch)).advice == "guide it by hand"
     parts = parted(CalibrationError("elbow_flex", "too narrow", "calibrate again"))
     assert (parts.what, parts.advice) == ("elbow_flex: too narrow", "calibrate again")
     parts = parted(ConfigError("speed", 200.0, "must be between 3 and 180 deg/s"))

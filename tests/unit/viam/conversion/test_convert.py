@@ -9,7 +9,7 @@ from grpclib import Status
 from viam.proto.common import PoseCloud as ViamCloud
 from viam.proto.component.arm import MoveOptions
 
-from so101_motion.common.errors import ConfigError, Interrupted, So101Error
+from so101_motion.common.errors import ConfigError, InCollision, Interrupted, So101Error
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import MARGIN, Scene
 from so101_motion.planning.goals import GoalMetric, PoseGoal
@@ -136,6 +136,11 @@ def test_an_interrupted_motion_says_by_what(by, status):
 
     assert error.status is status
     assert by in error.message
+
+
+def test_an_arm_in_contact_is_told_the_command_that_backs_it_out():
+    touch = InCollision("it touches", first="a", second="b", where="start", can_back_out=True)
+    assert '"leave_contact"' in convert.grpc_error(touch).message
 
 
 def test_an_error_leaves_as_one_sentence_with_its_cause():
