@@ -28,6 +28,7 @@ class JogOperation(LocalOperation):
     def __init__(self, rig: Rig) -> None:
         super().__init__()
         self._rig, self._jog, self._step = rig, rig.arm.jog(), 0
+        self._was_lost = False  # whether its connection was, since the arm was held last
         self._p: Array | None = None  # where the tool was sent; None where it is
         self.commands = {
             "step": self._next_step, "go": self._go, "jaw": self._jaw, "stop": self._stop,
@@ -44,15 +45,26 @@ class JogOperation(LocalOperation):
         )
         if state.mode not in HELD:
             hold = Offer(command="hold", title="hold the arm where it stands", key="h")
-            text = "once that is clear, let the arm hold" if state.fault else "the arm is not held"
+            is_up = rig.connection.is_up
+            self._was_lost |= not is_up
+            is_back = self._was_lost and is_up
             return View(
-                state="loose", text=text, rows=rows, trouble=state.fault or "", offers=(hold,)
+                state="loose",
+                text="the arm is back; let it hold to go on" if is_back else "the arm is not held",
+                rows=rows,
+                trouble="" if is_back else state.fault or "",
+                fix="then let the arm hold",
+                offers=(hold,),
             )
+        self._was_lost = False
+        trouble = next((f"{name}: {why}" for name, why in state.reading.alarms.items()), "")
+        if self._jog.held_by and not trouble:
+            trouble = f"held back by {', '.join(self._jog.held_by)}"
         return View(
             state="jogging",
             text=f"each key moves the tool by {size:g} mm",
             rows=rows,
-            trouble=f"held back by {', '.join(self._jog.held_by)}" if self._jog.held_by else "",
+            trouble=trouble,
             offers=(
                 Offer(command="step", title="another step"),
                 *(
