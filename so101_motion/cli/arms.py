@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,16 +13,18 @@ from so101_motion.cli.options import JSON, flag, option, verb
 from so101_motion.cli.param_types import Finite, OutFile
 from so101_motion.cli.ports import FURTHER_PORTS
 from so101_motion.cli.shared import (
+    CHECK_FAILED,
     NO_DEVICE,
+    agrees,
     aside,
     busy_message,
-    have_agreed,
     print_json,
     quietly,
     stops_on_ctrl_c,
 )
 from so101_motion.cli.sources import Source
 from so101_motion.common.attributes import SPEED_RANGE_DEG
+from so101_motion.common.errors import So101Error
 from so101_motion.common.units import to_rad
 
 if TYPE_CHECKING:
@@ -80,20 +83,26 @@ def arms(
         for report, each in zip(found, wrong, strict=True):
             kind = f"{report.role}, {report.nominal_volts or 0:g} V"
             file = report.calibration.name if report.calibration else "none"
-            table.add_row(report.port.name, kind, file, each[0] if each else "ok")
+            more = f"; {len(each) - 1} more: so101 doctor --port {report.port.name}"
+            health = each[0] + (more if len(each) > 1 else "") if each else "ok"
+            table.add_row(report.port.name, kind, file, health)
         for other in others:  # in use, without power or without a whole arm
             table.add_row(other.port.name, "none", "", other.sentence)
         Console().print(table)
     if not found:
-        aside("no arm answers; so101 ports tells why a port cannot be used")
+        aside("no arm answers" + ("" if others else "; so101 ports tells why"))
         raise SystemExit(NO_DEVICE)
-    names = [f"arm {number}" for number in range(1, len(found) + 1)]
+    named = {f"arm {number}": report for number, report in enumerate(found, start=1)}
+    failed = False
     if nudge:
-        called = list[str]()
-        for report, name in zip(found, names, strict=True):
-            called.append(_nudged(report, name, called))
-        names = called
-    if cell is not None:
+        default, named = named, {}
+        for name, report in default.items():
+            try:
+                named[_name_of(report, name, named)] = report
+            except So101Error as error:
+                failed = True
+                aside(f"{report.port.name} is left out: {error}")
+    if cell is not None and named:
         made = [
             CellArm(
                 name=name,
@@ -102,30 +111,31 @@ def arms(
                 calibration_id="" if report.calibration is None else str(report.calibration),
                 max_speed=None if max_speed is None else to_rad(max_speed),
             )
-            for number, (name, report) in enumerate(zip(names, found, strict=True))
+            for number, (name, report) in enumerate(named.items())
         ]
         write_cell(CellFile(arms=tuple(made), scene=Scene()), cell)
         aside(f"written to {cell}; next: so101 view --cell {cell}")
+    if failed:
+        raise SystemExit(CHECK_FAILED)
 
 
 def _wrong(report: PortReport) -> list[str]:
-    """What the doctor finds to be wrong with an arm, the worst first."""
+    """What the doctor finds to be wrong with an arm and what mends it, the worst first."""
     from so101_motion.cli.doctor import examined_arm
     from so101_motion.setup.checkup import check_up
 
     checks = check_up(examined_arm(report))
-    return [
-        f"{words}{each.name}: {each.sentence}"
-        for verdict, words in (("fail", "cannot move; "), ("warn", "can move; "))
-        for each in checks
-        if each.verdict == verdict
-    ]
+    found = []
+    for verdict, words in (("fail", "cannot move"), ("warn", "can move")):
+        for each in checks:
+            if each.verdict == verdict:
+                about = "" if each.name.startswith("servo") else f"{each.name}: "
+                found.append(f"{words}; {about}{each.sentence}; {each.fix}")
+    return found
 
 
-def _nudged(report: PortReport, name: str, taken: list[str]) -> str:
-    """Nudge an arm, and ask what it is to be called; a limp arm is limp again afterwards."""
-    from so101_motion.cli.status import is_held
-    from so101_motion.rig.hardware_rig import HardwareRig
+def _name_of(report: PortReport, default: str, taken: Container[str]) -> str:
+    """Nudge an arm if a person agrees, and ask what it is to be called."""
 
     def its_own(given: str) -> str:
         if given in taken:
@@ -133,8 +143,18 @@ def _nudged(report: PortReport, name: str, taken: list[str]) -> str:
         return given
 
     port = report.port.name
-    have_agreed(f"Move the jaw of the arm on {port} by 3 deg and back?", otherwise="")
-    source = Source(port=port, calibration_file=report.calibration, say=lambda _: None)
+    asked = f"What is the arm on {port} called?"
+    if agrees(f"Move the jaw of the arm on {port} by 3 deg and back?", otherwise=""):
+        _nudge(Source(port=port, calibration_file=report.calibration, say=lambda _: None))
+        asked = "What is the arm that moved called?"
+    return str(click.prompt(asked, default=default, err=True, value_proc=its_own))
+
+
+def _nudge(source: Source) -> None:
+    """Move the jaw a little and back; a limp arm is limp again afterwards."""
+    from so101_motion.cli.status import is_held
+    from so101_motion.rig.hardware_rig import HardwareRig
+
     with quietly(), closing(source.open_to_look()) as rig:
         was_held = isinstance(rig, HardwareRig) and is_held(rig)
     with quietly(), closing(source.open()) as rig, stops_on_ctrl_c(rig.gripper):
@@ -143,5 +163,3 @@ def _nudged(report: PortReport, name: str, taken: list[str]) -> str:
         rig.gripper.move(min(max(at, 0.0), 1.0))
         if not was_held:
             rig.arm.set_torque(False)
-    asked = "What is the arm that moved called?"
-    return str(click.prompt(asked, default=name, err=True, value_proc=its_own))

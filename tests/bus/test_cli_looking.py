@@ -1,6 +1,7 @@
 """The verbs that look and write nothing, on an emulated arm."""
 
 import json
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -16,6 +17,7 @@ from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import FaultEvent
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.drivers.servo_types import ServoFigures
+from so101_motion.files.cell_file import read_cell
 from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
 
 
@@ -84,6 +86,17 @@ def test_all_arms_are_in_one_table_and_nobody_has_moved(arm, file):
     (found,) = told("arms", "--port", arm.port)["arms"]
     assert found["calibration_file"] == str(file)
     assert memories(arm) == before
+
+
+def test_an_arm_that_cannot_be_nudged_is_left_out_of_the_cell_and_named(arm, tmp_path):
+    with Emulator(EmulatorOptions(link=tmp_path / "first")) as other:
+        other.begin(FaultEvent(kind="dead", servo="gripper"))
+        ports = ("--port", other.port, "--port", arm.port)
+        asked = ("arms", *ports, "--nudge", "--cell", "class.json")
+        result = CliRunner().invoke(main, asked, input="y\ny\nanna\n")
+    assert result.exit_code == 6, result.output
+    assert f"{other.port} is left out" in " ".join(result.stderr.split())
+    assert [each.name for each in read_cell(Path("class.json")).arms] == ["anna"]
 
 
 @pytest.mark.parametrize("verb", [("arms",), ("viam", "config")], ids=" ".join)
