@@ -21,7 +21,7 @@ from so101_motion.calib.procedure.eeprom import write_calibration
 from so101_motion.calib.record import lerobot, store
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock, MonotonicClock
-from so101_motion.common.errors import CalibrationError, ConfigError, NotReady
+from so101_motion.common.errors import BusError, CalibrationError, ConfigError, NotReady
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_lease import BusLease
@@ -282,7 +282,12 @@ def _open(
             _hardware_lock.wait()
         if shared is None:
             clock = clock or MonotonicClock()
-            shared = SharedPort(settings, clock, reply_timeout, open_port, waits=waits)
+            try:
+                shared = SharedPort(settings, clock, reply_timeout, open_port, waits=waits)
+            except BusError as error:
+                if settings.port in str(error):
+                    raise
+                raise error.about(settings.port) from error
             _hardware.append(shared)
         elif waits:
             shared.admit(shared.join(settings))

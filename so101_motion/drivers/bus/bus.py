@@ -469,8 +469,8 @@ class Bus:
                 raw=answer,
             )
         return NoReply(
-            f"no reply from {label} to {what} after {tries} tries; check that it has power and"
-            " that the cable from the servo before it is plugged in",
+            f"no reply from {label} on {self.port.name} after {tries} tries; check that it has"
+            " power and that the cable from the servo before it is plugged in",
             servo_id=servo_id,
             register=what,
         )

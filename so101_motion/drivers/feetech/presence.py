@@ -123,8 +123,8 @@ def missing_servos(
         else:
             where = "its cable and that it has the right id"
         message = (
-            f"no reply from {names}; the others answer. A silent servo may hold nothing: support"
-            f" the arm, and check {where}"
+            f"no reply from {names} on {bus.port.name}; the others answer, and a silent servo may"
+            f" hold nothing. Support the arm, and check {where}"
         )
     return NoReply(message, servo_id=first, register="present_position")
 
