@@ -91,6 +91,11 @@ class Preview(ServedPage):
         if opened is not None and not self._source.lasts:
             opened.close()
 
+    def await_first_try(self, seconds: float) -> None:
+        """Wait until the arm was found or not, so that ``wrong`` is known, but no longer."""
+        if self._search is not None:
+            self._search.tried.wait(seconds)
+
     def _missed(self, error: Exception) -> None:
         if isinstance(error, ChoiceNeeded):
             self.wrong = error

@@ -67,7 +67,7 @@ class SourceOpener:
         failed: Callable[[Exception], None],
     ) -> None:
         self._open, self._found, self._failed = open, found, failed
-        self.closing = threading.Event()
+        self.closing, self.tried = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="so101-viewer-search", daemon=True)
         self._thread.start()
 
@@ -84,10 +84,12 @@ class SourceOpener:
                 if not isinstance(error, So101Error):
                     log.exception("the arm could not be opened")
                 self._failed(error)
+                self.tried.set()
                 self.closing.wait(LOOK_AGAIN)
                 continue
             if self.closing.is_set():
                 opened.close()
             else:
                 self._found(opened)
+            self.tried.set()
             return

@@ -22,6 +22,7 @@ from so101_motion.cli.sources import (
     ARM_OR_CELL,
     AnySource,
     CellSource,
+    MachineSource,
     Source,
     end_as_asked,
     ending,
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.rig.protocols import RigLike
+
+
+_FIRST_TRY = 5.0  # how long a machine may take to answer before the link is printed [s]; chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,6 +230,10 @@ def show(
             place=place,
         )
         with in_lines(), viewer.serve_source(arm, **page.server(source.title)) as preview:
+            if isinstance(source, MachineSource):
+                preview.await_first_try(_FIRST_TRY)
+                if preview.wrong is not None:  # told alone, without a link to a page that is gone
+                    raise preview.wrong
             aside(f"so101: {source.what}")
             keep_open(preview, page)
 
