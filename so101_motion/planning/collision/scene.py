@@ -496,8 +496,10 @@ _T = TypeVar("_T", Obstacle, Attached)
 def one_named(name: str, things: Iterable[_T]) -> _T:
     """The thing of that name; ``ConfigError`` if there is none."""
     named = {each.name: each for each in things}
+    if not named:
+        raise ConfigError("name", name, "there is nothing here; give a scene that has it")
     if name not in named:
-        raise ConfigError("name", name, suggest(name, named))
+        raise ConfigError("name", name, f"is not here; {suggest(name, named)}")
     return named[name]
 
 
