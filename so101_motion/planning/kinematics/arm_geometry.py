@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import acos, atan2, cos, hypot, pi, remainder, sin
+from math import atan2, cos, hypot, pi, remainder, sin
 from typing import NamedTuple
 
 from so101_motion.common.geometry import Array
@@ -129,19 +129,6 @@ class FrameOffset(NamedTuple):
             z[0] + z[1] * c + z[2] * s,
         )
 
-    def rolls_with_lateral(self, lateral: float) -> tuple[float, ...]:
-        """The two rolls in -pi to pi [rad] with the lateral distance nearest to the given one [m].
-
-        Empty if the roll has no influence on it.
-        """
-        constant, of_cos, of_sin = self.left
-        swing = hypot(of_cos, of_sin)
-        if swing < 1e-9:
-            return ()
-        turn = acos(min(max((lateral - constant) / swing, -1.0), 1.0))
-        phase = atan2(of_sin, of_cos)
-        return remainder(phase + turn, TAU), remainder(phase - turn, TAU)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Measures:
@@ -203,16 +190,6 @@ class ArmStructure:
         x, _ = self.bars.points(q[1:4], self.rolled(frame, q[4]).hand)[-1]
         side = "front" if x + self.measures.shoulder[0] >= 0.0 else "back"
         return BRANCHES[side, q[2] >= self.bars.straight]
-
-    def lateral_for(self, p_base: Point, azimuth: float) -> float:
-        """The lateral distance [m] of a point from the arm's plane turned to an azimuth [rad]."""
-        m = self.measures
-        x, y = p_base[0] - m.pan[0], p_base[1] - m.pan[1]
-        return y * cos(azimuth) - x * sin(azimuth)
-
-    def azimuth(self, pan: float) -> float:
-        """The azimuth of the arm's plane at a pan angle [rad]."""
-        return self.measures.azimuth + self.measures.pan_sign * pan
 
     def clip_roll(self, roll: float) -> float:
         """A roll [rad] inside its limits: shifted by whole turns, else clamped."""

@@ -22,11 +22,10 @@ from so101_motion.native.library import native
 from so101_motion.planning.goals import GoalMetric
 from so101_motion.planning.kinematics.arm_geometry import (
     BRANCHES,
-    Angles,
     ArmStructure,
     Configuration,
-    Hand,
     Joints,
+    Point,
     to_joints,
 )
 from so101_motion.planning.kinematics.ik_task import Task
@@ -105,18 +104,8 @@ class ClosedForms:
         return (ctypes.c_double * len(values))(*values)
 
     def _workspace_of(self, frame: str) -> Workspace:
-        arm, solve, bends = self._arm(frame), native().library.so101_nearest_pitch, (_Bend * 2)()
+        def at(point: Point, seed: Joints) -> list[Configuration]:
+            task = Task(GoalMetric.POSITION_ONLY, frame, point, np.eye(3), 0.0, 0.0)
+            return self.nearest(task, seed)
 
-        def nearest_pitch(x: float, z: float, hand: Hand, pitch: float) -> Angles | None:
-            count = solve(arm, _Target(x, z, *hand), ctypes.c_double(pitch), bends)
-            return tuple(bends[0].angles) if count else None
-
-        return Workspace(self._structure, frame, nearest_pitch)
-
-
-class _Target(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_double) for name in ("x", "z", "hand", "hand_elevation")]
-
-
-class _Bend(ctypes.Structure):
-    _fields_ = [("angles", ctypes.c_double * 3), ("elbow_up", ctypes.c_bool)]
+        return Workspace(self._structure, frame, at)

@@ -27,6 +27,7 @@ from so101_motion.planning.kinematics.arm_geometry import (
     Angles,
     ArmStructure,
     Bars,
+    Configuration,
     Hand,
     Joints,
     Point,
@@ -36,6 +37,8 @@ from so101_motion.planning.kinematics.batch_ik import wrap
 _ROLLS = 16
 """Number of rolls for which arcs are computed. Chosen: 21 degrees apart. For the jaw tip another
 roll is often almost as near; with 8, one result in two was up to 35 um too far."""
+
+_ROUNDING = 1e-9  # by how much more than a frame's distance a point is moved off the pan axis
 
 
 class BoundaryArc(NamedTuple):
@@ -53,17 +56,16 @@ class BoundaryArc(NamedTuple):
 class Workspace:
     """The edge of the reachable points of one gripper frame.
 
-    ``nearest_pitch`` returns the angles that put the end of a hand at a point, forward of the
-    shoulder and up from it [m], with the pitch nearest to a given one [rad]; None if none do.
+    ``at`` returns configurations with the frame at a point [m], near a seed; or none.
     """
 
     def __init__(
         self,
         structure: ArmStructure,
         frame: str,
-        nearest_pitch: Callable[[float, float, Hand, float], Angles | None],
+        at: Callable[[Point, Joints], list[Configuration]],
     ) -> None:
-        self._structure, self._frame, self._nearest_pitch = structure, frame, nearest_pitch
+        self._structure, self._at = structure, at
         m = structure.measures
         lower, upper = m.lower, m.upper
         self._on_axis = structure.on_axis(frame)
@@ -79,7 +81,6 @@ class Workspace:
         open_angle = 0.5 * (upper[4] - lower[4]) / (_ROLLS - 1)
         eccentricity = max(hypot(*row[1:]) for row in m.offsets[frame])
         self._open = 4.0 * eccentricity * (1.0 - cos(open_angle))
-        self._widest = float(np.abs(self._lateral).max())
         self._roll = np.array([each.roll for each, _ in rows])
         low, high = np.array(lower[1:4])[self._joint], np.array(upper[1:4])[self._joint]
         self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
@@ -92,54 +93,44 @@ class Workspace:
         """
         m = self._structure.measures
         x, y, z = p_base[0] - m.pan[0], p_base[1] - m.pan[1], p_base[2] - m.shoulder[1]
-        heading = atan2(y, x) - m.azimuth
+        heading, away = atan2(y, x), hypot(x, y)
         found: list[tuple[float, Joints]] = []
-        ahead = np.sqrt(np.maximum(x * x + y * y - self._lateral**2, 0.0))
+        ahead = np.sqrt(np.maximum(away * away - self._lateral**2, 0.0))
         for along in (ahead, -ahead):
-            pan = m.pan_sign * wrap(heading - np.arctan2(self._lateral, along))
+            pan = m.pan_sign * wrap(heading - m.azimuth - np.arctan2(self._lateral, along))
             if np.any((pan >= m.lower[0]) & (pan <= m.upper[0])):
                 found += self._best(along - m.shoulder[0], z, 0.0 * along, pan)
+
+        # Points missed only sideways: too close to the pan axis, or beyond the pan's limits.
+        k = int(np.argmin(np.abs(self._lateral)))
+        outwards = abs(float(self._lateral[k])) * (1.0 + _ROUNDING) - away
+        if outwards > 0.0:
+            found += self._beside(p_base, outwards, heading, (*seed[:4], float(self._roll[k])))
         for limit in (m.lower[0], m.upper[0]):
-            azimuth = self._structure.azimuth(limit)
-            beside = self._structure.lateral_for(p_base, azimuth) - self._lateral
-            closest = min(found)[0] + self._open if found else inf
-            if np.abs(beside).min() <= closest:
+            azimuth = m.azimuth + m.pan_sign * limit
+            beside = y * cos(azimuth) - x * sin(azimuth) - self._lateral
+            k = int(np.argmin(np.abs(beside)))
+            if abs(beside[k]) <= self._worth(found):
                 along = x * cos(azimuth) + y * sin(azimuth) + 0.0 * ahead
                 found += self._best(along - m.shoulder[0], z, beside, limit + 0.0 * ahead)
-        found += self._beside(p_base, seed, min(found)[0] + self._open if found else inf)
-        found.sort()
-        closest = found[0][0] + self._open
-        starts = [q for away, q in found if away <= closest]
+                there = (limit, *seed[1:4], float(self._roll[k]))
+                found += self._beside(p_base, float(beside[k]), azimuth - 0.5 * pi, there)
+        worth = self._worth(found)
+        starts = [q for off, q in sorted(found) if off <= worth]
         if self._on_axis:
             return [(*starts[0][:4], self._structure.clip_roll(seed[4]))]
         return starts
 
-    def _beside(self, p_base: Point, seed: Joints, closest: float) -> list[tuple[float, Joints]]:
-        """Configurations that miss a point only sideways, by no more than ``closest`` [m].
+    def _beside(
+        self, p_base: Point, by: float, azimuth: float, seed: Joints
+    ) -> list[tuple[float, Joints]]:
+        """Configurations near a seed at a point that is moved ``by`` [m] to an azimuth."""
+        moved = (p_base[0] + by * cos(azimuth), p_base[1] + by * sin(azimuth), p_base[2])
+        return [(abs(by), each.q) for each in self._at(moved, seed)]
 
-        The plane cannot be turned to the point, because of the pan's limits or because the frame
-        passes beside the pan axis.
-        """
-        structure, m = self._structure, self._structure.measures
-        x, y, z = p_base[0] - m.pan[0], p_base[1] - m.pan[1], p_base[2] - m.shoulder[1]
-        pans = [m.lower[0], m.upper[0]]
-        if hypot(x, y) < self._widest:
-            ahead = m.pan_sign * (atan2(y, x) - m.azimuth)
-            quarters = [remainder(ahead + quarter, TAU) for quarter in (0.5 * pi, -0.5 * pi)]
-            pans += [pan for pan in quarters if m.lower[0] <= pan <= m.upper[0]]
-        found = []
-        for pan in pans:
-            azimuth = structure.azimuth(pan)
-            lateral = structure.lateral_for(p_base, azimuth)
-            along = x * cos(azimuth) + y * sin(azimuth) - m.shoulder[0]
-            for roll in (seed[4], *m.offsets[self._frame].rolls_with_lateral(lateral)):
-                rolled = structure.rolled(self._frame, structure.clip_roll(roll))
-                away = abs(lateral - rolled.lateral)
-                if away <= closest:
-                    angles = self._nearest_pitch(along, z, rolled.hand, sum(seed[1:4]))
-                    if angles is not None:
-                        found.append((away, (pan, *angles, rolled.roll)))
-        return found
+    def _worth(self, found: list[tuple[float, Joints]]) -> float:
+        """Up to which distance a start may lead to a point nearer than those found [m]."""
+        return min(found)[0] + self._open if found else inf
 
     def _best(self, x: Array, z: float, beside: Array, pan: Array) -> list[tuple[float, Joints]]:
         """The nearest arc that the pan can face: its distance [m] and the joints."""
