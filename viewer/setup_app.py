@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,8 @@ from .page import texts
 from .page.bar import BarButton, add_stop
 from .page.guiding import Guiding
 from .page.page_context import PageContext, Part
+from .page.screen_state import Sentence
+from .panels.health_panel import SILENCE, read_health, servo_alarms
 from .scene.camera_and_lights import Sight, set_up_view
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
@@ -138,6 +140,15 @@ def _let_go(target: SetupTarget) -> str | None:
     return "No motor answers." if holds is None else None if holds else texts.LIMP_ALREADY
 
 
+def alarms(target: SetupTarget | None) -> Iterator[Sentence]:
+    """What is wrong with the servos; one may be silent until all six were seen together."""
+    if target is not None and target.rig is not None:
+        is_whole = target.situation.checked is not None
+        for alarm in servo_alarms(read_health(target.rig).servos):
+            if is_whole or alarm.cause != SILENCE:
+                yield alarm.sentence
+
+
 class SetupBar(Part):
     """Fills the bar of a setup."""
 
@@ -166,6 +177,7 @@ class SetupBar(Part):
         target = self._setup.target
         shown = self._setup.torque.shown.text
         self._bar.state = "Not connected yet" if target is None else shown
+        self._bar.alert("servos", alarms(target))
         why_not = reasons(target, self._setup.doing)
         for button, why in zip(self._bar.buttons, why_not, strict=True):
             button.why_not = why

@@ -21,7 +21,7 @@ from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.geometry import Array
-from so101_motion.common.modes import Mode
+from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import LeaveContactGoal
@@ -159,7 +159,7 @@ class ViewModel(TargetEditor):
     def q_arm(self) -> Array:
         """The arm's reference, shape (5,), [rad], or its measured angles after hand guiding."""
         state = self.arm.state
-        return state.q_ref if state.mode is Mode.HOLDING else np.clip(state.q, *self.arm.range)
+        return state.q_ref if state.mode in HELD else np.clip(state.q, *self.arm.range)
 
     def distance_to_goal(self) -> float:
         """How far the arm is from the end of the newest plan [m]; 0 before the first."""

@@ -173,7 +173,7 @@ class CalibrationOperation(LocalOperation):
                 hints = summary.hints(now.joints, seen)
                 return hints if any(hint.tone != "dim" for hint in hints) else ()
             case State.RECORDING:
-                return summary.travels(now.joints)
+                return summary.travels(now.joints, rests=now.view.grown_for > NOTHING_NEW)
             case _:
                 silent = [joint for joint, view in now.joints.items() if view.ticks is None]
                 return tuple(Row(label=j, cells=("does not answer",), tone="bad") for j in silent)
@@ -421,8 +421,9 @@ def _recording(joints: Mapping[str, JointView]) -> str:
     missing, short = summary.left(joints), summary.short(joints)
     if missing:
         return (
-            "Move every joint slowly through its whole travel, to both stops, in any order. Each"
-            f" bar turns green by itself. Still to do: {', '.join(missing)}."
+            "Move every joint slowly through its whole travel, to both stops, in any order. Its bar"
+            " shows how many degrees are recorded, and turns green when that is enough."
+            f" Still to do: {', '.join(missing)}."
         )
     if short:
         return (

@@ -50,7 +50,7 @@ from so101_motion.common.errors import (
     PortUnavailable,
     So101Error,
 )
-from so101_motion.common.operation import LocalOperation, Offer, Picture, Row, Tone, View
+from so101_motion.common.operation import Input, LocalOperation, Offer, Picture, Row, Tone, View
 from so101_motion.drivers.bus import registers as reg
 
 _log = logging.getLogger(__name__)
@@ -493,16 +493,18 @@ class MotorOperation(LocalOperation):
 
 
 def _once_more(setup: SetupView) -> tuple[Offer, ...]:
-    """What may be set up once more: the last motor; with all done, each; or all from the start."""
-    settled = [motor.joint for motor in setup.motors.values() if motor.state in SETTLED]
+    """What may be set up once more: a motor that a person chooses, or all from the start."""
+    settled = tuple(motor.joint for motor in setup.motors.values() if motor.state in SETTLED)
     if not settled:
         return ()
-    again = (
-        Offer(command="choose", title=f"Set up {joint} again", arguments={"motor_name": joint})
-        for joint in (settled if len(settled) == len(setup.motors) else settled[-1:])
+    again = Offer(
+        command="choose",
+        title="Set it up again",
+        arguments={"motor_name": settled[-1]},
+        inputs={"motor_name": Input(label="Motor", choices=settled)},
     )
     title, sure = "Start over with the gripper", "Press again to start over"
-    return (*again, Offer(command="reset_status", title=title, asks=sure))
+    return (again, Offer(command="reset_status", title=title, asks=sure))
 
 
 def _owner(setup: SetupView, motor: MotorView) -> str | None:

@@ -53,10 +53,14 @@ class Bar:
     def alert(self, source: str, sentences: Iterable[Sentence] = ()) -> None:
         self._alerts[source] = tuple(sentences)
 
-    def text(self) -> str:
+    @property
+    def alerts(self) -> list[Sentence]:
+        """What is wrong, the worst first."""
         said = [each for sentences in self._alerts.values() for each in sentences]
-        said.sort(key=lambda each: each.tone is not Tone.BAD)  # a phone shows the first ones
-        alerts = [{"tone": each.tone.value, "text": each.text} for each in said]
+        return sorted(said, key=lambda each: each.tone is not Tone.BAD)
+
+    def text(self) -> str:
+        alerts = [{"tone": each.tone.value, "text": each.text} for each in self.alerts]
         return board(
             "bar",
             state=self.state,

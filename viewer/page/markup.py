@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from html import escape
 from typing import NamedTuple
 
@@ -39,22 +39,16 @@ def headline(title: str, subtitle: str, *, is_under_way: bool) -> str:
     )
 
 
-def facts(rows: Iterable[tuple[str, ...]], *, lines: int = 0) -> str:
-    """Names and values in columns; all rows are as long as the first.
+def facts(rows: Iterable[tuple[str, str]], *, lines: int = 0, bad: Collection[str] = ()) -> str:
+    """Names and values; the values of the names in ``bad`` are red.
 
     Room for ``lines`` lines is reserved, so that what stands below does not move.
     """
-    table = [*rows]
-    columns = len(table[0]) - 1 if table else 1
     cells = "".join(
-        f"<i>{escape(name)}</i>" + "".join(map(_value, values)) for name, *values in table
+        f"<i>{escape(name)}</i><span{' class=so101-bad' * (name in bad)}>{escape(value)}</span>"
+        for name, value in rows
     )
-    return f'<div class="so101-facts" style="--columns:{columns};--lines:{lines}">{cells}</div>'
-
-
-def _value(text: str) -> str:
-    is_inside = text.startswith("-")  # the one figure below zero is a clearance in contact
-    return f"<span{' class=so101-bad' * is_inside}>{escape(text)}</span>"
+    return f'<div class="so101-facts" style="--lines:{lines}">{cells}</div>'
 
 
 def small(text: str) -> str:

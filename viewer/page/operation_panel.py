@@ -194,9 +194,9 @@ class OperationPanel(Part):
         lines = markup.to_copy("In a terminal:", view.to_copy) if view.to_copy else ""
         self._head.content = cards.instruction(view.title, texts.capital(view.text)) + lines
 
-    def forget_trouble(self) -> None:
-        """Forget why the last command failed, because its cause is gone."""
-        if self._own is not None:
+    def forget_trouble(self, kind: type[Exception] = Exception) -> None:
+        """Forget an error of this kind that the last command failed with."""
+        if self._own is not None and isinstance(self._own.trouble, kind):
             self._own.trouble = None
 
     def close(self) -> None:

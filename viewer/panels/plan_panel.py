@@ -159,7 +159,9 @@ class PlanPanel:
             self._replans.show(one.replans)
             plan = one.plan_view if one.plan_is_current else None
             figures = texts.NO_FACTS if plan is None else texts.plan_facts(plan)
-            self._facts.content = markup.facts(figures, lines=_LINES)
+            touches = plan is not None and plan.closest.distance < 0.0
+            bad = ("Clearance",) if touches else ()
+            self._facts.content = markup.facts(figures, lines=_LINES, bad=bad)
 
     def _show_plan(self) -> None:
         model = self._model

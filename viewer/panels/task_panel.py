@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from concurrent.futures import Future
+from dataclasses import replace
 
 import numpy as np
 
-from so101_motion.common.errors import MachineUnavailable
-from so101_motion.common.modes import Mode
+from so101_motion.common.errors import Interrupted, MachineUnavailable
+from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.operation import Operation, Picture, View
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 from so101_motion.viam.client import MachineRig
 
+from ..page import texts
 from ..page.operation_panel import OperationPanel
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..scene.robot_view import Color, Line, SweepView, segments
+
+_NEVER_BLOCKED = ("stop", "end", "delete_path", "restore_path")
 
 
 class TaskPart(Part):
@@ -52,14 +56,20 @@ class TaskPart(Part):
         self._ghosts = SweepView(context.server.scene, f"{node}/ghosts", color=color)
         self._drawn: Picture | None = None
         self._opening = self._open()
-        self._was_impossible = self._was_faulty = False
+        self._was_impossible = False
+        self._blocked: Sentence | None = None
         self._panels: list[OperationPanel] = []
         self._cannot = Sentence(cannot, Tone.WARM)
         self._head = context.gui.add_html("", visible=False)
-        self.add(OperationPanel(context, self._operation, draw=self._draw))
+        self.add(self._operation, draw=self._draw)
 
-    def add(self, panel: OperationPanel) -> None:
-        """Show one more panel of this arm, and close it with this part."""
+    def add(
+        self,
+        operation: Callable[[], Operation | None],
+        draw: Callable[[View], None] = lambda _view: None,
+    ) -> None:
+        """Show one more operation of this arm, and close it with this part."""
+        panel = OperationPanel(self._context, operation, draw=draw, as_shown=self._as_shown)
         panel.build(self._context.gui)
         self._panels.append(panel)
 
@@ -86,19 +96,34 @@ class TaskPart(Part):
         return self._opening.done() and self._opening.exception() is not None
 
     def refresh(self) -> bool:
-        was_faulty, self._was_faulty = self._was_faulty, self._rig.arm.state.mode is Mode.FAULT
-        if was_faulty and not self._was_faulty:
-            for panel in self._panels:
-                panel.forget_trouble()
+        state = self._rig.arm.state
+        before, self._blocked = self._blocked, None
+        if state.mode not in (Mode.LIMP, Mode.GUIDING):  # by hand it can be taught even so
+            self._blocked = texts.blocked(state)
+        if self._blocked is not None or state.mode not in HELD:
+            for panel in self._panels:  # what is said here, or that it was stopped and holds
+                panel.forget_trouble(Exception if self._blocked is not None else Interrupted)
         was_impossible, self._was_impossible = self._was_impossible, self._is_impossible
         have_news = [panel.refresh() for panel in self._panels]
-        return any(have_news) or was_impossible != self._was_impossible
+        is_news = (before, was_impossible) != (self._blocked, self._was_impossible)
+        return any(have_news) or is_news
 
     def show(self) -> None:
-        self._head.visible = self._is_impossible or self._context.bar.lost is not None
-        self._head.content = self._context.sentence(self._cannot)
+        lost = self._context.bar.lost
+        self._head.visible = self._is_impossible or (lost or self._blocked) is not None
+        self._head.content = self._context.sentence(self._blocked or self._cannot)
         for panel in self._panels:
             panel.show()
+
+    def _as_shown(self, view: View) -> View:
+        """While something blocks the arm: without what it forbids; the head says why."""
+        if self._blocked is None:
+            return view
+        offers = (
+            offer if offer.command in _NEVER_BLOCKED else replace(offer, why_not="")
+            for offer in view.offers
+        )
+        return replace(view, text="", trouble="", offers=tuple(offers))
 
     def _draw(self, view: View) -> None:
         is_front = self._context.front.name == self._tab

@@ -15,9 +15,12 @@ from pathlib import Path
 from string import ascii_uppercase
 from typing import Any
 
-from so101_motion.common.errors import ConfigError
+import numpy as np
+
+from so101_motion.common.errors import ConfigError, MotionError
 from so101_motion.common.geometry import Array
-from so101_motion.common.modes import Mode
+from so101_motion.common.modes import HELD, Mode
+from so101_motion.common.units import to_rad
 from so101_motion.tasks.program import (
     ARM,
     Arms,
@@ -68,7 +71,7 @@ class ArmInStep:
             self._model.tell(words.PAUSE_STOPS if "pause" in to else words.JAW_STOPS)
 
     def take_place(self) -> None:
-        self._model.take(self._name, self._model.pages[self._name].q_arm)
+        self._model.take(self._name, self._model.standing(self._name))
 
     def take_target(self) -> None:
         self._model.take(self._name, self._model.pages[self._name].target.q)
@@ -78,6 +81,8 @@ class ArmInStep:
 
 
 ALL, REST, STEP = "all", "from here", "this one"  # how much of a program is planned and run
+
+STILL = to_rad(0.1)  # an arm that is to be slower than this stands still [rad/s]; chosen
 
 SAME_JAW = 0.05
 """A jaw that moved by less than this since the program was planned makes no difference [rad]."""
@@ -135,7 +140,13 @@ class ProgramModel:
 
     def record_arms(self, names: Sequence[str] | None = None) -> None:
         """Add a step in which these arms, or all, go to where they stand now; their jaws stay."""
-        self._record({name: self.pages[name].q_arm for name in names or self.pages})
+        self._record({name: self.standing(name) for name in names or self.pages})
+
+    def standing(self, name: str) -> Array:
+        """Where an arm stands, shape (5,), [rad]; ``MotionError`` while it moves."""
+        if name in self._moving:
+            raise MotionError(f"{name or 'the arm'} moves; record it when it stands still")
+        return self.pages[name].q_arm
 
     def record_targets(self, names: Sequence[str] | None = None) -> None:
         self._record({name: self.pages[name].target.q for name in names or self.pages})
@@ -316,6 +327,8 @@ class ProgramModel:
     def sentence(self) -> Sentence:
         if self.run is not None:
             return words.running(self.run)
+        if self._moving:
+            return self.texts.moving
         guided = self.guided
         for name, each in self._arms.members.items():
             blocked, is_limp = texts.blocked(each.arm.state), each.arm.state.mode is Mode.LIMP
@@ -353,6 +366,23 @@ class ProgramModel:
     def can_run(self) -> bool:
         is_planned = self.timeline is not None and self._are_ready
         return is_planned and same_things(self._things(), self._made_for)
+
+    @property
+    def can_record(self) -> bool:
+        modes = (each.arm.state.mode for each in self._arms.members.values())
+        return self.run is None and not self._moving and Mode.FAULT not in modes
+
+    @property
+    def _moving(self) -> list[str]:
+        """The arms that move, but not in a run of this program."""
+        if self.run is not None:
+            return []
+        states = {name: each.arm.state for name, each in self._arms.members.items()}
+        return [
+            name
+            for name, state in states.items()
+            if state.mode in HELD and np.abs(state.qd_ref).max() > STILL
+        ]
 
     @property
     def _are_ready(self) -> bool:

@@ -9,7 +9,6 @@ from typing import Any
 
 import viser
 
-from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_deg
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program import ARM, Arms, Solo
@@ -188,8 +187,7 @@ class ProgramPart(Part):
         for group in self._chosen:
             grey(group, index is None)
         self._undo.show(can=run is None, needed=bool(program.steps))
-        modes = [each.arm.state.mode for each in self._members.values()]
-        self._record.disabled = self._context.bar.lost is not None or Mode.FAULT in modes
+        self._record.disabled = self._context.bar.lost is not None or not model.can_record
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
         grey(self._plan_part, not model.can_plan or model.chosen is None)

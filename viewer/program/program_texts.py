@@ -44,6 +44,10 @@ class Words:
         return Sentence(f"Planning all {self.step}s …")
 
     @property
+    def moving(self) -> Sentence:
+        return Sentence(f"The {self.arms} can be recorded when nothing moves.")
+
+    @property
     def planned(self) -> Sentence:
         text = f"Planned, no collisions. Press Run program to move the {self.arms}."
         return Sentence(text, Tone.GOOD)

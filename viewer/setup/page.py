@@ -31,6 +31,7 @@ from so101_motion.setup.setup_steps import (
     CHAIN,
     CONFIGURE,
     CONNECT,
+    POSE,
     RECORD,
     TEST,
     SetupStep,
@@ -106,7 +107,7 @@ class StepPage:
     def is_next_due(self) -> bool:
         """Whether Next is what to press now; else it is grey, though it may be pressed."""
         operation = self.operation
-        return operation is None or operation.view.is_over or self.check().verdict == "ok"
+        return operation is None or self._as_shown(operation.view).is_over
 
     def abort(self) -> str:
         """Abort what was started, a calibration as well; return the result in words."""
@@ -123,11 +124,19 @@ class StepPage:
             self._setup.do(doing, partial(self.operation.ask, command))
 
     def _as_shown(self, view: View) -> View:
-        return view
+        """Over once Next is due, so that only one button shines."""
+        return replace(view, is_over=view.is_over or self.check().verdict == "ok")
 
     def _draw(self, view: View) -> None:
         if view.picture is not None:
             self._setup.picture.draw(view.picture)
+
+
+_DONE = {
+    POSE.name: ("The pose is taken", (State.HOMED, State.RECORDING, State.COMPLETED)),
+    RECORD.name: ("The travel is recorded", (State.COMPLETED,)),
+}
+"""What is said of a step of the calibration that is done, and in which states it is."""
 
 
 class CalibrationPage(StepPage):
@@ -160,13 +169,19 @@ class CalibrationPage(StepPage):
         return news
 
     def _as_shown(self, view: View) -> View:
-        """Without what belongs to the next step, once the travel is recorded."""
-        is_through = view.state == State.COMPLETED.value and not view.trouble
-        if self._step is not RECORD or not is_through:
+        """Without what belongs to the next step, once this one is done."""
+        done, states = _DONE.get(self._step.name, ("", ()))
+        if State(view.state) not in states or view.trouble:
             return view
-        text = "The travel is recorded. Press Next."
         return replace(
-            view, title=RECORD.title, text=text, rows=(), note="", offers=(), picture=None
+            view,
+            title=self._step.title,
+            text=f"{done}. Press Next.",
+            rows=(),
+            note="",
+            offers=tuple(offer for offer in view.offers if offer.command == "restart"),
+            picture=view.picture and replace(view.picture, ghost=(), lit=(), note=""),
+            is_over=True,
         )
 
     def _as_it_was(self) -> str:
@@ -233,9 +248,6 @@ class FinalTestPage(StepPage):
             return "Next"
         return "Skip the test" if report is None or report.ended_by else "Go on anyway"
 
-    def is_next_due(self) -> bool:
-        return self._test is None or self._test.view.is_over
-
     def can_go_on(self) -> str | None:
         is_running = self._test is not None and self._test.is_running
         return "the test is running" if is_running else None
@@ -243,6 +255,9 @@ class FinalTestPage(StepPage):
     def abort(self) -> str:
         self.leave()
         return super().abort()
+
+    def _as_shown(self, view: View) -> View:
+        return view  # it is over when what was asked is answered
 
     def _as_it_was(self) -> str:
         rig = None if self._setup.target is None else self._setup.target.rig

@@ -32,6 +32,7 @@ from so101_motion.setup.setup_steps import (
 
 from ..page import cards, markup
 from ..page.page_context import PageContext, Part
+from ..page.screen_state import Tone
 from ..page.shared_fields import AskingButton
 from ..page.texts import capital
 from . import setup_cards
@@ -181,7 +182,7 @@ class SetupPart(Part):
             "configure": ConfigurePage(self.setup),
         }
         self._current: StepPage | None = None
-        self._outcome = ""
+        self._outcome, self._wrong = "", ""
         self._is_stale = True
         with context.tabs.add_tab(TITLE, viser.Icon.TOOL):
             self._build(context.gui)
@@ -193,7 +194,7 @@ class SetupPart(Part):
 
     def _build(self, gui: viser.GuiApi) -> None:
         self._head = gui.add_html("")
-        self._torque = gui.add_html("")
+        self._torque, self._alarm = gui.add_html(""), gui.add_html("")
         self._steps = gui.add_html("")
         self._choice = gui.add_folder(None)
         with self._choice:
@@ -313,10 +314,19 @@ class SetupPart(Part):
         torque = self.setup.torque.look(self.setup.target, is_blind=self.setup.is_looking)
         news = self._current is not None and self._current.refresh()
         asked = self._abort.refresh()
+        before, self._wrong = self._wrong, self._look_for_alarm()
         self._take_stage()
-        return is_stale or ended or torque or news or asked
+        return is_stale or ended or torque or news or asked or self._wrong != before
+
+    def _look_for_alarm(self) -> str:
+        """The worst alarm of the bar, unless the step says itself what is wrong."""
+        worst = next(iter(self.setup.context.bar.alerts), None)
+        operation = None if self._current is None else self._current.operation
+        is_said = operation is not None and operation.view.trouble != ""
+        return "" if worst is None or worst.tone is not Tone.BAD or is_said else worst.text
 
     def show(self) -> None:
+        self._alarm.content = cards.failed(self._wrong) if self._wrong else ""
         wizard, step = self.wizard, self.wizard.step
         if wizard.workflow is None or step is None or self._current is None:
             about = self._outcome or "From a box of parts to a moving arm. What do you need?"

@@ -18,7 +18,6 @@ from so101_motion.tasks.guided.teaching import TeachingOperation
 from so101_motion.tasks.teleop.leading import LeadingOperation, view_of
 from so101_motion.viam.client import MachineRig
 
-from ..page.operation_panel import OperationPanel
 from ..page.page_context import PageContext
 from ..panels.task_panel import TaskPart
 
@@ -52,7 +51,7 @@ class TeachPart(TaskPart):
             )
             if self._leading is not None:
                 context.gui.add_divider()
-                self.add(OperationPanel(context, lambda: self._leading))
+                self.add(lambda: self._leading)
 
     def end_following(self) -> None:
         """End it, also while it starts or waits for the leader; any thread. May take a while."""

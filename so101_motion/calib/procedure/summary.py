@@ -150,13 +150,15 @@ _PLAIN = (
 """Verdicts that need no text beside the bar."""
 
 
-def travels(joints: Mapping[str, JointView]) -> tuple[Row, ...]:
-    return tuple(map(_travel, joints.values()))
+def travels(joints: Mapping[str, JointView], *, rests: bool = False) -> tuple[Row, ...]:
+    """A bar for each joint; once the arm ``rests``, with what is wrong with a short travel."""
+    return tuple(_travel(view, rests) for view in joints.values())
 
 
-def _travel(view: JointView) -> Row:
+def _travel(view: JointView, rests: bool) -> Row:
     begin, end, at = _on_bar(view)
-    is_plain = view.verdict in _PLAIN and (view.joint != ROLL or view.is_done)
+    is_short = rests and view.verdict is Verdict.TOO_SHORT
+    is_plain = view.verdict in _PLAIN and (view.joint != ROLL or view.is_done) and not is_short
     tone = "bad" if view.ticks is None else TONES[view.verdict]
     mark = "!" if tone == "warm" else "✓"  # no tick for a travel that can be saved but is short
     return Row(

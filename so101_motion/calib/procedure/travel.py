@@ -221,7 +221,7 @@ def assess(
 ) -> Assessment:
     """Judge the travel of a joint, while it is recorded or at the end; all in ticks."""
     travel = 0 if arc is None else arc.travel
-    moved = f"moved {_deg(travel)} of {_deg(expected)} deg"
+    moved = f"{_deg(travel)}° of its {_deg(expected)}° recorded"
     if counts_down:
         return _not_usable(
             Verdict.WRONG_DIRECTION,
@@ -230,14 +230,14 @@ def assess(
     if arc is not None and arc.hole > MISTAKEN * (TICKS_PER_TURN - expected):
         return _not_usable(
             Verdict.NOT_SEEN,
-            f"{_deg(arc.hole)} deg of its way were not seen; move it through all of its way again",
+            f"{_deg(arc.hole)}° of its way were not seen; move it through all of its way again",
         )
     if joint == ROLL and not is_swept(travel, expected):
         return _assess_unswept_roll(arc, home, moved)
     if travel < NARROWEST:
         return _not_usable(Verdict.UNTOUCHED, "not moved yet; move it from stop to stop")
     if travel < ENOUGH * expected:
-        return _not_usable(Verdict.TOO_SHORT, f"{moved}; move it on to both its stops")
+        return _not_usable(Verdict.TOO_SHORT, f"only {moved}; move it on to both its stops")
     if travel > min(EXCESS * expected, WIDEST):
         return _not_usable(
             Verdict.TOO_WIDE,

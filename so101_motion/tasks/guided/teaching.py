@@ -45,9 +45,9 @@ _STANDS = (
     "A simulated arm cannot be guided by hand: what you record stands still. Choose a saved path to"
     " replay it."
 )
-_PLAN = "Press Plan replay to check it for collisions; nothing moves."
+_CHOOSE = "Press Plan replay to check a saved path for collisions, or Record a path; nothing moves."
+_BY_HAND = "Press Record a path, then guide the arm by hand. To replay one, press Hold first."
 _MOVED = "The arm has moved. Press Plan replay again."
-_DONE = "Done. Press Plan replay to run it again."
 
 _log = logging.getLogger(__name__)
 
@@ -82,11 +82,11 @@ class TeachingOperation(LocalOperation):
         self._recording: _Recording | None = None
         self._one_at_a_time = threading.Lock()  # of two recordings begun at once one would be lost
         self._one_plan = threading.Lock()
-        self._planned: tuple[str, Replay] | None = None
+        self._planned: Replay | None = None
         self._line: tuple[tuple[float, ...], ...] = ()
         self._deleted: list[tuple[str, str]] = []  # name, and what it is kept as
         self._doing = self._chosen = ""
-        self._sentence = _STANDS if rig.connection.is_simulated else _WELCOME
+        self._sentence = ""  # what has happened; what to press now follows from the arm's mode
         self.commands = {
             "record_path": self._record_path,
             "end_path": self._end_path,
@@ -111,19 +111,28 @@ class TeachingOperation(LocalOperation):
 
     @property
     def view(self) -> View:
-        recording, planned = self._running(), self._planned
-        text, state = self._sentence, self._doing or "idle"
-        if recording is not None:
-            text, state = self._about(recording), "recording"
-        elif planned is not None and not self._stands_at(planned[1]):
-            text = _MOVED
+        recording = self._running()
         return View(
-            state=state,
-            text=text,
+            state="recording" if recording is not None else self._doing or "idle",
+            text=self._text() if recording is None else self._about(recording),
             offers=self._offers(recording),
             picture=Picture(line=self._line),
             said=self.said,
         )
+
+    def _text(self) -> str:
+        mode, said, planned = self._rig.arm.state.mode, self._sentence, self._planned
+        if mode in (Mode.LIMP, Mode.GUIDING):
+            return f"{said} {_BY_HAND}".strip()
+        if mode is not Mode.HOLDING or self._doing:
+            return said
+        if planned is None:
+            welcome = _STANDS if self._rig.connection.is_simulated else _WELCOME
+            return f"{said} {_CHOOSE if self._names else welcome}".strip()
+        if not self._stands_at(planned):
+            return _MOVED
+        approach, along = planned.approach.duration, planned.duration - planned.approach.duration
+        return f"Planned: {approach:.1f} s to its start, then {along:.1f} s along it. Press Replay."
 
     def _offers(self, recording: _Recording | None) -> tuple[Offer, ...]:
         if recording is not None:
@@ -136,7 +145,7 @@ class TeachingOperation(LocalOperation):
         moves = None if mode is Mode.HOLDING else f"the arm is {mode.words}"
         nothing = None if names else "there is no saved path"
         planned = self._planned
-        is_planned = planned is not None and self._stands_at(planned[1])
+        is_planned = planned is not None and self._stands_at(planned)
         chosen = self._chosen if self._chosen in names else (*names, "")[0]
         saved = {"name": Input(label="Saved", choices=names)}
         return (
@@ -247,7 +256,7 @@ class TeachingOperation(LocalOperation):
         begin = f"The recording ended: {why}. " if why else ""
         facts = f"{path.duration:.1f} s, {len(path)} point{'' if len(path) == 1 else 's'}"
         self._choose(file.stem, path)
-        self._sentence = f'{begin}"{file.stem}" is saved: {facts}. {_PLAN}'
+        self._sentence = f'{begin}"{file.stem}" is saved: {facts}.'
         saved.set_result((path, file))
 
     def _save_again(self) -> None:
@@ -362,29 +371,28 @@ class TeachingOperation(LocalOperation):
         path = files.read(self._file(name), self._rig.connection.encoder_zeros)
         with self._one_plan:
             self._choose(name, path)
-            self._doing, self._sentence = "planning", _PLAN
+            self._doing, self._sentence = "planning", ""
             try:
                 replay = plan_replay(self._rig.arm, path, gripper=jaw_of(self._rig))
             finally:
                 self._doing = ""
-        approach, along = replay.approach.duration, replay.duration - replay.approach.duration
-        self._sentence = (
-            f"Planned: {approach:.1f} s to its start, then {along:.1f} s along it. Press Replay."
-        )
-        self._planned = name, replay
-        return {"approach_s": round(approach, 3), "replay_s": round(replay.duration, 3)}
+        self._planned = replay
+        return {
+            "approach_s": round(replay.approach.duration, 3),
+            "replay_s": round(replay.duration, 3),
+        }
 
     def _run(self) -> Started:
         planned, self._planned = self._planned, None
-        if planned is None or not self._stands_at(planned[1]):
+        if planned is None or not self._stands_at(planned):
             raise NotPossibleNow("run", "the replay is not planned from where the arm is")
         self._sentence = "Moving."
-        motion = start_replay(self._rig.arm, jaw_of(self._rig), planned[1])
+        motion = start_replay(self._rig.arm, jaw_of(self._rig), planned)
         motion.future.add_done_callback(self._told)
         return Started(motion.future, motion.interrupt, dict)
 
     def _told(self, moved: Future[None]) -> None:
-        self._sentence = _DONE if moved.exception() is None else _PLAN
+        self._sentence = "Done." if moved.exception() is None else ""
 
 
 def _free(file: Path) -> Path:

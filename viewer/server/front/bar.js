@@ -129,13 +129,10 @@
       root.classList.toggle('so101-empty', !board().so101);
       root.classList.toggle('so101-watching', mine.controls === false);
       if (changed('alerts', wrong)) {
-        const whole = [...list.children].map((line) => line.classList.contains('whole'));
-        list.replaceChildren(...wrong.map(({ tone, text }, k) => {
+        list.replaceChildren(...wrong.map(({ tone, text }) => {
           const line = make('p');
           line.className = tone;
-          line.classList.toggle('whole', whole.length === wrong.length && whole[k]);
           line.textContent = text;
-          line.onclick = () => line.classList.toggle('whole');  // where it is folded
           return line;
         }));
         reach();

@@ -131,7 +131,7 @@ def test_almost_is_usable_but_not_praised():
     assert judged("elbow_flex", 0.95).verdict is Verdict.ALMOST
     assert judged("elbow_flex", 0.95).is_usable
     assert judged("elbow_flex", 0.95).sentence == (
-        "moved 184 of 193 deg; press it gently against both its stops"
+        "184° of its 193° recorded; press it gently against both its stops"
     )
 
 
@@ -212,7 +212,7 @@ def test_a_hole_that_may_be_taken_for_the_part_out_of_reach_is_passed_again_firs
     assert sweep.arc is not None
     said = assess("wrist_roll", sweep.arc, expected=ROLL, home=MIDDLE)
     assert (said.verdict, said.is_usable) == (Verdict.NOT_SEEN, False)
-    assert "deg of its way were not seen; move it through all of its way" in said.sentence
+    assert "° of its way were not seen; move it through all of its way" in said.sentence
     assert not can_be_accepted(said.verdict, sweep.arc.travel)
     assert sweep.arc.hole >= 0.9 * out_of_reach  # it was the other way round
 

@@ -104,6 +104,10 @@ def test_a_replay_is_planned_anew_when_the_arm_was_moved(bench):
     assert not bench.can("run")
     with pytest.raises(NotPossibleNow):
         bench.ask("run")
+    bench.ask("plan", name="path")
+    in_time(bench.clock, partial(bench.rig.arm.set_torque, False))
+    assert "press Hold first" in bench.teaching.view.text
+    assert "Press Replay" not in bench.teaching.view.text
 
 
 def test_closing_saves_what_is_being_recorded(bench, tmp_path):

@@ -25,7 +25,7 @@ ELBOW = JointView(
     recorded_max=2758,
     expected_deg=193.2,
     verdict=Verdict.TOO_SHORT,
-    sentence="moved 176 of 193 deg; move it on to both its stops",
+    sentence="only 176° of its 193° recorded; move it on to both its stops",
     is_done=False,
 )
 UNKNOWN = replace(

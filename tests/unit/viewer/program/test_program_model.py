@@ -15,7 +15,7 @@ from so101_viewer.program import program_texts as words
 from so101_viewer.program.program_model import REST, STEP, ProgramModel
 
 from so101_motion.cli.view import cube_and_tray
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
@@ -309,9 +309,14 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(tab, change):
     }
     changes[change]()
     tab.until(lambda: tab.model.timeline is None)
+    if change == "arm":
+        tab.until(lambda: not tab.model.can_record)
+        with pytest.raises(MotionError, match="record it when it stands still"):
+            tab.model.record_arms()
+    tab.until(lambda: not tab.rig.arm.is_moving and not tab.rig.gripper.is_moving)
     assert "ress Plan program" in tab.said
     assert not tab.model.can_run
-    tab.until(lambda: not tab.rig.arm.is_moving and not tab.rig.gripper.is_moving)
+    assert tab.model.can_record
 
 
 def test_guiding_by_hand_ends_by_itself(tab):

@@ -10,7 +10,7 @@ from typing import cast
 import pytest
 from so101_viewer.setup.part import StepWizard
 from so101_viewer.setup.setup_context import SETTLED, SetupTarget, TorqueWatch, torque
-from so101_viewer.setup_app import reasons
+from so101_viewer.setup_app import alarms, reasons
 
 from so101_motion.calib.motors.setup_view import SetupProgress
 from so101_motion.calib.procedure.steps import State
@@ -83,6 +83,35 @@ def test_without_an_arm_nothing_can_be_pressed_and_letting_go_waits_for_nothing(
     assert reasons(None, "") == ("No arm is connected yet.",) * 3
     wait = "Wait for the end of this: planning the test."
     assert reasons(Arm().target(), "planning the test") == (wait, wait, None)
+
+
+FINE = {
+    "silent": False, "volts": 12.1, "amps": 0.1, "temperature_c": 30, "load_percent": 5.0,
+    "faults": [], "answers": 10, "lost": 0, "corrupt": 0, "retries": 0,
+}  # fmt: skip
+
+
+def test_a_hot_servo_is_always_said_and_a_silent_one_once_all_six_were_seen_together():
+    told = {
+        "elbow_flex": {**FINE, "silent": True},
+        "gripper": {**FINE, "temperature_c": 68},
+        "wrist_roll": FINE,
+    }
+    arm = SimpleNamespace(state=SimpleNamespace(late_ticks=0))
+    rig = SimpleNamespace(arm=arm, status={"health": told})
+
+    def said(checked):
+        found = SimpleNamespace(situation=SimpleNamespace(checked=checked), rig=rig)
+        return [each.text for each in alarms(cast(SetupTarget, found))]
+
+    (hot,) = said(None)  # the others are not plugged in yet
+    assert hot.startswith("gripper: its servo is too hot (68 °C")
+    silent, again = said("all six")
+    assert (silent, again) == (
+        "elbow_flex: its servo does not answer; check its plugs and its power.",
+        hot,
+    )
+    assert [*alarms(None)] == []
 
 
 def bench(*, connected: bool = True, holds: bool | None = False) -> SetupTarget:
