@@ -55,9 +55,9 @@ def test_only_those_who_did_not_answer_are_asked_again(port, bus):
     assert bus.counters[2].retries == 2
 
 
-def test_a_silent_servo_is_an_error_that_names_servo_joint_register_and_tries(port, bus):
+def test_a_silent_servo_is_an_error_that_names_servo_joint_port_and_tries(port, bus):
     port.world.disconnect(3)
-    with pytest.raises(NoReply, match=r"servo 3 \(elbow_flex\).*present_position.*4 tries") as info:
+    with pytest.raises(NoReply, match=r"servo 3 \(elbow_flex\) on .*4 tries; check") as info:
         bus.read(3, POSITION)
     assert (info.value.servo_id, info.value.register) == (3, "present_position")
     assert isinstance(info.value, TimeoutError)

@@ -15,10 +15,12 @@ from so101_motion.drivers.feetech.presence import missing_servos
 
 
 @pytest.mark.parametrize(
-    ("answering", "told"), [([7], "the ids run from 2 to 7, not from 1 to 6"), ([], "no reply")]
+    ("answering", "told"),
+    [([7], "the ids run from 2 to 7, not from 1 to 6"), ([], "no reply from 1 on /dev/x")],
 )
 def test_ids_that_begin_at_another_number_are_told_apart_from_a_silent_servo(answering, told):
-    bus = SimpleNamespace(answering=lambda ids, tries: answering, label=str)
+    port = SimpleNamespace(name="/dev/x")
+    bus = SimpleNamespace(answering=lambda ids, tries: answering, label=str, port=port)
     assert str(missing_servos(bus, [1], range(2, 7))).startswith(told)
 
 
@@ -27,7 +29,7 @@ def test_a_dead_servo_is_reported_once_by_name_and_the_others_go_on(stand):
     stand.port.world.disconnect(ELBOW)
     raised = stand.look(2.0)
     assert len(raised) == 1
-    with pytest.raises(NoReply, match=r"servo 3 \(elbow_flex\); the others .* support the arm"):
+    with pytest.raises(NoReply, match=r"servo 3 \(elbow_flex\) on .*; the others .* Support the arm"):
         raise raised[0]
     assert [one.is_silent for one in stand.arm.health] == [False, False, True, False, False, False]
     stand.seed()
