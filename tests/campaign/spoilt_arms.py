@@ -31,7 +31,7 @@ OTHERS = {
     "MIN_VOLTAGE": (0, 40, 70, 100, 130),
     "MAX_TORQUE": (0, 450, 600, 1000),
     "PROTECTION_CURRENT": (0, 25, 50, 99, 100, 250, 2047),
-    "OVERLOAD_TORQUE": (40, 100, 254),  # the elbow needs 28 at 7.4 V, others bear 0
+    "OVERLOAD_TORQUE": (0, 19, 20, 27, 28, 100, 254),
 }
 
 

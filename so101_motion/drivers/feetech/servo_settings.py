@@ -32,6 +32,10 @@ _LEAST_TORQUE, _ELSEWHERE = {2: 1.64, 3: 1.12}, 0.5
 emulated, both types: shoulder_lift failed with 1.59 and 1.62 and lifted with 1.62 and 1.64, the
 elbow failed with 1.01 and 1.05 and lifted with 1.18 and 1.15."""
 
+_ELBOW_HOLDS, _OTHERS_HOLD = 1.05, 15.0
+"""A servo whose drive is cut to less than this after an overload lets the arm sink: the elbow's
+[N m] (emulated, 7.4 V: it sank with 1.03 and held with 1.07), others' [% drive] (chosen)."""
+
 _SOFTEST = 16  # P gain; LeRobot's, the softest any program uses on purpose
 _MOST_I = 50  # I gain; an emulated joint swings with 254. Chosen
 
@@ -144,22 +148,25 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
             f" {phase}; a new servo has 12)"
         )
         yield OddSetting(text, as_new={reg.PHASE: _sound(phase)}, is_adapted=True)
+    kind = type_of(reg.PRESENT_VOLTAGE.scale * held.get("present_voltage", 120))
+    strength = kind.torque_per_volt * kind.volts
+    holds_with = 100.0 * _ELBOW_HOLDS / strength if held.get("id") == 3 else _OTHERS_HOLD
     for rows, is_adapted in ((PROTECTING, False), (ADAPTED, True)):
         for row in rows:
             value = held.get(row.register.name, row.as_new)
             # After an overload it drives with what register 34 says.
-            lets_go = row.register is reg.OVERLOAD_TORQUE and held.get("protective_torque", 20) < 15
-            if not row.lowest <= value <= row.highest:
+            most = max(value, held.get("protective_torque", 20))
+            sinks = row.register is reg.OVERLOAD_TORQUE and most < holds_with
+            if sinks or not row.lowest <= value <= row.highest:
                 yield OddSetting(
-                    row.sentence.format(value),
+                    row.sentence.format(value) + (", too little to hold the arm" if sinks else ""),
                     {row.register: row.as_new},
                     is_adapted=is_adapted,
-                    forbids=lets_go or (row.register is reg.PROTECTION_CURRENT and value in _TRIPS),
+                    forbids=sinks or (row.register is reg.PROTECTION_CURRENT and value in _TRIPS),
                 )
     most = held.get("max_torque", 1000)
-    kind = type_of(reg.PRESENT_VOLTAGE.scale * held.get("present_voltage", 120))
     needed = _LEAST_TORQUE.get(held.get("id", 0), _ELSEWHERE)
-    if most < round(1000 * needed / (kind.torque_per_volt * kind.volts)):
+    if most < round(1000 * needed / strength):
         yield OddSetting(
             f"its largest torque is {most} of 1000", {reg.MAX_TORQUE: 1000}, forbids=True
         )

@@ -89,7 +89,10 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
     shift = 0
     if joint.homing_offset is not None:
         shift = agreed(lambda: bus.read(servo_id, reg.HOMING_OFFSET)) - joint.homing_offset
-    changed = _adapt(bus, joint)
+    kind = agreed(
+        lambda: type_of(reg.PRESENT_VOLTAGE.scale * bus.read(servo_id, reg.PRESENT_VOLTAGE))
+    )
+    changed = _adapt(bus, joint, kind)
     full = agreed(lambda: bus.read(servo_id, reg.MAX_TORQUE))
     p_gain = agreed(lambda: bus.read(servo_id, reg.P_GAIN))
     block = agreed(lambda: bus.read_block(servo_id, _START, _COUNT, what="a read of its settings"))
@@ -115,9 +118,7 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
         goal_ticks=None if goal is None else Ticks(here),
         present_ticks=Ticks(read_position(bus, servo_id)),
         p_gain=p_gain,
-        kind=agreed(
-            lambda: type_of(reg.PRESENT_VOLTAGE.scale * bus.read(servo_id, reg.PRESENT_VOLTAGE))
-        ),
+        kind=kind,
         max_acceleration=agreed(lambda: bus.read(servo_id, reg.MAX_ACCELERATION)),
         torque_limit=ram[reg.TORQUE_LIMIT],
         crawls=crawls,
@@ -174,7 +175,7 @@ def _pull(bus: Bus, servo_id: int, block: bytes, *, p_gain: int, may_do_more: bo
     return None  # no arm's weight needs full drive: the joint is held fast, or the goal is old
 
 
-def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
+def _adapt(bus: Bus, joint: JointMap, kind: ServoType) -> tuple[str, ...]:
     """Set the settings right that are wrong, until power-off; return their names."""
     servo_id = joint.servo_id
     eeprom = [row.name for row in reg.REGISTERS.values() if row.memory is Memory.EEPROM]
@@ -184,7 +185,8 @@ def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
         return {name: held[name] for name in eeprom}
 
     held = agreed(settings)
-    odd = odd_settings(held, counts_down=joint.direction < 0)
+    volts = {reg.PRESENT_VOLTAGE.name: round(kind.volts / reg.PRESENT_VOLTAGE.scale)}
+    odd = odd_settings(held | volts, counts_down=joint.direction < 0)
     if odd and odd[0].forbids:
         raise ServoFault(
             f"{bus.label(servo_id)}: {odd[0].sentence}, so it must not be moved; {odd[0].fix}",

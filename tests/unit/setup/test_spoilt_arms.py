@@ -49,6 +49,7 @@ ELSEWHERE = [
     (V12, 2, "MAX_TORQUE", 250), (V12, 2, "MAX_TORQUE", 275),
     (V7, 2, "MAX_TORQUE", 425), (V7, 2, "MAX_TORQUE", 450),
     (V7, 6, "ID", 7), (V7, 2, "MIN_VOLTAGE", 74), (V7, 3, "PROTECTION_CURRENT", 12),
+    (V7, 3, "OVERLOAD_TORQUE", 27), (V7, 3, "OVERLOAD_TORQUE", 28), (V7, 2, "OVERLOAD_TORQUE", 0),
 ]  # fmt: skip
 
 
@@ -108,9 +109,11 @@ def test_a_joint_that_is_held_outside_its_servos_limits_is_not_thrown_in():
     assert math.degrees(fastest) < 20.0
 
 
-@pytest.mark.parametrize("one", [("PHASE", 141), ("PHASE", 13), ("MAX_TORQUE", 0)], ids=str)
+@pytest.mark.parametrize("one", [
+    ("PHASE", 141), ("PHASE", 13), ("MAX_TORQUE", 0), ("OVERLOAD_TORQUE", 27),
+], ids=str)  # fmt: skip
 def test_a_servo_that_must_not_be_moved_is_refused_before_torque(one):
-    bus = spoilt((3, *one))
+    bus = spoilt((3, *one), kind=V7)
     assert "so101 setup --repair" in trouble_with_moving(bus)
     assert not any(servo.drive.torque for servo in bus.world.servos)
     assert bus.holds(3, reg.PHASE, after_power_off=True) == dict([one]).get("PHASE", 12)
