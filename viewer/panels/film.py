@@ -27,7 +27,6 @@ from ..page.plan_view import PlanView, plan_view
 from ..page.target_ik import Surroundings, TargetSolver
 from ..scene.camera_and_lights import Sight, set_up_recording
 from ..scene.robot_view import Line, RobotView, segments
-from ..scene.scene_edits import held_by
 from ..scene.scene_view import SceneView
 from ..server.guarded_server import start_guarded
 from ..server.head import NOTICE, front_file
@@ -105,7 +104,7 @@ class Film:
             obstacles=tuple(
                 replace(each, T_base_obstacle=T @ each.T_base_obstacle) for each in seen.obstacles
             ),
-            attached=tuple(held_by(each, name) for name, held in arms for each in held),
+            attached=tuple(replace(each, holder=name) for name, held in arms for each in held),
             floor_z=None if seen.floor_z is None else seen.floor_z + float(T.p[2]),
         )
 

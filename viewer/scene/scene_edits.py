@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from itertools import count
 from typing import Any
 
@@ -31,13 +31,6 @@ from so101_motion.planning.collision.scene import (
 )
 
 Thing = Obstacle | Attached
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HeldBy(Attached):
-    """An object that one of several arms holds."""
-
-    holder: str
 
 
 NEW_SHAPES: dict[str, Shape] = {
@@ -71,19 +64,7 @@ def pose_of(thing: Thing) -> SE3:
 
 def holder_of(thing: Thing | None) -> str:
     """The arm that holds a thing; empty for none, and where there is only one arm."""
-    return thing.holder if isinstance(thing, HeldBy) else ""
-
-
-def held_by(thing: Attached, holder: str) -> HeldBy:
-    return HeldBy(**_every(thing), holder=holder)
-
-
-def without_holder(thing: Attached) -> Attached:
-    return Attached(**_every(thing))
-
-
-def _every(thing: Attached) -> dict[str, Any]:
-    return {each.name: getattr(thing, each.name) for each in fields(Attached)}
+    return thing.holder if isinstance(thing, Attached) else ""
 
 
 def moved(thing: Thing, pose: SE3) -> Thing:
@@ -173,13 +154,8 @@ def held(scene: Scene, name: str, T_base_tool: SE3, holder: str = "") -> Scene:
     if thing.keep_out:
         raise ConfigError("name", name, "is a keep-out zone, which cannot be held")
     taken = scene.taking(name, T_base_tool)
-    if not holder:
-        return taken
     *others, new = taken.attached
-    held_by = HeldBy(
-        name=name, shape=new.shape, T_tool_object=new.T_tool_object, mass=new.mass, holder=holder
-    )
-    return replace(taken, attached=(*others, held_by))
+    return replace(taken, attached=(*others, replace(new, holder=holder)))
 
 
 def let_go(scene: Scene, name: str, T_base_tool: SE3) -> Scene:

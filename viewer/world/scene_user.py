@@ -15,8 +15,6 @@ from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 from so101_motion.viam.client import MachineRig
 
-from ..scene.scene_edits import held_by, holder_of, without_holder
-
 
 class OneArm:
     """A single arm; the scene is in its base frame. Another program may change its scene, too."""
@@ -43,7 +41,7 @@ class OneArm:
 class ArmsOfCell:
     """Arms that share a space; the scene is in the frame of the cell.
 
-    What an arm holds is ``HeldBy`` that arm there. A handover may pass it on meanwhile.
+    What is held has its ``holder`` there. A handover may pass it on meanwhile.
     """
 
     viam_name = None
@@ -58,7 +56,7 @@ class ArmsOfCell:
         seen = {name: arm.scene for name, arm in self.arms.items()}
         if any(each is not self._seen.get(name) for name, each in seen.items()):
             held = {
-                each.name: held_by(each, name)
+                each.name: replace(each, holder=name)
                 for name, scene in seen.items()
                 for each in scene.attached
             }
@@ -96,10 +94,10 @@ class ArmsOfCell:
         for each in scene.attached:
             if each.fixed:  # a part of a tool
                 continue
-            if holder_of(each) not in held:
+            if each.holder not in held:
                 reason = "is held, but the file does not say by which arm; attach it on this page"
                 raise ConfigError("attached", each.name, reason)
-            held[holder_of(each)].append(without_holder(each))
+            held[each.holder].append(replace(each, holder=""))
         names = {each.name for each in scene.attached}
         around = replace(
             scene,

@@ -37,7 +37,7 @@ from ..page.history import History, SavedFiles
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 from ..scene import scene_edits
-from ..scene.scene_edits import HeldBy, Thing
+from ..scene.scene_edits import Thing
 from .loaded_files import VOXEL, read_loaded, thinned
 
 DRAG_PERIOD = 0.2  # how often the scene for planning is updated during a drag [s]; chosen
@@ -194,7 +194,7 @@ class WorldModel:
 
     def as_file(self) -> bytes:
         """The scene as ``so101 plan --scene`` reads it, without what one of several arms holds."""
-        loose = tuple(each for each in self.scene.attached if not isinstance(each, HeldBy))
+        loose = tuple(each for each in self.scene.attached if not each.holder)
         scene = replace(self.scene, attached=loose)
         return json.dumps(scene_to(scene), indent=2).encode() + b"\n"
 
@@ -207,7 +207,7 @@ class WorldModel:
         found = read_loaded(name, content, voxel=self.voxel, scale=self.scale)
         if isinstance(found, Scene):
             loaded = len(scene_edits.things(found))
-            held = (each for each in self.scene.attached if isinstance(each, HeldBy))
+            held = (each for each in self.scene.attached if each.holder)
             found = replace(found, attached=(*found.attached, *held))
             self._change(found, f"Loaded {loaded} thing{'' if loaded == 1 else 's'}.")
             self.select(self.selected)

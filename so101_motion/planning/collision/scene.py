@@ -281,6 +281,7 @@ class Attached:
         passed_to: The name of another arm whose gripper and jaw may touch it as well, because it
             takes the object; empty for none.
         fixed: Whether it is a part of a tool, which is never let go of.
+        holder: The arm that holds it, in a scene that several share; else empty.
     """
 
     name: str
@@ -290,6 +291,7 @@ class Attached:
     may_touch: frozenset[str] = frozenset()
     passed_to: str = ""
     fixed: bool = False
+    holder: str = ""
 
     def __post_init__(self) -> None:
         _named(self.name)
