@@ -136,7 +136,7 @@ class BiSO101Motion(Robot):
             return
         cell = Cell()
         for each in self._cell.arms:
-            self.arms[f"{each.name}_"].join(cell, each.name, each.T_cell_base)
+            cell.add(each.name, self.arms[f"{each.name}_"].session.rig, each.T_cell_base)
 
     def _joined(self, of: Callable[[SO101Motion], dict[str, Any]]) -> dict[str, Any]:
         return {

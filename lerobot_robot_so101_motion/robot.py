@@ -29,9 +29,6 @@ from so101_motion.planning.collision.scene import Scene
 if TYPE_CHECKING:
     from lerobot.cameras import Camera
 
-    from so101_motion.arm.cell import Cell
-    from so101_motion.common.geometry import SE3
-
 _log = logging.getLogger(__name__)
 
 TAKEN = tuple(f"{joint}.taken" for joint in JOINTS)  # keys of the target that was followed last
@@ -99,10 +96,6 @@ class SO101Motion(SO101Device, Robot):
 
     def configure(self) -> None:
         """Do nothing: the servos are set up when the arm is opened."""
-
-    def join(self, cell: Cell, name: str, T_cell_base: SE3) -> None:
-        """Keep clear of the other arms of a cell from now on, until it is disconnected."""
-        cell.add(name, self.session.rig, T_cell_base)
 
     # Observations and actions
 

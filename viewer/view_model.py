@@ -111,8 +111,8 @@ class ViewModel(TargetEditor):
         self._follow_caps()
 
     def aim_as(self, plan: Plan) -> None:
-        self._target = self._at_joints(plan.q_goal, self._target.frame)
-        self.history.add((self._target, self._kind))
+        self.target = self._at_joints(plan.q_goal, self.target.frame)
+        self.history.add((self.target, self.kind))
 
     def take_plan(self, plan: Plan, name: str) -> None:
         newest = self.arm.newest
@@ -120,7 +120,7 @@ class ViewModel(TargetEditor):
         self.plan_view = plan_view(
             plan,
             self._solver,
-            self._target.frame,
+            self.target.frame,
             scene=self.arm.scene if made_for is None else made_for.scene,
             q_jaw=self.state.q_jaw_ref if made_for is None else made_for.q_jaw,
             name=name,
@@ -135,9 +135,6 @@ class ViewModel(TargetEditor):
     def preview(self, t: float) -> None:
         """Show the ghost ``t`` [s] into the plan, or at its end."""
         self.t = 0.0 if self.plan_view is None else min(t, self.plan_view.duration)
-
-    def set_replan(self, replans: bool) -> None:
-        self.replans = replans
 
     def follow(self, motion: Motion) -> None:
         self.motion, self.tracker.began = motion, None
@@ -166,12 +163,12 @@ class ViewModel(TargetEditor):
         if self.plan_view is None:
             return 0.0
         ends = (self.plan_view.plan.q_goal, self.state.q)
-        goal, here = (self._solver.point(q, self._target.frame) for q in ends)
+        goal, here = (self._solver.point(q, self.target.frame) for q in ends)
         return float(np.linalg.norm(here - goal))
 
     @property
     def problem(self) -> Sentence | None:
-        blocked, problem = texts.blocked(self.state), self._target.problem
+        blocked, problem = texts.blocked(self.state), self.target.problem
         if blocked is None and problem is not None and self.motion is None:
             return Sentence(problem, Tone.BAD)
         return blocked
@@ -179,7 +176,7 @@ class ViewModel(TargetEditor):
     @property
     def q_ghost(self) -> Array | None:
         """Where the ghost stands, shape (5,), [rad]; None when it is hidden."""
-        q = self._target.q
+        q = self.target.q
         if self.plan_view is not None and self.plan_is_current:
             q = self.plan_view.plan.trajectory.sample(self.t).q
         return None if _apart(q, self.state.q) < SAME_POSE else q
@@ -214,7 +211,7 @@ class ViewModel(TargetEditor):
 
     @property
     def is_at_target(self) -> bool:
-        return _apart(self._target.q, self.state.q_ref) <= START_TOLERANCE
+        return _apart(self.target.q, self.state.q_ref) <= START_TOLERANCE
 
     @property
     def can_back_out(self) -> bool:
@@ -256,7 +253,7 @@ class ViewModel(TargetEditor):
     # Helpers
 
     def _aim(self, target: Target) -> None:
-        self._target = target
+        self.target = target
         self._drop_plan(texts.ALREADY_THERE if self.is_at_target else texts.PRESS_PLAN)
 
     def _drop_plan(self, why: Sentence) -> None:
@@ -276,11 +273,11 @@ class ViewModel(TargetEditor):
         return True
 
     def _hint(self) -> PathLine | None:
-        start, goal = self.state.q_ref, self._target.q
-        if self._target.problem is not None or _apart(goal, start) < SAME_POSE:
+        start, goal = self.state.q_ref, self.target.q
+        if self.target.problem is not None or _apart(goal, start) < SAME_POSE:
             return None
         steps = np.linspace(start, goal, HINT_POINTS)
-        points = np.array([self._solver.point(q, self._target.frame) for q in steps])
+        points = np.array([self._solver.point(q, self.target.frame) for q in steps])
         return PathLine(points=points, planned=False)
 
     def _follow_surroundings(self) -> bool:
@@ -300,7 +297,7 @@ class ViewModel(TargetEditor):
             self.dropped(texts.ended(error))
             return True
         self._solver = loading.result()
-        self._target = self._again(self._target)
+        self.target = self._again(self.target)
         return True
 
     def _track(self, name: str) -> bool:

@@ -109,10 +109,7 @@ class _Field:
 
     def __init__(self, widget: Any, context: PageContext) -> None:
         self.widget, self.value, self._proposed = widget, "", ""
-        self._shared = SharedField(widget, self._take, context)
-
-    def _take(self, value: str) -> None:
-        self.value = value
+        self._shared = SharedField(widget, partial(setattr, self, "value"), context)
 
     def show(self, wanted: Input, proposed: str, order: int) -> None:
         choices = wanted.choices or (_NONE,)
@@ -265,11 +262,12 @@ class OperationPanel(Part):
             known.widget.visible = f"field {label}" in places
         for slot, button in self._buttons.items():
             here = self._offers.get(slot)
-            button.order = places.get(slot, len(places))
+            widget = button.widget if isinstance(button, AskingButton) else button
+            widget.order = places.get(slot, len(places))
             if isinstance(button, AskingButton):
                 can = here is not None and here.why_not is None and not self._worker.doing
                 button.show(shown=here is not None, can=can, label=here.title if here else "")
-                button.color = self._color(here, view)
+                widget.color = self._color(here, view)
                 continue
             button.visible = here is not None
             if here is not None:

@@ -102,23 +102,7 @@ class AskingButton:
     ) -> None:
         self._label, self._question, self._command = label, question, command
         self._until = 0.0
-        self._button = context.button(label, self._press, icon=icon, color="gray")
-
-    @property
-    def color(self) -> Any:
-        return self._button.color
-
-    @color.setter
-    def color(self, color: Any) -> None:
-        self._button.color = color
-
-    @property
-    def order(self) -> float:
-        return self._button.order
-
-    @order.setter
-    def order(self, order: float) -> None:
-        self._button.order = order
+        self.widget = context.button(label, self._press, icon=icon, color="gray")
 
     def refresh(self) -> bool:
         if self._until and time.monotonic() > self._until:
@@ -127,9 +111,9 @@ class AskingButton:
         return False
 
     def show(self, *, shown: bool = True, can: bool = True, label: str = "") -> None:
-        self._button.visible, self._label = shown, label or self._label
-        self._button.label = self._question if self._until else self._label
-        self._button.disabled = not can
+        self.widget.visible, self._label = shown, label or self._label
+        self.widget.label = self._question if self._until else self._label
+        self.widget.disabled = not can
 
     def _press(self) -> None:
         asked, self._until = self._until, 0.0

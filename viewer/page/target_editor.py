@@ -41,9 +41,9 @@ class TargetEditor(ABC):
 
     def __init__(self, solver: TargetSolver, state: JointState, now: Callable[[], float]) -> None:
         self._solver, self.state = solver, state
-        self._target = solver.first_target(state.q_ref, q_jaw=state.q_jaw_ref)
-        self._kind = ANY
-        self.history = History((self._target, self._kind), self._restore, now)
+        self.target = solver.first_target(state.q_ref, q_jaw=state.q_jaw_ref)
+        self.kind = ANY
+        self.history = History((self.target, self.kind), self._restore, now)
 
     @abstractmethod
     def _aim(self, target: Target) -> None:
@@ -51,26 +51,26 @@ class TargetEditor(ABC):
 
     def set_target_point(self, p_base: Array) -> None:
         """Set a new target point, shape (3,), [m]."""
-        wanted = None if self._kind == ANY else self._kept(self.direction)
-        self._take(self._at_point(p_base, self._target.frame, wanted), "point")
+        wanted = None if self.kind == ANY else self._kept(self.direction)
+        self._take(self._at_point(p_base, self.target.frame, wanted), "point")
 
     def set_target_joints(self, q: Array) -> None:
         """Set joint angles as the target, shape (5,), [rad]."""
-        self._take(self._at_joints(q, self._target.frame))
+        self._take(self._at_joints(q, self.target.frame))
 
     def set_target_joint(self, i: int, angle: float) -> None:
         """Turn one joint of the ghost to ``angle`` [rad]; the others stay."""
-        q = np.array(self._target.q)
+        q = np.array(self.target.q)
         q[i] = angle
-        self._take(self._at_joints(q, self._target.frame), ("joint", i))
+        self._take(self._at_joints(q, self.target.frame), ("joint", i))
 
     def set_target_above(self, p_base: Array) -> None:
         """Set a target point above one of a surface, shape (3,), [m]; the gripper stops short.
 
         It comes from above if it can; a direction that is kept stays.
         """
-        p_above, frame = p_base + np.array([0.0, 0.0, ABOVE]), self._target.frame
-        if self._kind != ANY:
+        p_above, frame = p_base + np.array([0.0, 0.0, ABOVE]), self.target.frame
+        if self.kind != ANY:
             self.set_target_point(p_above)
             return
         targets = (self._at_point(p_above, frame, Direction(tilt=tilt)) for tilt in FROM_ABOVE)
@@ -79,7 +79,7 @@ class TargetEditor(ABC):
 
     def take_nearest(self) -> None:
         """Set the nearest place that is reached without contact; ``ConfigError`` without one."""
-        if self._target.problem is None:
+        if self.target.problem is None:
             return
         near = self._nearest() or self._beside()
         if near is None:
@@ -94,7 +94,7 @@ class TargetEditor(ABC):
         """Set the frame that targets are for, one of ``FRAMES``; the ghost stays where it is."""
         if frame not in FRAMES:
             raise ConfigError("frame", frame, f"must be one of {', '.join(FRAMES)}")
-        self._take(self._at_joints(self._target.q, frame))
+        self._take(self._at_joints(self.target.q, frame))
 
     # Where the gripper points
 
@@ -102,35 +102,31 @@ class TargetEditor(ABC):
         """Choose how much of the gripper's direction is kept, one of ``DIRECTIONS``."""
         if kind not in DIRECTIONS:
             raise ConfigError("direction", kind, f"must be one of {', '.join(DIRECTIONS)}")
-        self._kind = kind
-        self.set_target_point(self._target.p_base)
+        self.kind = kind
+        self.set_target_point(self.target.p_base)
 
     def set_tilt(self, tilt: float) -> None:
         """Set how far up the gripper points [rad], -pi/2 for straight down."""
-        self._kind = TILT if self._kind == ANY else self._kind
+        self.kind = TILT if self.kind == ANY else self.kind
         self._turn(replace(self.direction, tilt=tilt))
 
     def set_roll(self, roll: float) -> None:
         """Set how far the gripper is turned about its direction [rad]."""
-        self._kind = TURN
+        self.kind = TURN
         self._turn(replace(self.direction, roll=roll))
 
     def set_turn(self, R_base_target: Array) -> None:
         """Set the gripper's direction, as far as it is chosen, from a rotation, shape (3, 3)."""
         tilt = float(np.arcsin(np.clip(R_base_target[2, 2], -1.0, 1.0)))
         R_level = self._solver.turned(
-            Direction(tilt=tilt, roll=0.0), float(self._target.q[0]), self._target.frame
+            Direction(tilt=tilt, roll=0.0), float(self.target.q[0]), self.target.frame
         )
         R_roll = R_level.T @ R_base_target
         self._turn(Direction(tilt=tilt, roll=float(np.arctan2(R_roll[0, 1], R_roll[0, 0]))))
 
     @property
-    def kind(self) -> str:
-        return self._kind
-
-    @property
     def direction(self) -> Direction:
-        wanted, there = self._target.direction, self._solver.direction(self._target.q)
+        wanted, there = self.target.direction, self._solver.direction(self.target.q)
         if wanted is None:
             return there
         return wanted if wanted.roll is not None else replace(wanted, roll=there.roll)
@@ -138,30 +134,26 @@ class TargetEditor(ABC):
     @property
     def R_base_target(self) -> Array:
         """How the target is turned, shape (3, 3)."""
-        return self._solver.turned(self.direction, float(self._target.q[0]), self._target.frame)
-
-    @property
-    def target(self) -> Target:
-        return self._target
+        return self._solver.turned(self.direction, float(self.target.q[0]), self.target.frame)
 
     # Helpers
 
     def _nearest(self) -> Target | None:
-        near = self._at_joints(self._target.q, self._target.frame)
+        near = self._at_joints(self.target.q, self.target.frame)
         return near if near.problem is None else None
 
     def _beside(self) -> Target | None:
-        target = self._target
+        target = self.target
         points = (target.p_base + away * way for away in AROUND for way in _WAYS)
         found = (self._at_point(p, target.frame, target.direction) for p in points)
         return next((each for each in found if each.problem is None), None)
 
     def _kept(self, direction: Direction) -> Direction:
-        return direction if self._kind == TURN else replace(direction, roll=None)
+        return direction if self.kind == TURN else replace(direction, roll=None)
 
     def _turn(self, direction: Direction) -> None:
-        if self._kind != ANY:
-            target, wanted = self._target, self._kept(direction)
+        if self.kind != ANY:
+            target, wanted = self.target, self._kept(direction)
             self._take(self._at_point(target.p_base, target.frame, wanted), "turn")
 
     def _at_point(self, p_base: Array, frame: str, direction: Direction | None) -> Target:
@@ -179,9 +171,9 @@ class TargetEditor(ABC):
         return self._at_joints(target.q, target.frame)
 
     def _restore(self, before: tuple[Target, str], _words: str) -> None:
-        target, self._kind = before
+        target, self.kind = before
         self._aim(self._again(target))
 
     def _take(self, target: Target, kind: Hashable = None) -> None:
-        self.history.add((target, self._kind), kind)
+        self.history.add((target, self.kind), kind)
         self._aim(target)

@@ -137,8 +137,7 @@ class JogPart(Part):
     def left(self) -> None:
         self.jogging.close()
 
-    def close(self) -> None:
-        self.jogging.close()
+    close = left
 
 
 _JOINT_ROWS = tuple(

@@ -96,7 +96,7 @@ class PlanPanel:
             hint="When an object on the World tab moves, the arm goes around it without a stop if"
             " it can, and stops if it cannot.",
         )
-        self._replans = SharedField(replan, page.set_replan, context)
+        self._replans = SharedField(replan, partial(setattr, page, "replans"), context)
         gui.add_divider()
         target.add_jaw()
         gui.add_divider()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import NamedPose
@@ -32,9 +34,6 @@ class PoseList:
     def choose(self, name: str) -> None:
         if any(pose.name == name for pose in self.poses):
             self.chosen = self.name = name
-
-    def call(self, name: str) -> None:
-        self.name = name
 
     def save_arm(self) -> None:
         self._save(self._page.q_arm)
@@ -102,7 +101,7 @@ class PoseFolder:
                 "Where the arm is, or where the ghost is",
             )
         self._chosen = SharedField(self._list, poses.choose, context)
-        self._name = SharedField(self._text, poses.call, context)
+        self._name = SharedField(self._text, partial(setattr, poses, "name"), context)
 
     def show(self) -> None:
         names = tuple(pose.name for pose in self._poses.poses)

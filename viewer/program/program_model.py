@@ -236,9 +236,6 @@ class ProgramModel:
 
     # Files
 
-    def call(self, name: str) -> None:
-        self.name = name
-
     def save(self) -> None:
         """Save the program under its name; replaces one of that name."""
         if not self.program.steps:

@@ -385,7 +385,7 @@ class FileFields:
         gui = context.gui
         with gui.add_folder("Save and load", expand_by_default=False):
             name = gui.add_text("Program name", "")
-            self._called = SharedField(name, model.call, context)
+            self._called = SharedField(name, partial(setattr, model, "name"), context)
             context.buttons("Program", {"save": model.save, "new": model.clear})
             self._saved = saved = gui.add_dropdown("Saved", (_NONE,))
             uses = {

@@ -97,6 +97,7 @@ class ServedPage:
         self.wrong: So101Error | None = None
         self.windows = Windows(server.viser, self.events.add, self._leave_front)
         self._commands = Commands(self._failed)
+        self.post, self.drop_commands = self._commands.post, self._commands.drop
         self._closing = threading.Event()
         self._workers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-viewer-work")
         self._parts: tuple[Part, ...] = ()
@@ -154,12 +155,6 @@ class ServedPage:
         """Add ``parts`` to the page; called before ``start`` or by a command."""
         self._parts = (*self._parts, *parts)
         self._show(parts)
-
-    def post(self, command: Callable[[], None]) -> None:
-        self._commands.post(command)
-
-    def drop_commands(self) -> None:
-        self._commands.drop()
 
     def url_for_once(self) -> str:
         return self._server.url_for_once()

@@ -232,7 +232,9 @@ class MachineRig(Machine):
     """An arm and gripper of a running machine. ``connect`` makes it; close it after use.
 
     Attributes:
+        arm_name: The name of the machine's arm, for ``do_command``.
         at_end: As of a ``Rig``, like ``on_left``; a machine parks its arm itself.
+        status: The arm's newest status, such as ``health`` and ``notes`` of its servos.
     """
 
     at_end = "hold"
@@ -244,9 +246,9 @@ class MachineRig(Machine):
         self._arm: ViamArm | None = None
         self._gripper: Gripper | None = None
         self._state: JointState | None = None
-        self._status: Mapping[str, Any] = {}
+        self.status: Mapping[str, Any] = {}
         self._jaw = GripperReport()
-        self._arm_name = ""
+        self.arm_name = ""
         self._no_gripper = "the machine has none"
         self._params: Mapping[str, Any] = {}
         self._setup: Mapping[str, Any] = {}
@@ -311,7 +313,7 @@ class MachineRig(Machine):
             speed, acceleration = (to_rad(self._setup[key]) for key in _MOST)
             arm.set_ceiling(JointCaps(speed=speed, acceleration=acceleration))
         if self._params:
-            arm.tell = lambda command: self.do_command(self._arm_name, command)
+            arm.tell = lambda command: self.do_command(self.arm_name, command)
         arm.surroundings = self._surroundings
         return arm
 
@@ -327,16 +329,6 @@ class MachineRig(Machine):
         """The newest snapshot; never waits."""
         assert self._state is not None  # the link opened with it
         return self._state
-
-    @property
-    def status(self) -> Mapping[str, Any]:
-        """The arm's newest status, such as ``health`` and ``notes`` of its servos."""
-        return self._status
-
-    @property
-    def arm_name(self) -> str:
-        """The name of the machine's arm, for ``do_command``."""
-        return self._arm_name
 
     @property
     def has_gripper(self) -> bool:
@@ -400,7 +392,7 @@ class MachineRig(Machine):
         if arm is None:
             raise ConfigError("arm", None, "the machine has none; add one to its configuration")
         self._arm, self._gripper = arm, self._pick(client, "gripper")
-        self._arm_name = arm.name
+        self.arm_name = arm.name
         if self._state is None:
             self._params = await _answer(arm, {"get_motion_params": True})
             self._setup = await _answer(arm, {"command": "get_planning_setup"})
@@ -452,7 +444,7 @@ class MachineRig(Machine):
             )
         t = 0.5 * (begin + self.clock.now())
         if self._state is None or t > self._state.t:
-            self._status = answered.status
+            self.status = answered.status
             self._state = next_state(self._state, answered, self._jaw, t)
 
     async def _refresh(self) -> None:

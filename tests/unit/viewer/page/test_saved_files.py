@@ -108,9 +108,9 @@ def names(poses):
 
 
 def test_a_pose_can_be_renamed_and_deleted_and_without_one_there_is_nothing_to_use(poses, page):
-    poses.call("mine")
+    poses.name = "mine"
     poses.save_arm()
-    poses.call("<b>other</b>")
+    poses.name = "<b>other</b>"
     poses.rename()
     assert names(poses) == ["<b>other</b>"]
     assert poses.chosen == "<b>other</b>"
@@ -127,7 +127,7 @@ def test_a_pose_can_be_renamed_and_deleted_and_without_one_there_is_nothing_to_u
     assert poses.chosen == "<b>other</b>"
     poses.saved_files.undo()
     assert names(poses) == ["mine"]
-    poses.call("mine")
+    poses.name = "mine"
     poses.save_target()  # in its place
     poses.saved_files.undo()
     poses.use()

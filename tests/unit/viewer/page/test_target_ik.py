@@ -55,7 +55,7 @@ class Editor(TargetEditor):
     """A target editor of a page that shows nothing."""
 
     def _aim(self, target):
-        self._target = target
+        self.target = target
 
 
 @pytest.fixture

@@ -191,7 +191,7 @@ def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab):
 
 def test_a_wait_stays_where_the_step_before_it_stands_and_a_saved_program_is_inserted(tab):
     tab.record(A, B)
-    tab.model.call("pick")
+    tab.model.name = "pick"
     tab.model.save()
     tab.model.choose(0)
     tab.model.wait()
@@ -348,7 +348,7 @@ def test_a_program_is_kept_and_taken_up_again(tab):
     tab.model.set_rounds(None)
     with pytest.raises(ConfigError, match="type a name first"):
         tab.model.save()
-    tab.model.call("stack cubes")
+    tab.model.name = "stack cubes"
     tab.model.save()
     assert tab.model.saved_files.names == ("stack cubes",)
     tab.model.clear()
