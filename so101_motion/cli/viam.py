@@ -78,8 +78,7 @@ def config(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None
     \b
     so101 viam config > arm.json
     """  # noqa: D301
-    from so101_motion.setup.discovery import discover
-    from so101_motion.viam.suggested_config import configuration
+    from so101_motion.setup.discovery import configuration, discover
 
     with quietly(), busy_message("searching the serial ports"):
         found = discover(extra)

@@ -18,7 +18,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,10 @@ class Suggestion:
     model: str  # its model, such as ``"devrel:so101:arm"``
     attributes: Mapping[str, object]
     frame: Mapping[str, object] | None = None  # as in a configuration [mm]; None if it has none
+
+    def to_json(self) -> dict[str, Any]:
+        """Its entry in a machine's configuration."""
+        return {key: value for key, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -417,3 +421,17 @@ def _about_arm(seen: ServosOnBus, role: Role, joints: Sequence[str]) -> str:
 def _counted(joints: Sequence[str]) -> str:
     arm = sum(joint in ARM_JOINTS for joint in joints)
     return f"{arm} joints and {'a' if GRIPPER_JOINT in joints else 'no'} gripper"
+
+
+def configuration(reports: Iterable[PortReport]) -> dict[str, list[Any]]:
+    """The configuration of a machine with the suggested parts, ready to paste."""
+    components = [one.to_json() for report in reports for one in report.suggestions]
+    return {"components": components, "modules": own_module()}
+
+
+def own_module() -> list[dict[str, str]]:
+    """The "modules" entry of this installation; empty if viam-server cannot start it."""
+    start = Path(__file__).resolve().parents[2] / "run.sh"
+    if not start.is_file():
+        return []
+    return [{"type": "local", "name": "so101-motion", "executable_path": str(start)}]

@@ -14,9 +14,9 @@ from typing import Any
 
 from so101_motion.common.attributes import misspelt, suggest
 from so101_motion.common.errors import ConfigError
+from so101_motion.setup.discovery import own_module
 from so101_motion.viam.models.configured import names_of_the_family
 from so101_motion.viam.published_models import MODELS, OURS
-from so101_motion.viam.suggested_config import own_module
 
 FAMILY = "devrel:so101:"  # the beginning of the model names of both modules
 

@@ -25,6 +25,7 @@ from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.setup import connect
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.connect import ConnectOperation
+from so101_motion.setup.discovery import configuration
 from so101_motion.setup.move_test import MoveTest
 from so101_motion.setup.setup_steps import (
     ASSEMBLY,
@@ -36,7 +37,6 @@ from so101_motion.setup.setup_steps import (
     TEST,
     SetupStep,
 )
-from so101_motion.viam.suggested_config import configuration
 
 from ..page import cards, markup
 from ..page.operation_panel import OperationPanel

@@ -11,7 +11,6 @@ from google.protobuf import json_format
 from viam.proto.app.robot import ComponentConfig
 from viam.resource.types import Model
 from viam.services.discovery import Discovery as DiscoveryService
-from viam.utils import dict_to_struct
 
 from so101_motion.setup.discovery import Discovery, PortReport, Suggestion, discover
 from so101_motion.viam.component_config import DiscoveryConfig
@@ -86,14 +85,6 @@ def _named(report: PortReport) -> PortReport:
 
 def _config(one: Suggestion) -> ComponentConfig:
     namespace, _, kind = one.api.split(":")
-    config = ComponentConfig(
-        name=one.name,
-        namespace=namespace,
-        type=kind,
-        api=one.api,
-        model=one.model,
-        attributes=dict_to_struct(convert.to_result(one.attributes)),
-    )
-    if one.frame is not None:
-        json_format.ParseDict(dict(one.frame), config.frame)
+    entry = {**one.to_json(), "namespace": namespace, "type": kind}
+    config: ComponentConfig = json_format.ParseDict(entry, ComponentConfig())
     return config
