@@ -6,26 +6,17 @@ from collections.abc import Mapping
 
 from so101_motion.common.attributes import Config
 from so101_motion.tasks.teleop.config import TeleopConfig
-from so101_motion.viam.component_config import (
-    CalibrationConfig,
-    DiscoveryConfig,
-    ForAnArmConfig,
-    HardwareArmConfig,
-    HardwareGripperConfig,
-    MotionConfig,
-    SimulatedArmConfig,
-    SimulatedGripperConfig,
-)
+from so101_motion.viam import component_config
 
 MODELS: Mapping[str, type[Config]] = {
-    "arm": HardwareArmConfig,
-    "gripper": HardwareGripperConfig,
-    "simulated": SimulatedArmConfig,
-    "simulated-gripper": SimulatedGripperConfig,
-    "calibration": CalibrationConfig,
-    "motion": MotionConfig,
-    "world-state": ForAnArmConfig,
-    "discovery": DiscoveryConfig,
+    "arm": component_config.HardwareArmConfig,
+    "gripper": component_config.HardwareGripperConfig,
+    "simulated": component_config.SimulatedArmConfig,
+    "simulated-gripper": component_config.SimulatedGripperConfig,
+    "calibration": component_config.CalibrationConfig,
+    "motion": component_config.MotionConfig,
+    "world-state": component_config.ForAnArmConfig,
+    "discovery": component_config.DiscoveryConfig,
     "teleop": TeleopConfig,
 }
 

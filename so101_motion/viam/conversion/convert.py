@@ -17,35 +17,14 @@ from grpclib.metadata import encode_grpc_message
 from viam.proto.common import Pose
 from viam.proto.component.arm import JointPositions, MoveOptions
 
+from so101_motion.common import errors
 from so101_motion.common.attributes import (
     ACCELERATION_RANGE_DEG,
     SPEED_RANGE_DEG,
     checked_number,
     suggest,
 )
-from so101_motion.common.errors import (
-    LONGEST_MESSAGE,
-    SUPERSEDED,
-    BusError,
-    CalibrationError,
-    ConfigError,
-    CorruptReply,
-    InCollision,
-    Interrupted,
-    MachineUnavailable,
-    MotionError,
-    MotorSetupError,
-    NotHolding,
-    NotPossibleNow,
-    OtherCalibration,
-    OutsideLimits,
-    PlanningError,
-    ServoFault,
-    So101Error,
-    SurroundingsUnknown,
-    WorkerError,
-    clipped,
-)
+from so101_motion.common.errors import ConfigError, So101Error, clipped
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
@@ -229,20 +208,20 @@ def _plain(value: Any) -> Any:
 STATUS: dict[type[So101Error], Status] = {
     So101Error: Status.UNKNOWN,
     ConfigError: Status.INVALID_ARGUMENT,
-    PlanningError: Status.FAILED_PRECONDITION,
-    OutsideLimits: Status.OUT_OF_RANGE,
-    BusError: Status.UNAVAILABLE,
-    OtherCalibration: Status.FAILED_PRECONDITION,
-    CorruptReply: Status.DATA_LOSS,
-    ServoFault: Status.FAILED_PRECONDITION,
-    MotionError: Status.ABORTED,
-    NotHolding: Status.FAILED_PRECONDITION,
-    CalibrationError: Status.FAILED_PRECONDITION,
-    NotPossibleNow: Status.FAILED_PRECONDITION,
-    MotorSetupError: Status.FAILED_PRECONDITION,
-    MachineUnavailable: Status.UNAVAILABLE,
-    SurroundingsUnknown: Status.UNAVAILABLE,
-    WorkerError: Status.INTERNAL,
+    errors.PlanningError: Status.FAILED_PRECONDITION,
+    errors.OutsideLimits: Status.OUT_OF_RANGE,
+    errors.BusError: Status.UNAVAILABLE,
+    errors.OtherCalibration: Status.FAILED_PRECONDITION,
+    errors.CorruptReply: Status.DATA_LOSS,
+    errors.ServoFault: Status.FAILED_PRECONDITION,
+    errors.MotionError: Status.ABORTED,
+    errors.NotHolding: Status.FAILED_PRECONDITION,
+    errors.CalibrationError: Status.FAILED_PRECONDITION,
+    errors.NotPossibleNow: Status.FAILED_PRECONDITION,
+    errors.MotorSetupError: Status.FAILED_PRECONDITION,
+    errors.MachineUnavailable: Status.UNAVAILABLE,
+    errors.SurroundingsUnknown: Status.UNAVAILABLE,
+    errors.WorkerError: Status.INTERNAL,
 }
 """The gRPC status of each error and of those derived from it; see also ``grpc_error``."""
 
@@ -254,10 +233,10 @@ def grpc_error(error: So101Error) -> GRPCError:
     ended with its component is CANCELLED.
     """
     status = next(STATUS[cls] for cls in type(error).__mro__ if cls in STATUS)
-    if isinstance(error, Interrupted) and error.by != SUPERSEDED:
+    if isinstance(error, errors.Interrupted) and error.by != errors.SUPERSEDED:
         status = Status.CANCELLED
     message = str(error)
-    if isinstance(error, InCollision) and error.can_back_out:
+    if isinstance(error, errors.InCollision) and error.can_back_out:
         message += '; the command "leave_contact" backs it out'
     return GRPCError(status, on_the_wire(message))
 
@@ -269,8 +248,8 @@ time its trailer takes to encode grows with the square of this, 0.5 ms here, 0.6
 
 def on_the_wire(message: str) -> str:
     """A message as one line that gRPC carries without delay."""
-    line = clipped(" ".join(message.split()), LONGEST_MESSAGE)
-    most = LONGEST_MESSAGE
+    line = clipped(" ".join(message.split()), errors.LONGEST_MESSAGE)
+    most = errors.LONGEST_MESSAGE
     while len(encode_grpc_message(_valid(line))) > LONGEST_ON_THE_WIRE:
         most -= 50
         line = clipped(line, most)
