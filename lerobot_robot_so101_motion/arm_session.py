@@ -32,7 +32,6 @@ from so101_motion.rig.session_end import (
     Waiter,
     release_where_it_lies,
     wait_for,
-    wait_in_real_time,
 )
 from so101_motion.tasks.teleop.pilot import FULL_JERK
 from so101_motion.tasks.teleop.sides import JAW_APPROACH
@@ -87,10 +86,9 @@ class ArmSession:
         pace: Pace,
         scene: Scene,
         use_degrees: bool,
-        *,
-        waiter: Waiter | None = None,
+        wait: Waiter,
     ) -> None:
-        self.rig, self._pace, self.wait = rig, pace, waiter or wait_in_real_time
+        self.rig, self._pace, self.wait = rig, pace, wait
         self._use_degrees = use_degrees
         self.learn_units()
         arm = rig.arm

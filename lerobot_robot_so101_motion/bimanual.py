@@ -23,26 +23,17 @@ from so101_motion.arm.cell import Cell
 from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.port.port_list import device_of
 from so101_motion.files.cell_file import read_cell
-from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.rig.session_end import Waiter
 
 SIDES = ("left", "right")
 
 
 class BiSO101Motion(Robot):
-    """A left and a right arm; further arguments as for ``SO101Device``."""
+    """A left and a right arm."""
 
     config_class = BiSO101MotionConfig
     name = "bi_so101_motion"
 
-    def __init__(
-        self,
-        config: BiSO101MotionConfig,
-        *,
-        open_rig: Callable[[ServoSettings], HardwareRig] = open_hardware,
-        waiter: Waiter | None = None,
-    ) -> None:
+    def __init__(self, config: BiSO101MotionConfig) -> None:
         super().__init__(config)
         self.config = config
         port = config.right_arm_config.port
@@ -50,9 +41,7 @@ class BiSO101Motion(Robot):
             reason = "is the port of the left arm; `so101 ports` lists the names of each"
             raise ConfigError("right_arm_config.port", port, reason)
         self.arms: dict[str, SO101Motion] = {
-            f"{side}_": SO101Motion(
-                _of_side(config, side, settings), open_rig=open_rig, waiter=waiter
-            )
+            f"{side}_": SO101Motion(_of_side(config, side, settings))
             for side, settings in zip(
                 SIDES, (config.left_arm_config, config.right_arm_config), strict=True
             )

@@ -40,7 +40,7 @@ def calibrate(port: str, file: Path, *, name: str, open_rig: Opener) -> None:
         )
         if answer.strip().lower() != "c":
             return
-    calibrator = _calibrator(port, file, open_rig)
+    calibrator = Calibrator.open(port, file, open_rig=open_rig)
     try:
         _go_through(calibrator, name)
         lerobot.export(calibrator.save().calibration, file)
@@ -53,7 +53,7 @@ def calibrate(port: str, file: Path, *, name: str, open_rig: Opener) -> None:
 
 def set_up_motors(port: str, file: Path, open_rig: Opener) -> None:
     """Give the motors on a closed ``port`` their ids, from the gripper to the shoulder."""
-    calibrator = _calibrator(port, file, open_rig)
+    calibrator = Calibrator.open(port, file, open_rig=open_rig)
     try:
         for joint in reversed(JOINTS):
             while not _is_set_up(calibrator, joint):
@@ -61,15 +61,6 @@ def set_up_motors(port: str, file: Path, open_rig: Opener) -> None:
             print(f"'{joint}' motor id set to {SERVO_IDS[joint]}")
     finally:
         calibrator.close()
-
-
-def _calibrator(port: str, file: Path, open_rig: Opener) -> Calibrator:
-    rig = open_rig(ServoSettings(port=port, timeout=None, fallback_file=file))
-    try:
-        return Calibrator(rig)
-    except BaseException:
-        rig.close()
-        raise
 
 
 def _go_through(calibrator: Calibrator, name: str) -> None:

@@ -38,16 +38,16 @@ _log = logging.getLogger(__name__)
 
 
 class SO101MotionLeader(SO101Device, Teleoperator):
-    """An arm that is guided by hand; arguments as for ``SO101Device``."""
+    """An arm that is guided by hand."""
 
     config_class = SO101MotionLeaderConfig
     name = "so101_motion_leader"
     stock_folder = Path(TELEOPERATORS) / "so_leader"
 
-    def __init__(self, config: SO101MotionLeaderConfig, **options: Any) -> None:
+    def __init__(self, config: SO101MotionLeaderConfig) -> None:
         if not 0.0 <= config.guard_hint <= STRONGEST:
             raise ConfigError("guard_hint", config.guard_hint, f"must be 0 to {STRONGEST:g}")
-        super().__init__(config, **options)
+        super().__init__(config)
         self._asked: Future[None] | None = None
 
     @property

@@ -38,15 +38,15 @@ LOG_EVERY = 1.0  # how often the log says that targets are changed or ignored [s
 class SO101Motion(SO101Device, Robot):
     """One arm with planning, guard and caps; otherwise like LeRobot's own follower.
 
-    Arguments as for ``SO101Device``. ``connect`` uses ``scene``, the obstacles around it.
+    ``connect`` uses ``scene``, the obstacles around it.
     """
 
     config_class = SO101MotionConfig
     name = "so101_motion"
     stock_folder = Path(ROBOTS) / "so_follower"
 
-    def __init__(self, config: SO101MotionConfig, **options: Any) -> None:
-        super().__init__(config, **options)
+    def __init__(self, config: SO101MotionConfig) -> None:
+        super().__init__(config)
         self.scene = Scene() if config.scene is None else read_scene(config.scene)
         self._tool = None if config.tool is None else find_tool(config.tool)
         self._park = None if config.park is None else SavedPoses().find(config.park).q

@@ -11,7 +11,6 @@ import atexit
 import logging
 import signal
 import threading
-from collections.abc import Callable
 from copy import copy
 from pathlib import Path
 from types import FrameType
@@ -26,9 +25,9 @@ from lerobot_robot_so101_motion.units import JOINTS, KEYS
 from so101_motion.common.errors import So101Error
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
+from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.rig.session_end import Waiter
+from so101_motion.rig.session_end import wait_in_real_time
 
 _log = logging.getLogger(__name__)
 
@@ -43,27 +42,22 @@ def open_arms() -> tuple[SO101Device, ...]:
 class SO101Device:
     """One arm as a LeRobot device; inherit it before ``Robot`` or ``Teleoperator``.
 
-    ``waiter`` waits for a motion, by default on the wall clock. ``stock_folder`` is LeRobot's for
-    the calibrations of these arms; ours are the same files.
+    ``open_rig`` opens its port, ``wait`` waits for a motion. ``stock_folder`` is LeRobot's for the
+    calibrations of these arms; ours are the same files.
     """
 
+    open_rig = staticmethod(open_hardware)
+    wait = staticmethod(wait_in_real_time)
     stock_folder: ClassVar[Path]
     calibration: dict[str, Any]
     calibration_fpath: Path
 
-    def __init__(
-        self,
-        config: Any,
-        *,
-        open_rig: Callable[[ServoSettings], HardwareRig] = open_hardware,
-        waiter: Waiter | None = None,
-    ) -> None:
+    def __init__(self, config: Any) -> None:
         if config.calibration_dir is None:
             config = copy(config)
             config.calibration_dir = HF_LEROBOT_CALIBRATION / self.stock_folder
         super().__init__(config)  # type: ignore[call-arg]  # that of LeRobot's class
         self.config = config
-        self._open_rig, self._waiter = open_rig, waiter
         self._session: ArmSession | None = None
 
     @property
@@ -90,14 +84,14 @@ class SO101Device:
         """Calibrate the arm with the help of a person; see ``calibration.calibrate``."""
         self.session.rest()
         calibration.calibrate(
-            self.config.port, self.calibration_fpath, name=str(self), open_rig=self._open_rig
+            self.config.port, self.calibration_fpath, name=str(self), open_rig=self.open_rig
         )
         self.session.learn_units()
         self._load_calibration()  # type: ignore[attr-defined]  # of LeRobot's class
 
     def setup_motors(self) -> None:
         """Give the motors their ids, one after the other, with the help of a person."""
-        calibration.set_up_motors(self.config.port, self.calibration_fpath, self._open_rig)
+        calibration.set_up_motors(self.config.port, self.calibration_fpath, self.open_rig)
 
     def disconnect(self) -> None:
         """Bring the arm to rest and close the port."""
@@ -126,12 +120,12 @@ class SO101Device:
             compensates=compensates,
         )
         try:
-            rig = self._open_rig(settings)
+            rig = self.open_rig(settings)
         except So101Error as error:
             raise ConnectionError(f"{self} cannot be opened: {error}") from error
         try:
             use_degrees = self.config.use_degrees
-            self._session = ArmSession(rig, pace, scene, use_degrees, waiter=self._waiter)
+            self._session = ArmSession(rig, pace, scene, use_degrees, self.wait)
         except BaseException:
             rig.close()
             raise

@@ -7,7 +7,7 @@ the joints held where they are; else the former one, with the joints held if the
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -116,10 +116,11 @@ class Calibrator(Session):
         joints: Collection[str] = JOINTS,
         *,
         baudrate: int = BAUDRATE,
+        open_rig: Callable[[ServoSettings], HardwareRig] = open_hardware,
     ) -> Calibrator:
         """Open a port to calibrate what is on it into ``file``; nothing is driven."""
         asked = ServoSettings(port=port, baudrate=baudrate, timeout=None, fallback_file=file)
-        rig = open_hardware(asked)
+        rig = open_rig(asked)
         try:
             return cls(rig, joints)
         except BaseException:

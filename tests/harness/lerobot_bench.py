@@ -78,7 +78,8 @@ class LeRobotBench(HardwareBench):
     def robot(self, cls=SO101Motion, config=SO101MotionConfig, **settings):
         """A robot that is not connected yet."""
         settings = {"port": str(self.port), "id": "arm", "calibration_dir": self._folder} | settings
-        robot = cls(config(**settings), open_rig=self.open_rig, waiter=self.wait)
+        robot = cls(config(**settings))
+        robot.open_rig, robot.wait = self.open_rig, self.wait
         self._robots.append(robot)
         return robot
 

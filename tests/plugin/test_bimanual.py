@@ -51,7 +51,9 @@ def made(tmp_path):
             ports = (str(each.port) for each in (bench, bench.other))
             sides = (SO101MotionArmConfig(port=port, **(of_each or {})) for port in ports)
             config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path, **settings)
-            robot = BiSO101Motion(config, open_rig=bench.open_rig, waiter=bench.wait)
+            robot = BiSO101Motion(config)
+            for each in robot.arms.values():
+                each.open_rig, each.wait = bench.open_rig, bench.wait
             return robot, bench
 
         yield make
