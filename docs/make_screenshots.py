@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from playwright.sync_api import Browser, Page, expect, sync_playwright
-from so101_viewer.app import serve_source
+from so101_viewer.app import serve
 from so101_viewer.setup_app import serve_setup
 from so101_viewer.source import Source
 
@@ -181,7 +181,7 @@ def open_page(
     """The page of a rig in a window of a size [px], with a script that runs before its own."""
     source = replace(Source.given(rig, "Simulated arm"), atlas=atlas)
     with (
-        serve_source(source, port=0, plan=plan) as served,
+        serve(source, port=0, plan=plan) as served,
         _window(browser, served.url, size, scheme, script) as page,
     ):
         yield page

@@ -4,7 +4,7 @@ Viewer models without viser decide and are tested alone; a thin viser layer show
 page can do, the command line can do. May import everything but so101_motion.cli.
 """
 
-from .app import Preview, serve, serve_source
+from .app import Preview, serve
 from .panels.film import film_of_plan, write_recording
 from .setup_app import SetupApp, serve_setup
 from .source import Source
@@ -16,6 +16,5 @@ __all__ = [
     "film_of_plan",
     "serve",
     "serve_setup",
-    "serve_source",
     "write_recording",
 ]

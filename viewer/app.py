@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import viser
 
@@ -41,7 +42,6 @@ from .panels.task_panel import TaskPart
 from .program.program_panel import ProgramPart
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
-from .server.kept_key import KeyOf, new_key
 from .setup.part import setup_parts
 from .source import Source, SourceOpener
 from .teach.teach_panel import TeachPart
@@ -228,37 +228,16 @@ class Preview(ServedPage):
 
 
 def serve(
-    rig: RigLike,
-    *,
-    port: int | None = None,
-    title: str = "Simulated arm",
-    plan: Plan | None = None,
+    shown: RigLike | Source, *, title: str = "Simulated arm", plan: Plan | None = None, **where: Any
 ) -> Preview:
-    """Show ``rig`` in browsers of this computer; ``port`` and errors are ``start_guarded``'s.
+    """Show a rig, or the arms of a source as soon as they are there, in browsers.
 
-    ``title`` says which arm it is; ``plan`` is shown from the start. Close the preview before the
-    rig.
+    ``title`` says which arm a rig is; ``plan`` is shown from the start. Other arguments and errors
+    are those of ``start_guarded``. Close the preview before the rig.
     """
-    return serve_source(Source.given(rig, title), port=port, plan=plan)
-
-
-def serve_source(
-    source: Source,
-    host: str = "127.0.0.1",
-    port: int | None = None,
-    *,
-    allow_remote: bool = False,
-    plan: Plan | None = None,
-    key_of: KeyOf = new_key,
-) -> Preview:
-    """Serve the page at once, and show the arms of ``source`` as soon as they are there.
-
-    Arguments, result and errors are otherwise those of ``serve`` and ``start_guarded``.
-    """
-    server = start_guarded(
-        host, port, allow_remote=allow_remote, label="SO-101 motion", key_of=key_of
-    )
+    server = start_guarded(label="SO-101 motion", **where)
     try:
+        source = shown if isinstance(shown, Source) else Source.given(shown, title)
         return Preview(source, server, plan=plan)
     except BaseException:
         server.close()

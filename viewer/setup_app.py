@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,6 @@ from .panels.health_panel import SILENCE, read_health, servo_alarms
 from .scene.camera_and_lights import Sight, set_up_view
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
-from .server.kept_key import KeyOf, new_key
 from .setup.part import SetupPart
 from .setup.setup_context import ArmSource, SetupContext, SetupTarget, known_arm
 from .setup.setup_context import ports as ports_of
@@ -69,15 +69,12 @@ class SetupApp(ServedPage):
 
 
 def serve_setup(
-    host: str = "127.0.0.1",
-    port: int | None = None,
     *,
-    allow_remote: bool = False,
     ports: Collection[str] = (),
     reply_timeout: float = REPLY_TIMEOUT,
     machine: Machine | None = None,
     progress_file: Path | None = None,
-    key_of: KeyOf = new_key,
+    **where: Any,
 ) -> SetupApp:
     """Serve the setup app.
 
@@ -89,9 +86,7 @@ def serve_setup(
     known = None if machine is None else known_arm(machine)
     source = known or ports_of(tuple(ports), reply_timeout)
     kept = SetupProgress(progress_file or user_storage.folder() / PROGRESS_FILE, source.where)
-    server = start_guarded(
-        host, port, allow_remote=allow_remote, label="SO-101 setup", key_of=key_of
-    )
+    server = start_guarded(label="SO-101 setup", **where)
     try:
         return SetupApp(server, source=source, progress=kept)
     except BaseException:

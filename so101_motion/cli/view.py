@@ -229,7 +229,7 @@ def show(
             atlas=reach,
             place=place,
         )
-        with in_lines(), viewer.serve_source(arm, **page.server(source.title)) as preview:
+        with in_lines(), viewer.serve(arm, **page.server(source.title)) as preview:
             if isinstance(source, MachineSource):
                 preview.await_first_try(_FIRST_TRY)
                 if preview.wrong is not None:  # told alone, without a link to a page that is gone

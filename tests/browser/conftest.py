@@ -16,7 +16,7 @@ import pytest
 from harness.browser_user import HOME, LAPTOP, NO_PICTURES, PHONE, READY, Guest, move_to
 from harness.clocks import PacedClock
 from playwright.sync_api import sync_playwright
-from so101_viewer import Source, serve_source
+from so101_viewer import Source, serve
 
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.planning.collision.scene import Scene
@@ -108,7 +108,7 @@ def scene_file(tmp_path_factory):
 @pytest.fixture(scope="package")
 def preview(rig, scene_file):
     source = Source(title="Arm", open=lambda: rig, lasts=True, scene_file=scene_file)
-    with serve_source(source, port=0) as preview:
+    with serve(source, port=0) as preview:
         yield preview
 
 

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from so101_viewer import Source, serve_source
+from so101_viewer import Source, serve
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
@@ -25,7 +25,7 @@ def arms():
 @pytest.fixture(scope="module")
 def page(arms):
     source = Source(title="Two arms", open=lambda: arms, lasts=True)
-    with serve_source(source, port=0) as served:
+    with serve(source, port=0) as served:
         yield served
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from harness.browser_user import LAPTOP
 from harness.web_camera import UPRIGHT, WIDE, WebCamera, web_camera
-from so101_viewer import serve, serve_source
+from so101_viewer import serve
 from so101_viewer.page.screen_state import Sentence, Tone
 from so101_viewer.source import Source
 
@@ -26,7 +26,7 @@ def test_a_camera_is_free_of_the_arm_names_are_no_markup_and_a_lost_page_says_so
     source = Source.given(rig, "<img src=x onerror='window.PWNED=1'><b id=bold>arm</b>")
     with (
         web_camera() as camera,
-        serve_source(
+        serve(
             replace(source, camera=f"{camera}/picture"), port=0, key_of=lambda _port: "k" * 43
         ) as preview,
     ):
@@ -78,7 +78,7 @@ def test_a_camera_is_free_of_the_arm_names_are_no_markup_and_a_lost_page_says_so
 
     window.until(is_free)
     page.evaluate(LOST_FOR_LONG, f"ws://127.0.0.1:{port}/")
-    with serve_source(source, port=port, key_of=lambda _port: "k" * 43):  # the same command again
+    with serve(source, port=port, key_of=lambda _port: "k" * 43):  # the same command again
         window.until(lambda: window.button("STOP").is_enabled())
         window.until(lambda: not lost.is_visible())
         window.until(lambda: page.locator("#so101-state b").is_visible())

@@ -13,7 +13,7 @@ from harness.browser_user import Servos
 from harness.fake_parent import ARM, SIMULATED
 from harness.page_client import Hand
 from harness.viam_machine import running_machine  # it lives with the tests of the machine
-from so101_viewer import Source, serve_source
+from so101_viewer import Source, serve
 
 from so101_motion.calib.record import store
 from so101_motion.drivers.bus.defaults import SERVO_IDS
@@ -38,7 +38,7 @@ class Cable:
         self.type = self._servos.type
         self.type("pose")  # somebody holds it up until it holds itself
         self.type("unplug")
-        self.preview = serve_source(Source(title=f"Arm on {port}", open=self._open), port=0)
+        self.preview = serve(Source(title=f"Arm on {port}", open=self._open), port=0)
 
     def _open(self):
         file = Path(f"{self.port}.json")
@@ -133,7 +133,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             title=f"Arm of machine {machine.address}",
             open=lambda: MachineRig.connect(machine.address, arm="arm"),
         )
-        with serve_source(source, port=0) as page:
+        with serve(source, port=0) as page:
             hand = Hand(page)
 
             def is_at(p, atol=0.005):
