@@ -324,7 +324,7 @@ def test_dragging_during_a_motion_neither_stops_nor_redirects_it(page, arm):
 
 
 def test_a_motion_that_is_planned_again_shows_its_newest_plan(page, arm):
-    page.replans = True
+    page.arms[""].replans = True
     planned(page)
     page.execute()
     page.refresh()
