@@ -136,7 +136,7 @@ def setup(browser: Browser, file: Path) -> None:
                 ("Calibration Only", "Step 1 of 7"),
                 ("Next", "Step 2 of 7"),
                 ("Next", "one hand on the arm"),
-                ("Let go of the joints", "The blue ghost shows the pose"),
+                ("Start the calibration", "The blue ghost shows the pose"),
                 ("I hold it there", "The pose is taken"),
                 ("Next", "Still to do: shoulder_pan"),
             ):

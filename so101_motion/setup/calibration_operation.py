@@ -229,7 +229,8 @@ class CalibrationOperation(LocalOperation):
                 again = Offer(command="start", title="Calibrate again", asks=sure)
                 return (again,) if self._is_undone or not self._before else (again, undo)
             case State.IDLE:
-                return (Offer(command="start", title="Let go of the joints", due_in=at_once),)
+                start = "Start the calibration" if now.holds is False else "Let go of the joints"
+                return (Offer(command="start", title=start, due_in=at_once),)
             case State.STARTED:
                 alone = "Take it when I hold still"
                 held = Offer(command="take_pose", title="I hold it there", due_in=at_once)

@@ -493,18 +493,21 @@ class MotorOperation(LocalOperation):
 
 
 def _once_more(setup: SetupView) -> tuple[Offer, ...]:
-    """What may be set up once more: a motor that a person chooses, or all from the start."""
+    """What may be set up once more: all from the start, or with all done one that is chosen."""
     settled = tuple(motor.joint for motor in setup.motors.values() if motor.state in SETTLED)
     if not settled:
         return ()
+    title, sure = "Start over with the gripper", "Press again to start over"
+    anew = Offer(command="reset_status", title=title, asks=sure)
+    if len(settled) < len(setup.motors):
+        return (anew,)
     again = Offer(
         command="choose",
         title="Set it up again",
         arguments={"motor_name": settled[-1]},
         inputs={"motor_name": Input(label="Motor", choices=settled)},
     )
-    title, sure = "Start over with the gripper", "Press again to start over"
-    return (again, Offer(command="reset_status", title=title, asks=sure))
+    return (again, anew)
 
 
 def _owner(setup: SetupView, motor: MotorView) -> str | None:

@@ -234,7 +234,8 @@ def test_an_arm_is_calibrated_by_hand_and_a_page_that_is_loaded_anew_has_lost_no
     assert not person.can("Next")
     kit.hold(elbow_flex=0.4)
     matches = "The blue ghost shows the pose"
-    person.insists("Let go of the joints", until=lambda: person.guest.says(matches))
+    begins = ("Let go of the joints", "Start the calibration")
+    person.insists(*begins, until=lambda: person.guest.says(matches))
     assert not any(kit.driven)
     person.sees("Torque off: the joints are limp")
     for name, why in (("Hold", "A calibration is under way: "), ("Let go", "The joints are limp")):
@@ -247,6 +248,8 @@ def test_an_arm_is_calibrated_by_hand_and_a_page_that_is_loaded_anew_has_lost_no
     person.presses("Take it when I hold still")  # no hand is left for a button
     person.sees("The pose is taken")
     person.guest.until(lambda: person.can("Next"))
+    assert not person.guest.button("Record").count()  # only Next shines
+    assert person.color("Take the pose again") == person.color("Back") != person.color("Next")
     person.presses("Next")
 
     person.sees("Still to do: shoulder_pan, shoulder_lift")

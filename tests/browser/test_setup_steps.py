@@ -141,7 +141,7 @@ def calibrate(hand, kit, middle, begin="Let go of the joints"):
     kit.put(middle)
 
     def is_begun():  # a question expires, which a busy machine may not have seen
-        for button in (begin, "Press again: the joints go limp"):
+        for button in (begin, "Start the calibration", "Press again: the joints go limp"):
             if hand.can(button):
                 hand.press(button)
         return hand.says("The blue ghost shows the pose")

@@ -241,7 +241,8 @@ class OperationPanel(Part):
     def _show_buttons(self, view: View) -> None:
         self._offers.clear()
         for place, offer in enumerate(view.offers):
-            if offer.cancels and self._hides_cancel:
+            is_by_itself = offer.is_look and offer.due_in is not None
+            if is_by_itself or (offer.cancels and self._hides_cancel):
                 continue
             count = sum(before.command == offer.command for before in view.offers[:place])
             self._offers[f"{offer.command} {count} {bool(offer.asks)}"] = offer

@@ -220,6 +220,8 @@ def state_alarms(
     state: JointState, health: Health, limits: tuple[Array, Array] | None = None
 ) -> tuple[Alarm, ...]:
     """What is wrong with an arm besides its servos; ``limits`` of its plans are (5,) each [rad]."""
+    if state.mode is Mode.CALIBRATING:
+        return ()  # nothing can be moved, and angles may be guesses
     found = []
     if health.not_ready:
         found.append(_warm("not ready", (), f"{capital(health.not_ready)}."))
@@ -296,11 +298,11 @@ def _alarm(cause: str, cases: list[tuple[str, str, Tone]], *, is_all: bool) -> A
     worst = next((case for case in cases if case[2] is Tone.BAD), cases[0])
     joint, text, tone = worst
     others = tuple(each for each, _, _ in cases if each != joint)
-    more = f" Also: {_listed(others)}." if others and not is_all else ""
+    more = f" (also {_listed(others)})" if others else ""
     return Alarm(
         cause=cause,
         joints=(joint, *others),
-        sentence=Sentence(f"{'Every joint' if is_all else joint}: {text}.{more}", tone=tone),
+        sentence=Sentence(f"{'Every joint' if is_all else joint + more}: {text}.", tone=tone),
     )
 
 

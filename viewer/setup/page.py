@@ -125,7 +125,8 @@ class StepPage:
 
     def _as_shown(self, view: View) -> View:
         """Over once Next is due, so that only one button shines."""
-        return replace(view, is_over=view.is_over or self.check().verdict == "ok")
+        verdict = self.check().verdict
+        return replace(view, is_over=verdict == "ok" or (view.is_over and verdict != "fail"))
 
     def _draw(self, view: View) -> None:
         if view.picture is not None:
@@ -216,7 +217,10 @@ class ChainPage(StepPage):
 
     def can_go_on(self) -> str | None:
         target = self._setup.target
-        return None if target is not None and target.is_under_way else super().can_go_on()
+        if target is not None and target.is_under_way:
+            return None
+        check = self.check()
+        return f"{check.sentence}; {check.fix}" if check.verdict == "fail" else None
 
 
 class FinalTestPage(StepPage):

@@ -174,6 +174,8 @@ def _travel(view: JointView, rests: bool) -> Row:
 
 def _advice(view: JointView) -> str:
     advice = view.sentence.partition("; ")[2]
+    if view.verdict is Verdict.TOO_SHORT:
+        return f"too little is recorded: {advice}"
     return advice if view.verdict is Verdict.ALMOST and advice else view.sentence
 
 

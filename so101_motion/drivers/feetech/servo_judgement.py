@@ -90,8 +90,8 @@ def judge(
                 kind="temperature",
                 level="stop" if celsius >= HOT_C or is_off else "note",
                 sentence=f"its servo is {how} ({celsius} °C, it switches off at 70)",
-                fix=f"{support}let it cool below {WARM_C} °C (until then motions are slower), and"
-                " do not let it press or hold up a load for long",
+                fix=f"{support}let it cool below {WARM_C} °C, and do not let it press or hold up a"
+                " load for long",
             )
         )
     if reported & {"overload", "overcurrent"}:

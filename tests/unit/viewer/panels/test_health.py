@@ -145,7 +145,10 @@ def test_one_supply_is_one_alarm_for_all_its_servos_and_a_silent_servo_is_said_o
     weak = [replace(WELL, joint=joint, volts=5.1) for joint in joints]
     (alarm,) = servo_alarms([*weak, replace(WELL, joint="gripper")])
     assert alarm.joints == joints
-    assert "Also: shoulder_lift and elbow_flex" in alarm.sentence.text
+    assert (
+        "shoulder_pan (also shoulder_lift and elbow_flex): it gets only 5.1 V; "
+        in alarm.sentence.text
+    )
     (of_all,) = servo_alarms(weak)
     assert of_all.sentence.text.startswith("Every joint: it gets only 5.1 V; ")
     assert "Also" not in of_all.sentence.text
