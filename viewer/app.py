@@ -28,7 +28,7 @@ from so101_motion.viam.client import MachineRig
 
 from .page import markup, texts
 from .page.operation_panel import OperationPanel
-from .page.page_context import PageContext, Part
+from .page.page_context import PICK, PageContext, Part
 from .page.screen_state import Sentence, Tone
 from .panels.camera_panel import CameraPart
 from .panels.events_panel import ArmEvents, EventsPart
@@ -183,15 +183,15 @@ class Preview(ServedPage):
             for name, each in self._tab_for_each("Teach", rigs)
         ]
         picks = [
-            _picks(each, rigs[name], source.place, title=name or "Pick", node=move.nodes[name])
-            for name, each in self._tab_for_each("Pick", rigs)
+            _picks(each, rigs[name], source.place, title=name or PICK, node=move.nodes[name])
+            for name, each in self._tab_for_each(PICK, rigs)
         ]
         fade = {name: stage.fade for name, stage in move.stages.items()}
         hold = HoldButtons(
             context, title=source.title, rigs=rigs, guide=program.model.guide, fade=fade
         )
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
-        self.add_parts(move, program, world, share, *about, hold, *logs, *self._teaches, *picks)
+        self.add_parts(move, world, share, *about, hold, program, *logs, *self._teaches, *picks)
         if cell is None:
             self.add_parts(*setup_parts(context, rigs[""], on_stage=move.set_visible))
         self.add_parts(*jogs, *records)
@@ -255,6 +255,6 @@ def _picks(context: PageContext, rig: RigLike, place: str, *, title: str, node: 
             lambda rig: PickOperation(rig.picker, place),
             cannot="This arm's module on the machine cannot pick and place.",
             node=f"{node}/pick",
-            tab="Pick",
+            tab=PICK,
             color=(140, 95, 200),
         )

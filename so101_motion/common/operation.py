@@ -67,7 +67,7 @@ class Offer:
     # whether it only looks at something, so that it may be repeated and its errors need not be
     # raised
     is_look: bool = False
-    cancels: bool = False  # whether it undoes everything
+    cancels: bool = False  # whether it undoes everything, or ends what goes on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

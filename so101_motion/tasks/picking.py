@@ -27,6 +27,8 @@ from so101_motion.planning.picking.pick_plan import PickPlan, Place
 PICKED = ("list_items", "plan_pick", "pick", "place")
 """The commands that are DoCommands of an arm as well."""
 
+NO_ITEM = "There is no item yet: on the World tab add a box, and give it a mass."
+
 _MOST_POINTS = 200  # of the drawn line
 
 _FROM = {"": ("above", "side"), "above": ("above",), "side": ("side",)}
@@ -121,12 +123,15 @@ class PickOperation(LocalOperation):
         if self._held:
             return f"The gripper holds {self._held[-1]}; say where to put it."
         if not self._items:
-            return "The scene has no item. Give an obstacle a mass to make it one."
-        return "Choose an item and a place (x,y,z in mm or a name); without a place it is held."
+            return NO_ITEM
+        around = self._picker.arm.scene.obstacles
+        tops = [each.name for each in around if each.mass is None and not each.keep_out]
+        places = ", ".join((*tops[:3], "x,y,z in mm"))
+        return f"Choose an item and where to put it: {places}, or nothing to hold it."
 
     def _offers(self, moving: bool) -> tuple[Offer, ...]:
         if moving:
-            return (Offer(command="stop", title="Stop", key="s"),)
+            return (Offer(command="stop", title="Stop", key="s", cancels=True),)
         mode = self._picker.arm.state.mode
         busy = None if mode is Mode.HOLDING else f"the arm is {mode.words}"
         names = tuple(self._held or self._items)
@@ -135,7 +140,7 @@ class PickOperation(LocalOperation):
         given = {"item": chosen, "place": self._at}
         inputs = {
             "item": Input(label="Item", choices=names),
-            "place": Input(label="Place (mm or name)"),
+            "place": Input(label="Place"),
         }
         why_not, title = busy or nothing, "Pick and place"
         at_once = Offer(

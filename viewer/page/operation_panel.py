@@ -117,7 +117,7 @@ class _Field:
             self.widget.options, self._proposed = choices, ""
         if proposed != self._proposed:
             self.value = self._proposed = proposed
-        self._shared.show(self.value or ("" if not wanted.choices else wanted.choices[0]))
+        self._shared.show(self.value or ("" if wanted.choices is None else choices[0]))
         self.widget.order = order
 
 
@@ -131,6 +131,7 @@ class OperationPanel(Part):
         as_shown: What to show of the operation's view.
         hides_cancel: Whether the page has a button of its own that undoes everything.
         by_enter: Whether Enter presses the usual button, where none has the focus.
+        rows_last: Whether rows that come and go stand below the buttons, and so do not move them.
     """
 
     def __init__(
@@ -143,10 +144,11 @@ class OperationPanel(Part):
         as_shown: Callable[[View], View] = lambda view: view,
         hides_cancel: bool = False,
         by_enter: bool = False,
+        rows_last: bool = False,
     ) -> None:
         self._context, self._operation, self._draw = context, operation, draw
         self._as_shown = as_shown
-        self._hides_cancel, self._by_enter = hides_cancel, by_enter
+        self._hides_cancel, self._by_enter, self._rows_last = hides_cancel, by_enter, rows_last
         self._worker = worker or Worker()
         self._own = self._worker if worker is None else None
         self._view: View | None = None
@@ -160,6 +162,8 @@ class OperationPanel(Part):
         """Make the widgets, where the caller has put the cursor."""
         self._head, self._trouble, self._rows = (gui.add_html("") for _ in range(3))
         self._folder = gui.add_folder(None)
+        if self._rows_last:
+            self._rows.order = self._folder.order + 0.5
         self._foot = gui.add_html("")
 
     def refresh(self) -> bool:
@@ -212,7 +216,8 @@ class OperationPanel(Part):
         if view.picture is not None:
             html += cards.note(view.picture.note)
             html += cards.note("The blue ghost shows the pose." if view.picture.ghost else "")
-        doing = view.doing or (self._worker.doing if self._own is not None else "")
+        says_it = self._own is None or any(each.cancels for each in view.offers)
+        doing = view.doing or ("" if says_it else self._worker.doing)
         if doing:  # the page that has the worker shows what it does
             html += cards.going_on(doing)
         elif due is not None and due.due_in:

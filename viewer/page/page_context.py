@@ -26,6 +26,7 @@ T = TypeVar("T")
 
 Command = Callable[[], None]
 
+PICK = "Pick"
 PROGRAM = "Program"  # the tab that has a plan of its own, besides the Move tab
 
 
@@ -68,8 +69,8 @@ class FrontTab:
 
     @property
     def drawn(self) -> Drawn:
-        if not self.is_program:
-            return Drawn.PLAN
+        if not self.is_program:  # picking draws its own
+            return Drawn.NOTHING if self.name == PICK else Drawn.PLAN
         return Drawn.NOTHING if self.rehearses else Drawn.TARGET
 
 

@@ -69,7 +69,9 @@ class TaskPart(Part):
         draw: Callable[[View], None] = lambda _view: None,
     ) -> None:
         """Show one more operation of this arm, and close it with this part."""
-        panel = OperationPanel(self._context, operation, draw=draw, as_shown=self._as_shown)
+        panel = OperationPanel(
+            self._context, operation, draw=draw, as_shown=self._as_shown, rows_last=True
+        )
         panel.build(self._context.gui)
         self._panels.append(panel)
 

@@ -209,6 +209,9 @@ class _Planning:
         if others := [each.name for each in self._scene.attached if not each.fixed]:
             names = " and ".join(f"'{name}'" for name in others)
             raise ConfigError("item", self._name, f"cannot be picked: {names} is in the gripper")
+        if not self._scene.obstacles:
+            reason = 'the scene is empty; add an obstacle with a mass ("mass_kg") to it'
+            raise ConfigError("item", self._name, reason)
         item = one_named(self._name, self._scene.obstacles)
         if item.keep_out:
             raise ConfigError("item", self._name, "is a keep-out zone, which cannot be picked")

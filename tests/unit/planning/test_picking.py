@@ -107,6 +107,8 @@ def test_what_cannot_be_gripped_is_told_with_the_reason(planner):
         plan_pick(planner, asked(lead))
     with pytest.raises(ConfigError, match='did you mean "cube"'):
         plan_pick(planner, PickRequest(request=asked(CUBE).request, item="cubes"))
+    with pytest.raises(ConfigError, match="the scene is empty"):
+        plan_pick(planner, asked())
 
 
 def test_users_add_and_forbid_grasps(planner):
