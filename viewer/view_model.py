@@ -55,6 +55,8 @@ HINT_POINTS = 25  # points of the dashed line before there is a plan; chosen: it
 LOOKS = 80
 """Instants at which the clearance between two arms is computed; chosen: takes about 10 ms."""
 
+_OF_ALL = (texts.ALREADY_THERE, texts.PRESS_PLAN)  # sentences that follow where all arms are
+
 Submit = Callable[[Callable[[], Any]], Future[Any]]  # runs a slow call on another thread
 
 
@@ -487,7 +489,7 @@ class MoveModel:
         if self._had_alarms and not self._motions and not self._have_alarms:
             self._had_alarms, changed = False, True
         is_over = changed and self._sentence.tone is Tone.BAD
-        is_of_now = self._sentence in (texts.ALREADY_THERE, texts.PRESS_PLAN)
+        is_of_now = self._sentence in _OF_ALL
         if (is_over or is_of_now or self._have_left) and not self._motions:
             here = all(arm.is_at_target for arm in self.arms.values())
             before = self._sentence
@@ -528,7 +530,7 @@ class MoveModel:
         self._planning = None
         for arm in self.arms.values():
             arm.leave_plan()
-        self._sentence = texts.named(name, why)
+        self._sentence = why if why in _OF_ALL else texts.named(name, why)
 
     def _follow(self, motions: Mapping[str, Motion]) -> None:
         self._motions, self._had_alarms = dict(motions), self._have_alarms

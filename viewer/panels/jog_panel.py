@@ -99,7 +99,7 @@ class JogPart(Part):
         before = self._shown
         self._shown = (
             jogging.mode, jogging.speed, self._mode, jogging.is_ready, jogging.held_by,
-            jogging.outcome, self._may_start,
+            jogging.outcome, self._may_start, self._words(),
         )  # fmt: skip
         return before != self._shown
 

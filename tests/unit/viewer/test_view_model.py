@@ -128,7 +128,11 @@ def test_two_buttons_show_the_product(page, arm):
     assert not page.can_plan
     assert not page.can_execute
 
-    for off_deg, says in ((0.3, "Arrived"), (2.0, "Reachable. Press Plan."), (0.0, "The arm is a")):
+    for off_deg, says in (
+        (0.3, "Arrived"),
+        (2.0, "Reachable. Press Plan."),
+        (0.0, "Already there."),
+    ):
         arm.be(arm.executed[0].q_goal + to_rad(off_deg), t=2.0)  # jogged there, or stopped there
         page.refresh()
         assert page.sentence.text.startswith(says)
@@ -370,7 +374,7 @@ def test_here_is_where_the_arm_is_and_the_jaw_moves_at_once(page, arm, gripper):
     page.refresh()
     page.set_target_here()
     np.testing.assert_allclose(page.target.q, 0.3)
-    assert page.sentence.text == "The arm is already there."
+    assert page.sentence.text == "Already there. Set another target."
     arm.be(np.full(5, 0.2))
     page.refresh()
     assert page.sentence.text == "Reachable. Press Plan."
@@ -501,6 +505,14 @@ def test_a_plan_is_dropped_for_all_arms_as_soon_as_one_target_changes(bench):
     assert not any(each.plan_is_current for each in bench.arms.values())
     assert not bench.model.can_execute
     assert bench.model.can_plan
+    assert bench.says("Reachable. Press Plan.")
+    bench.aim()  # what is said is of all arms, whichever target came last
+    bench.model.refresh()
+    assert bench.says("Already there.")
+    third.set_target_joint(0, to_rad(20.0))
+    next(iter(bench.arms.values())).set_target_here()
+    bench.model.refresh()
+    assert bench.says("Reachable. Press Plan.")
 
 
 def test_targets_that_arms_cannot_have_run_at_once_are_refused_with_their_names(bench):
