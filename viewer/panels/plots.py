@@ -43,7 +43,7 @@ class PlanPlots:
     """
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str]) -> None:
-        self._gui, self._panel = gui, gui.add_panel()
+        self._gui, self._panel = gui, gui.add_panel(order=0.0)  # the first one in a small window
         width, height = _SIZE
         self._panel.float(x=_MARGIN, y=-_MARGIN, width=width, height=height)
         self._panel.minimize()

@@ -21,6 +21,7 @@ from so101_motion.common.errors import ConfigError, MotionError
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.units import to_rad
+from so101_motion.tasks.picking import NO_ITEM
 from so101_motion.tasks.program import (
     ARM,
     Arms,
@@ -165,7 +166,7 @@ class ProgramModel:
         """Add a waypoint where the arm stands, at which it picks an item of its scene."""
         items = self._arms.members[ARM].arm.scene.items
         if not items:
-            raise ConfigError("item", None, "is not in the scene; give an obstacle there a mass")
+            raise ConfigError("item", None, NO_ITEM)
         self.record_arms()
         self.change(ARM, item=items[0].name)
 
@@ -399,6 +400,7 @@ class ProgramModel:
             self.t,
             self.sentence,
             *(each.arm.state.mode for each in self._arms.members.values()),
+            *(each.arm.scene for each in self._arms.members.values()),
             self.run and self.run.where,
             self.run_speed,
             self.chosen,

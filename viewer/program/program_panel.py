@@ -9,6 +9,7 @@ from typing import Any
 
 import viser
 
+from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_deg
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program import ARM, Arms, Solo
@@ -28,7 +29,7 @@ from .program_view import ProgramView
 from .rehearsal_time import RehearsalTime
 
 _PLAYS = "Only ghosts move. Pauses are cut to 2 s, and loops are shown twice. Press again to pause."
-_NONE = "none"
+_NONE = "–"
 _PART_WAY = "part way"
 _JAW = {"keep": None, "close": 0.0, "open": 1.0, _PART_WAY: 0.5}
 """What the gripper does at a waypoint, as an aperture."""
@@ -73,15 +74,23 @@ class ProgramPart(Part):
         self._sentence = gui.add_html("")
         record = f"Record {model.texts.step}"
         self._record = button(record, model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
+        steps = gui.add_folder(None)
+        with steps:
+            self._add_steps(gui)
         self._undo = UndoButtons(self._context, model.history, model.saved_files)
-        self._form = gui.add_folder(None)
-        with self._form:
-            self._build_form(gui)
+        more = gui.add_folder(None)
+        with more:
+            self._add_more(gui)
+        self._forms = steps, more  # of use once there is a step
         self._files = FileFields(self._context, model)
 
-    def _build_form(self, gui: viser.GuiApi) -> None:
-        """What is of use once there is a step."""
+    def _add_steps(self, gui: viser.GuiApi) -> None:
         model, button = self.model, self._context.button
+        self._rows = RowList(self._context, model.choose, model.reorder)
+        # Above what is used less, for a phone shows little.
+        self._plan = button("Plan program", model.plan, icon=viser.Icon.ROUTE)
+        self._run = button("Run program", model.start, icon=viser.Icon.PLAYER_PLAY, color="green")
+        self._progress = gui.add_progress_bar(0.0, color="green")
         if self._is_one:
             more = {"target": model.record_targets, "wait": model.wait, "pick": model.pick}
             self._context.buttons(
@@ -98,11 +107,10 @@ class ProgramPart(Part):
                 "Record target", model.record_targets, "these arms go to their targets"
             )
             self._context.buttons("Add", {"wait": model.wait}, "A step in which all its arms wait")
-        self._rows = RowList(self._context, model.choose, model.reorder)
-        # Above what is used less, for a phone shows little.
-        self._plan = button("Plan program", model.plan, icon=viser.Icon.ROUTE)
-        self._run = button("Run program", model.start, icon=viser.Icon.PLAYER_PLAY, color="green")
-        self._progress = gui.add_progress_bar(0.0, color="green")
+        self._add_order()
+
+    def _add_more(self, gui: viser.GuiApi) -> None:
+        model = self.model
         speed = gui.add_slider(
             "Run speed (%)",
             round(100.0 * SLOWEST),
@@ -112,7 +120,6 @@ class ProgramPart(Part):
             hint="Share of the planned speed. While the program runs: from the next stop on",
         )
         self._speed = SharedField(speed, model.set_run_speed, self._context, units.PERCENT)
-        self._add_order()
         self._plan_part = self._context.buttons(
             "Plan only",
             {part: partial(model.plan, part) for part in (REST, STEP)},
@@ -162,14 +169,16 @@ class ProgramPart(Part):
     def refresh(self) -> bool:
         model = self.model
         is_news, targets = model.refresh(), tuple(each.target for each in self._pages.values())
-        runs = model.run is not None
+        run, modes = model.run, {each.arm.state.mode for each in self._members.values()}
+        if run is not None and modes <= {Mode.MOVING, Mode.HOLDING}:
+            self._context.bar.state = words.progress(run)
+        runs = run is not None
         return is_news | self._context.front.note(model.timeline, model.t, targets, runs=runs)
 
     def show(self) -> None:
         model, program = self.model, self.model.program
         timeline, run, around = model.timeline, model.run, program.loops_around
         self._show_scene()
-        self._form.visible = bool(program.steps)
         self._speed.show(model.run_speed)
         near = {} if timeline is None else timeline.nearest
         self._sentence.content = self._context.sentence(model.sentence)
@@ -178,15 +187,18 @@ class ProgramPart(Part):
             (words.title(program, k), words.line(program, k, near.get(k)), len(around(k)))
             for k in range(len(program))
         ]
-        self._rows.show(rows, chosen=model.chosen, active=model.active)
+        self._rows.show(rows, chosen=index, active=model.active)
         is_alone = index is not None and len(program.steps[index]) == 1
         for name, fields in self._fields.items():
-            fields.show(model.waypoint(name), is_alone=is_alone)
+            items = tuple(each.name for each in self._members[name].arm.scene.items)
+            fields.show(model.waypoint(name), items, is_alone=is_alone)
         loops = () if index is None else around(index)
         self._loops.show(index, (program.steps, program.loops), loops)
         for group in self._chosen:
             grey(group, index is None)
         self._undo.show(can=run is None, needed=bool(program.steps))
+        for form in self._forms:
+            form.visible = bool(program.steps)
         self._record.disabled = self._context.bar.lost is not None or not model.can_record
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
@@ -277,11 +289,14 @@ class WaypointFields:
         self._jaw = SharedField(jaw, lambda name: editor.set(aperture=_JAW[name]), context)
         opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
         self._opening = SharedField(opening, sets("aperture"), context, units.PERCENT)
-        self._item = SharedField(gui.add_text("Pick item", ""), sets("item"), context)
+        self._items = gui.add_dropdown("Pick item", (_NONE,))
+        self._item = SharedField(
+            self._items, lambda name: editor.set(item="" if name == _NONE else name), context
+        )
         place = gui.add_text("Put it at", "", hint="x,y,z in mm or a name; empty: hold it")
         self._place = SharedField(place, sets("place"), context)
 
-    def show(self, waypoint: Waypoint | None, *, is_alone: bool) -> None:
+    def show(self, waypoint: Waypoint | None, items: tuple[str, ...], *, is_alone: bool) -> None:
         """Show a waypoint, or all fields grey; only an arm that moves alone may pass."""
         if waypoint is None:
             fields = (self._name, self._speed, self._pass, self._pause, self._jaw, self._opening)
@@ -295,7 +310,10 @@ class WaypointFields:
         self._pause.offer(None if waypoint.passes else waypoint.pause)
         self._jaw.offer(next((name for name, each in _JAW.items() if each == aperture), _PART_WAY))
         self._opening.offer(aperture)
-        self._item.offer(waypoint.item or "")
+        others = () if waypoint.item in (None, *items) else (waypoint.item,)
+        if self._items.options != (_NONE, *items, *others):
+            self._items.options = (_NONE, *items, *others)
+        self._item.offer(waypoint.item or _NONE)
         self._place.offer(None if waypoint.item is None else waypoint.place)
 
 

@@ -124,6 +124,12 @@ def guided(names: Sequence[str], left: float | None) -> Sentence:
     return Sentence(f"Record keeps where {arms} {stand} now.{end}", Tone.WARM)
 
 
+def progress(run: ProgramRun) -> str:
+    """How far a run has come, in so few words that a phone's bar has room for them."""
+    before, last = run.program.before, len(run.program)
+    return f"Running, step {before + min(run.where.index + 1, last)} of {before + last}"
+
+
 def running(run: ProgramRun) -> Sentence:
     where, program = run.where, run.program
     index = min(where.index, len(program) - 1)

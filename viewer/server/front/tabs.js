@@ -20,11 +20,12 @@
   function tell() {
     const { tab: known, press } = link.boards.front ?? {};
     const mine = link.boards.window;
-    if (wanted.length || !press || !mine || mine.text) return;  // without control: another's tab is shown
     const tabs = all();
     const row = tabs.find((tab) => name(tab) === 'Program')?.parentElement;
     const front = row && tabs.find((tab) => tab.parentElement === row && isFront(tab));
     const now = front && name(front);
+    document.documentElement.dataset.so101Front = now || '';
+    if (wanted.length || !press || !mine || mine.text) return;  // without control: another's tab is shown
     if (now && now !== known) link.send(press, now);
   }
 

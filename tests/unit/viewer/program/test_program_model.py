@@ -97,7 +97,7 @@ def test_waypoints_are_recorded_from_the_target_and_from_the_arm_and_keep_the_ja
 
 def test_a_waypoint_at_which_an_item_is_picked_is_added_rehearsed_and_run(tab):
     tab.record(A)
-    with pytest.raises(ConfigError, match="is not in the scene"):
+    with pytest.raises(ConfigError, match="no item yet"):
         tab.model.pick()
     tab.rig.arm.scene = cube_and_tray()
     tab.model.pick()
