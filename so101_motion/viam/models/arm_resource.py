@@ -74,7 +74,6 @@ from so101_motion.viam.requests.commands import (
     Command,
     Request,
     Taking,
-    answer,
     arguments,
     in_deg,
 )
@@ -151,6 +150,7 @@ class ArmResource(Configured, Arm):
         self.picking = PickOperation(rig.picker)
         self._operations: dict[str, LocalOperation] = {}
         self._ended_by = ""  # why no other motion may begin
+        self._keys = (self._motion_params, KEYS)
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
             "exit_manual_mode": self._exit_manual_mode,
@@ -474,12 +474,10 @@ class ArmResource(Configured, Arm):
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
         self._loop = asyncio.get_running_loop()
-        with grpc_statuses():
-            name = command.get("command")
-            if isinstance(name, str) and name in self.NEEDS_SERVOS:
-                await self.found()
-            result = await answer(command, self._commands, self._motion_params, KEYS)
-        return convert.to_result(result)
+        name = command.get("command")
+        if isinstance(name, str) and name in self.NEEDS_SERVOS:
+            await self.found()
+        return await super().do_command(command)
 
     async def _motion_params(self, request: Request) -> dict[str, Any]:
         """Answer ``set_speed``, ``set_acceleration`` and ``get_motion_params``; all or none."""

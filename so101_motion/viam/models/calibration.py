@@ -15,10 +15,8 @@ from so101_motion.calib.record import store
 from so101_motion.rig.hardware_rig import open_without_waiting
 from so101_motion.viam.component_config import CALIBRATION_FILE, CalibrationConfig
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.requests.await_motion import run_to_end
-from so101_motion.viam.requests.commands import answer
 from so101_motion.viam.requests.operation_commands import operation_commands
 
 if TYPE_CHECKING:
@@ -89,11 +87,6 @@ class So101Calibration(Configured, Sensor):
         await asyncio.shield(asyncio.wrap_future(self._first_try))  # a moment, once
         now = readings(self._calibrator.situation)
         return convert.to_result({**now, "last_save_error": self._calibration.last_save_error})
-
-    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        with grpc_statuses():
-            result = await answer(command, self._commands)
-        return convert.to_result(result)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         now = self._calibrator.situation

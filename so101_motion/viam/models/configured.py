@@ -16,6 +16,7 @@ from so101_motion.common.errors import LONGEST_QUOTE, clipped
 from so101_motion.viam.component_config import MANUAL_RANGES
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.requests.commands import Command, answer
 
 Dependencies = Mapping[ResourceName, ResourceBase]
 
@@ -27,6 +28,9 @@ class Configured:
     """The attributes that it knows; others are left out, see ``without_ignored``."""
 
     MODEL: ClassVar[Model]
+
+    _commands: Mapping[str, Command]
+    _keys: tuple[Any, ...] = ()  # what ``answer`` takes besides
 
     @classmethod
     def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
@@ -48,6 +52,11 @@ class Configured:
             names = ", ".join(clipped(key, LONGEST_QUOTE) for key in sorted(ignored))
             logger.warning("ignored, because %s has no such attribute: %s", cls.MODEL, names)
         return made
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        with grpc_statuses():
+            result = await answer(command, self._commands, *self._keys)
+        return convert.to_result(result)
 
     @classmethod
     def _known(cls, config: ComponentConfig) -> tuple[Mapping[str, object], tuple[str, ...]]:

@@ -14,12 +14,11 @@ from viam.services.discovery import Discovery as DiscoveryService
 
 from so101_motion.setup.discovery import Discovery, PortReport, Suggestion, discover
 from so101_motion.viam.component_config import DiscoveryConfig
-from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.models.hardware_arm import HardwareArm
-from so101_motion.viam.requests.commands import Command, answer
+from so101_motion.viam.requests.commands import Command
 
 
 class So101Discovery(Configured, DiscoveryService):
@@ -46,10 +45,6 @@ class So101Discovery(Configured, DiscoveryService):
         """
         found = await self._look()
         return [_config(one) for report in found.reports for one in report.suggestions]
-
-    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        with grpc_statuses():
-            return convert.to_result(await answer(command, self._commands))
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         return {"ports": list(self._ports)}

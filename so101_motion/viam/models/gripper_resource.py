@@ -16,7 +16,7 @@ from so101_motion.common.attributes import checked_number
 from so101_motion.planning.collision.scene import TCP_FRAME
 from so101_motion.rig.rig import Rig
 from so101_motion.viam.component_config import SimulatedGripperConfig
-from so101_motion.viam.conversion import convert, kinematics, meshes
+from so101_motion.viam.conversion import kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured
 from so101_motion.viam.requests.await_motion import (
@@ -25,7 +25,7 @@ from so101_motion.viam.requests.await_motion import (
     rest,
     wait_for_arrival,
 )
-from so101_motion.viam.requests.commands import Command, Request, answer, arguments
+from so101_motion.viam.requests.commands import Command, Request, arguments
 
 
 def clamped(percentage: float) -> float:
@@ -53,6 +53,7 @@ class GripperResource(Configured, Gripper):
         self._latest: Motion | None = None
         self._open_percent, self._closed_percent = 100.0, 0.0  # where open and grab move the jaw
         self._commands: dict[str, Command] = {}
+        self._keys = (self._short_form, ("get", "set"))
 
     async def found(self) -> None:
         """Wait until the servo has been found, for a request that reads it."""
@@ -143,11 +144,9 @@ class GripperResource(Configured, Gripper):
     # Requests
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        with grpc_statuses():
-            if command.get("command") not in self.NEEDS_NO_SERVO:
-                await self.found()
-            result = await answer(command, self._commands, self._short_form, ("get", "set"))
-        return convert.to_result(result)
+        if command.get("command") not in self.NEEDS_NO_SERVO:
+            await self.found()
+        return await super().do_command(command)
 
     async def _short_form(self, request: Request) -> dict[str, Any]:
         given = arguments(request, ("get", "set", "wait"))

@@ -26,7 +26,6 @@ from so101_motion.tasks.teleop.pilot import Phase
 from so101_motion.tasks.teleop.recording import FPS
 from so101_motion.tasks.teleop.sides import Follower, Leader, middles_of
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.configured import Configured, Dependencies, dependency
 from so101_motion.viam.models.gripper_resource import GripperResource
@@ -38,7 +37,7 @@ from so101_motion.viam.models.teleop_remote import (
     RemoteLeader,
 )
 from so101_motion.viam.requests.await_motion import run_to_end
-from so101_motion.viam.requests.commands import Command, Taking, answer
+from so101_motion.viam.requests.commands import Command, Taking
 
 RECORDINGS = "recordings"
 """The folder in the module's data directory that recordings are written to."""
@@ -79,10 +78,6 @@ class So101Teleop(Configured, Generic):
         if wanted.auto_start:
             service._starting = asyncio.ensure_future(service._start_alone())
         return service
-
-    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        with grpc_statuses():
-            return convert.to_result(await answer(command, self._commands))
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         return convert.to_result(await self._status())
