@@ -253,7 +253,7 @@ class MachineRig(Machine):
         self._params: Mapping[str, Any] = {}
         self._setup: Mapping[str, Any] = {}
         self._around: Mapping[str, Any] = {}
-        self._looked = threading.Event()
+        self._looked, self._made = threading.Event(), asyncio.Event()
         self._closed = False
         self._link.open()
         worker = acquire_worker()
@@ -269,6 +269,7 @@ class MachineRig(Machine):
             self.arm = self._new_arm(
                 to_rad(speed), to_rad(acceleration), partial(worker.plan, owner=self)
             )
+            self._link.post(self._made.set)
             worker.start()
         except BaseException:
             release_worker()
@@ -420,12 +421,12 @@ class MachineRig(Machine):
         And its caps, which other clients set as well, and which a module that starts again forgets.
         """
         command = {"command": "get_surroundings"}
+        await self._made.wait()
         while self._setup:  # else it is no arm of our module
             try:
                 self._around = await arm.do_command(command, timeout=3.0 * PATIENCE)
-                if hasattr(self, "arm"):  # else it is being made
-                    before = self.arm.speed, self.arm.acceleration
-                    self.arm.take_caps(await _answer(arm, {"get_motion_params": True}), before)
+                before = self.arm.speed, self.arm.acceleration
+                self.arm.take_caps(await _answer(arm, {"get_motion_params": True}), before)
             except GRPCError as error:
                 self._around = {"unknown": error.message or _SILENT}
             except LOSSES:

@@ -201,7 +201,8 @@ async def test_an_answer_about_the_caps_that_is_lost_does_not_end_the_look_aroun
             raise ValueError("enough")
         return {}
 
-    caps = SimpleNamespace(speed=1.0, acceleration=1.0, take_caps=None)
-    rig = SimpleNamespace(_setup={"scene": {}}, _looked=threading.Event(), arm=caps)
+    caps, made = SimpleNamespace(speed=1.0, acceleration=1.0, take_caps=None), asyncio.Event()
+    made.set()
+    rig = SimpleNamespace(_setup={"scene": {}}, _looked=threading.Event(), _made=made, arm=caps)
     with pytest.raises(ValueError, match="enough"):
         await MachineRig._look_around(rig, SimpleNamespace(do_command=do_command))
