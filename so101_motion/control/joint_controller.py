@@ -133,6 +133,7 @@ class JointController:
         self._watch: Callable[[], None] | None = None
         self._rested = np.zeros(6)  # where the joints were when something happened last [rad]
         self._quiet_from = 0.0
+        self._gap_level = logging.WARNING
         self.outcomes = Outcomes()
         self.recent = RecentStates(dt)
         self._published: dict[str, Any] = {}
@@ -321,7 +322,7 @@ class JointController:
         if missed:
             for player in players:
                 player.run_on((missed + 1) * self._dt)
-        if missed * self._dt > PAUSE:
+        if missed * self._dt > PAUSE and self.is_moving:
             self._go_on_from_rest((missed + 1) * self._dt)
         if self.is_moving:
             for player in players:
@@ -436,7 +437,9 @@ class JointController:
 
     def _go_on_from_rest(self, gap: float) -> None:
         """Go on, or give up, because the joints came to rest while no setpoint was sent."""
-        _log.warning("no setpoint was sent for %.2f s in mid-motion", gap)
+        words = "no setpoint was sent for %.2f s in mid-motion; state.late_ticks counts on"
+        _log.log(self._gap_level, words, gap)
+        self._gap_level = logging.DEBUG  # a busy machine is late again and again
         error = MotionError(
             f"no setpoint could be sent for {gap:.2f} s, so the arm stopped where it was;"
             " look for what keeps this machine or the bus busy, then move again"

@@ -629,6 +629,12 @@ def test_a_long_standstill_ends_the_motion_without_a_jump(pausing):
     assert sim.state.mode is Mode.HOLDING
 
 
+def test_pauses_in_a_motion_are_told_once(pausing, caplog):
+    sim = pausing(lambda count: count in (60, 120), 0.3)
+    sim.after(6.0, sim.executor.execute(sim.slow_move(3.0)))
+    assert caplog.text.count("no setpoint was sent for 0.3") == 1
+
+
 def test_joints_that_follow_targets_speed_up_again_after_a_pause(pausing):
     sim = pausing(hundredth, 0.3)
     limits = MotionLimits.uniform(velocity=1.0, acceleration=4.0, jerk=80.0)
