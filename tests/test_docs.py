@@ -22,6 +22,7 @@ from so101_motion.viam.models.registered import MODELS
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "examples" / "machine.json"
 HOW_DO_I = ROOT / "docs" / "how-do-i.md"
+DATA_SETS = ROOT / "docs" / "datasets.md"
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -62,7 +63,10 @@ def hurried_arms(monkeypatch):
 @pytest.mark.parametrize("page", having("python"), ids=called)
 def test_the_python_examples_run(page, capsys, monkeypatch, tmp_path):
     """Those of "How do I", whatever their port, on a simulated arm, and each shows something."""
-    monkeypatch.chdir(tmp_path if page == HOW_DO_I else ROOT)
+    monkeypatch.chdir(tmp_path if page in (HOW_DO_I, DATA_SETS) else ROOT)
+    if page == DATA_SETS:
+        data_sets = pytest.importorskip("harness.lerobot_data")
+        data_sets.write_data_set(tmp_path / "pick", [data_sets.swing()])
     if page == HOW_DO_I:
         monkeypatch.setattr(so101, "open", lambda *_: so101.open_simulated(), raising=False)
     for block in blocks(page, "python"):
