@@ -10,7 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from so101_motion.common.errors import Interrupted
+from so101_motion.common.errors import Interrupted, So101Error
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.control.request_queue import running_future
@@ -63,7 +63,8 @@ class Motion:
             if left <= 0.0:
                 raise TimeoutError
             wait((self.future,), min(left, LOOK_FOR_SIGNALS))
-        self.future.result()
+        if (error := self.future.exception()) is not None:
+            raise error.with_traceback(None) if isinstance(error, So101Error) else error
 
     def interrupt(self, by: str) -> None:
         """End this motion early; the arm slows to rest along a jerk-limited ramp.

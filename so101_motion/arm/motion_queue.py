@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.stop_order import STOP, forget_request, is_older, refuse_older
-from so101_motion.common.errors import SUPERSEDED, ArmClosed
+from so101_motion.common.errors import SUPERSEDED, ArmClosed, So101Error
 from so101_motion.control.motion_source import S
 
 T = TypeVar("T")
@@ -49,7 +49,10 @@ def wait_here(awaited: Future[T]) -> T:
     ``Interrupted`` if that motion was interrupted; ``awaited`` is cancelled then.
     """
     motion: Motion | None = getattr(_here, "motion", None)
-    return awaited.result() if motion is None else motion.wait_for(awaited)
+    try:
+        return awaited.result() if motion is None else motion.wait_for(awaited)
+    except So101Error as error:
+        raise error.with_traceback(None)  # noqa: B904  # without the frames of other threads
 
 
 class MotionQueue:
@@ -63,6 +66,7 @@ class MotionQueue:
         current: The newest motion; before the first, one that is over.
         stopped: The number of the newest stop, see ``stop_order.py``.
         lock: Held, for moments only, by whoever changes these two.
+        is_closed: Whether no motion can be asked for any more.
     """
 
     def __init__(self, come_to_rest: Callable[[], Future[None] | None]) -> None:
@@ -71,7 +75,7 @@ class MotionQueue:
         self._considered = Motion()
         self._come_to_rest = come_to_rest
         self.lock = threading.Lock()
-        self.stopped = 0
+        self.stopped, self.is_closed = 0, False
         self._threads = ThreadPoolExecutor(max_workers=4, thread_name_prefix="so101-arm")
 
     def start(self, run: Run, *, goes_on: bool = False) -> Motion:
@@ -92,8 +96,8 @@ class MotionQueue:
             try:
                 # as ``asyncio.to_thread`` has it: large contents of a request are in its context
                 self._threads.submit(copy_context().run, self._run, motion, [previous], run)
-            except RuntimeError as error:  # no more threads after ``close``
-                raise ArmClosed from error
+            except RuntimeError:  # no more threads after ``close``
+                raise ArmClosed from None
             self.current = motion
             if goes_on and previous.playing is not None:
                 motion.playing = previous.playing
@@ -143,6 +147,7 @@ class MotionQueue:
         return motion
 
     def close(self) -> None:
+        self.is_closed = True
         self.current.interrupt("shutdown")
         self._threads.shutdown(wait=True)
 

@@ -199,6 +199,17 @@ class EndsWithBlock(ABC):
     @abstractmethod
     def close(self) -> Future[None]: ...
 
+    def __repr__(self) -> str:
+        now = self._doing
+        if self.future.done():
+            error = self.future.exception()
+            now = "over" if error is None else f"over: {error}"
+        return f"<{type(self).__name__} {now}>"
+
+    @property
+    def _doing(self) -> str:
+        return "under way"
+
     def __enter__(self) -> Self:
         return self
 
@@ -238,7 +249,7 @@ class OpenEndedMotion(EndsWithBlock):
         if self.future.done():
             error = self.future.exception()
             if error is not None:
-                raise error
+                raise error.with_traceback(None)  # else it grows with each call
             raise MotionError(f"the {self._name} is over; open a new one")
         if self._closing:
             raise MotionError(f"the {self._name} has been closed; open a new one")

@@ -136,7 +136,8 @@ def open_error_text(name: str, error: Exception) -> str:
             "a port must be a device of this computer; serve that one as raw TCP, bridge it:"
             f" socat pty,link=/tmp/so101,rawer tcp:{remote[1]},nodelay (docs/hardware.md)"
         )
-    if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):  # pyserial hides the number
+    is_other = "Inappropriate ioctl" in str(error)  # pyserial hides the number
+    if is_other or number in (errno.ENOTTY, errno.EISDIR):
         return _NO_PORT
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         lost = adapters_without_port()

@@ -63,7 +63,7 @@ class SerialPort:
         try:
             self._serial = serial.Serial(name, baud, timeout=0, exclusive=True)
         except (OSError, ValueError) as error:
-            raise PortUnavailable(name, open_error_text(name, error)) from error
+            raise PortUnavailable(name, open_error_text(name, error)) from None
         if sys.platform == "win32":  # nobody else can open it now
             self.discard()
             return
