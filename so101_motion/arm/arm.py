@@ -24,7 +24,7 @@ from so101_motion.arm.open_ended_motions import OpenEndedMotions, Situation
 from so101_motion.arm.protocols import ArmExecutor, OtherArms
 from so101_motion.arm.replanned_motion import ReplannedMotion
 from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older, request_number
-from so101_motion.common.attributes import LoadConfig
+from so101_motion.common.attributes import LoadConfig, checked_kind
 from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import (
@@ -38,7 +38,7 @@ from so101_motion.common.errors import (
 from so101_motion.common.geometry import SE3, Array, joint_angles
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, JointState, in_fault, lent_out
-from so101_motion.common.units import in_mm, to_deg
+from so101_motion.common.units import angles_deg, in_mm, to_deg
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import APPROACH, GATE, STALE_AFTER, Following, FollowingSettings
 from so101_motion.control.joint_group import Channel
@@ -46,7 +46,7 @@ from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Scene, Tool
+from so101_motion.planning.collision.scene import Scene, Tool, checked_scene
 from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
 from so101_motion.planning.request import Plan, PlanRequest, Search
 from so101_motion.planning.timing.limits import MotionLimits
@@ -138,8 +138,8 @@ class Arm(CappedJoints):
         return _SHOWN.split()
 
     def __repr__(self) -> str:
-        q_deg = ", ".join(f"{each:.1f}" for each in to_deg(self.q))
-        return f"<Arm {self.state.mode.value} at ({q_deg}) deg, tool {in_mm(self.T_base_tool.p)}>"
+        now = "closed" if self._motions.is_closed else self.state.mode.value
+        return f"<Arm {now} at {angles_deg(self.q)}, tool {in_mm(self.T_base_tool.p)}>"
 
     @property
     def newest_motion(self) -> Motion:
@@ -155,9 +155,7 @@ class Arm(CappedJoints):
 
     @scene.setter
     def scene(self, scene: Scene) -> None:
-        if not isinstance(scene, Scene):
-            raise ConfigError("scene", scene, "must be a Scene of obstacles, even of none")
-        before, self._scene = self._scene, self._tooled(scene)
+        before, self._scene = self._scene, self._tooled(checked_scene(scene))
         if self.on_scene is not None:
             self.on_scene(before, self._scene)
         self._motions.current.wake()
@@ -173,10 +171,8 @@ class Arm(CappedJoints):
         Goals may name its frames, of which ``"tcp"`` is its point. Its mass counts besides the
         payload.
         """
-        if not isinstance(tool, Tool | None):
-            raise ConfigError(
-                "tool", tool, "must be a Tool; so101_motion.files.tool_file.find_tool reads one"
-            )
+        how = "a Tool; so101_motion.files.tool_file.find_tool reads one"
+        checked_kind("tool", tool, Tool | None, how)
         scene = self._scene if self._tool is None else self._tool.off(self._scene)
         checked = scene if tool is None else tool.on(scene)
         model = self._bare
@@ -244,6 +240,7 @@ class Arm(CappedJoints):
 
     def set_load(self, load: LoadConfig) -> None:
         """Set what the gripper always carries and how strong servos are, for plans from now on."""
+        checked_kind("load", load, LoadConfig, f"a {LoadConfig.__module__}.LoadConfig(mass=...)")
         self._payload = Payload.of(load, self.model)
         self._strength = replace(
             Strength.of_servos(load.servo_voltage), shares=self._strength.shares
@@ -251,9 +248,8 @@ class Arm(CappedJoints):
 
     def set_payload(self, payload: Payload | None) -> None:
         """Set what the gripper carries, for plans from now on, until ``set_load`` is called."""
-        if not isinstance(payload, Payload | None):
-            how = "Payload(mass=..., com=(x, y, z)), in kg and metres in the tool frame"
-            raise ConfigError("payload", payload, f"must be a {Payload.__module__}.{how}")
+        how = "Payload(mass=..., com=(x, y, z)), in kg and metres in the tool frame"
+        checked_kind("payload", payload, Payload | None, f"a {Payload.__module__}.{how}")
         self._payload = payload
 
     def set_servo_strength(self, shares: Sequence[float]) -> None:
@@ -581,7 +577,7 @@ class Arm(CappedJoints):
         Raises:
             Interrupted: The arm was stopped after manual mode had been asked for; it holds.
         """
-        if not enabled:
+        if not checked_kind("enabled", enabled, bool, "True or False"):
             self._executor.hold().result()
             return
         compliance, asked = compliance or self.compliance, request_number()
@@ -596,7 +592,7 @@ class Arm(CappedJoints):
 
     def set_torque(self, on: bool) -> None:
         """Hold all joints, or stop and release them: the arm then sinks. The jaw is a joint too."""
-        if on:
+        if checked_kind("on", on, bool, "True or False"):
             self._executor.hold().result()
             return
         self.start_stop()
@@ -654,7 +650,8 @@ class Arm(CappedJoints):
         q_jaw: float | None = None,
     ) -> PlanRequest:
         """The request that ``plan`` sends to the planner; arguments as there."""
-        state, search = self.state, search or Search()
+        how = f"a {Search.__module__}.Search(...)"
+        state, search = self.state, checked_kind("search", search, Search | None, how) or Search()
         lower, upper = self._range.with_tolerance()
         return PlanRequest(
             q_start=state.q_ref if q_start is None else q_start,
@@ -775,6 +772,10 @@ def _goal(to: Goal | ArrayLike) -> Goal:
     if isinstance(to, str):
         where = "from so101_motion.files.saved_poses import SavedPoses"
         raise ConfigError("goal", to, f"a named pose is SavedPoses().find({to!r}).q; {where}")
+    if isinstance(to, SE3) or getattr(getattr(to, "homogeneous", to), "shape", ()) == (4, 4):
+        how = 'PoseGoal(T_base_tool=..., metric="position_only")'
+        more = '"position_and_approach" or "full_pose"'
+        raise ConfigError("goal", to, f"say how much of the pose counts: {how}, {more}")
     try:
         return JointGoal(q=joint_angles("goal", to))
     except ConfigError as error:

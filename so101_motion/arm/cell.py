@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING
 from so101_motion.arm.cell_member import LEAD, CellMember, RigWithExecutor, SharedSpace, Stand
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.arm.team_motion import TeamSeries, TeamStep, end_together, handover_steps
-from so101_motion.common.errors import ConfigError, MotionError
-from so101_motion.common.geometry import SE3, in_metres
+from so101_motion.common.errors import ConfigError, MotionError, in_series
+from so101_motion.common.geometry import SE3, pose
 from so101_motion.planning.among import crosses, crossing
 from so101_motion.planning.cell.team_requests import (
     Handover,
@@ -64,6 +64,9 @@ class Cell:
     def __init__(self) -> None:
         self._space = SharedSpace()
 
+    def __repr__(self) -> str:
+        return f"<Cell of {in_series(self.members) or 'no arms'}>"
+
     @property
     def members(self) -> Mapping[str, CellMember]:
         """The arms, by name."""
@@ -72,7 +75,7 @@ class Cell:
     @property
     def clock(self) -> Clock:
         """The clock of one of its arms; all show the same time."""
-        return next(iter(self.members.values())).clock
+        return self._one.clock
 
     def add(
         self,
@@ -95,7 +98,14 @@ class Cell:
         """
         if name in self.members:
             raise ConfigError("name", name, "is used twice; each arm needs its own name")
-        in_metres("T_cell_base", T_cell_base.p, 100.0)  # as for obstacles
+        if not hasattr(rig, "executor"):
+            raise ConfigError(
+                "rig", rig, "must be what so101.open returns, of an arm on this computer"
+            )
+        for member in self.members.values():
+            if member.arm is rig.arm:
+                raise ConfigError("rig", rig, f'is in this cell already, as "{member.name}"')
+        T_cell_base = pose("T_cell_base", T_cell_base, 100.0)  # as for obstacles
         member = CellMember(self._space, name, rig, T_cell_base, frozenset(ignores))
         rig.executor.ask(lambda control: control.keep_off(member)).result()
         self._space.members = {**self.members, name: member}
@@ -265,8 +275,14 @@ class Cell:
                 raise ConfigError("goals", name, f"is no arm of this cell; there are: {known}")
 
     @property
+    def _one(self) -> CellMember:
+        for member in self.members.values():
+            return member
+        raise MotionError("the cell has no arms; add them first")
+
+    @property
     def _worker(self) -> PlanningWorker:
-        return next(iter(self.members.values())).worker
+        return self._one.worker
 
     def _team(
         self,

@@ -134,6 +134,9 @@ class CellMember:
         self._known: tuple[Mapping[str, CellMember], list[CellMember]] = ({}, [])
         bodies_of()  # made before the control loop needs it
 
+    def __repr__(self) -> str:
+        return f"<CellMember {self.name}: {self.arm!r}>"
+
     @property
     def minded(self) -> frozenset[str]:
         return frozenset(each.name for each in self._neighbours())

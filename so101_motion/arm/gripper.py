@@ -23,6 +23,7 @@ import so101_description
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older
+from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import (
     SUPERSEDED,
     ConfigError,
@@ -92,8 +93,8 @@ class JawFollowing(EndsWithBlock):
         """
         try:
             values = [float(aperture), float(rate)]
-        except (TypeError, ValueError) as error:
-            raise ConfigError("aperture", aperture, "must be a number from 0 to 1") from error
+        except (TypeError, ValueError):
+            raise ConfigError("aperture", aperture, "must be a number from 0 to 1") from None
         if not is_finite(values):
             raise ConfigError("aperture", aperture, "must be finite, and so must its rate")
         if abs(values[0]) > most:
@@ -180,7 +181,7 @@ class JawFollowing(EndsWithBlock):
         if self.future.done():
             error = self.future.exception()
             if error is not None:
-                raise error
+                raise error.with_traceback(None)  # else it grows with each call
         if self._closing or self.future.done():
             raise MotionError("the following has been closed; open a new one")
 
@@ -353,9 +354,7 @@ class Gripper(JawVerbs):
 
         ``force`` is a share of what the servo can keep up, ``GENTLEST`` to 1; else ``ConfigError``.
         """
-        if not GENTLEST <= force <= 1.0:
-            raise ConfigError("force", force, f"must be between {GENTLEST:g} and 1")
-        self._force = force
+        self._force = checked_number("force", force, lower=GENTLEST, upper=1.0)
         latest = self._latest
         if self.is_holding and (latest is None or latest.future.done()):
             self.press()
@@ -505,7 +504,7 @@ class Gripper(JawVerbs):
             q_start=[executor.state.q_jaw_ref],
             lower=ends[:1],
             upper=ends[1:],
-            limits=checked_limits(limits) or self.limits,
+            limits=checked_limits(limits, 1) or self.limits,
             stop_limits=executor.stop_limits(Channel.JAW),
             dt=executor.dt,
             **how,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, checked_number
+from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, checked_kind
 from so101_motion.common.errors import ConfigError, OutsideLimits
 from so101_motion.common.geometry import Array, frozen_array, in_radians
 from so101_motion.common.state import ARM_JOINTS
@@ -49,7 +49,7 @@ class JointCaps:
             value, most = (round(to_deg(getattr(each, name)), 9) for each in (wanted, self))
             if value > most:
                 reason = f"is above this arm's {setting}, {most:g} {unit}; ask for less"
-                raise ConfigError(name, value, reason)
+                raise ConfigError(name, f"{value:g} {unit}", reason)
         return wanted
 
     @property
@@ -108,7 +108,8 @@ class CappedJoints:
 
     def set_ceiling(self, ceiling: JointCaps) -> None:
         """Set the caps that no motion may exceed; lowers the arm's own caps to them."""
-        self._ceiling = ceiling
+        how = f"{JointCaps.__module__}.JointCaps(speed=..., acceleration=...)"
+        self._ceiling = checked_kind("ceiling", ceiling, JointCaps, how)
         self._caps = JointCaps(
             speed=min(self._caps.speed, ceiling.speed),
             acceleration=min(self._caps.acceleration, ceiling.acceleration),
@@ -129,7 +130,7 @@ class CappedJoints:
         return self._below_ceiling(limits).eased(self.slowdown())
 
     def _below_ceiling(self, limits: MotionLimits | None) -> MotionLimits:
-        wanted = checked_limits(limits) or self.limits
+        wanted = checked_limits(limits, len(ARM_JOINTS)) or self.limits
         most = np.minimum(self._ceiling.acceleration, self.servo_acceleration)
         return wanted.lowered_to(self._ceiling.speed, most)
 
@@ -140,7 +141,9 @@ def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) 
         raise ConfigError(name, value, f"must be a number [rad{unit.removeprefix('deg')}]")
     in_radians(name, np.array(value), 2.0 * to_rad(upper), unit.removeprefix("deg"))
     value_deg = round(to_deg(value), 9)  # 180 deg came in as a float in radians
-    checked_number(name, value_deg, lower=lower, upper=upper, unit=unit)
+    if not lower <= value_deg <= upper:
+        reason = f"is {value_deg:.4g} {unit}; must be from {lower:g} to {upper:g} {unit}"
+        raise ConfigError(name, value, reason)
 
 
 class JointRange(NamedTuple):

@@ -21,6 +21,7 @@ from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import Gripper, move_jaw
 from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.arm.motion_queue import wait_here
+from so101_motion.common.attributes import checked_kind, checked_number
 from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import JointState
@@ -152,6 +153,8 @@ class Picker:
             planned: What ``plan`` has returned, if the arm still is where it was.
             tell: Called with each sentence about what happens; must be brief.
         """
+        checked_kind("wishes", wishes, Wishes | None, f"{Wishes.__module__}.Wishes(...)")
+        checked_number("tries", tries, lower=1)
         run = PickRun(self, name, place, wishes or Wishes(), tries, planned, tell)
         run.watch(self.arm.start_series(run.steps()))
         run.motion.future.add_done_callback(run.ended)
@@ -192,6 +195,11 @@ class PickRun:
         self.is_lost, self.share = False, 1.0
         self._misses = 0
         self._scene = self._arm.scene
+
+    def __repr__(self) -> str:
+        over, doing = self.future.done(), DOING[self.stage].format(self.name)
+        now = self.future.exception() or "done" if over else doing
+        return f"<PickRun of '{self.name}': {now}>"
 
     def watch(self, motion: Motion) -> None:
         """Watch the grip while the motion lasts of which ``steps`` are a part, and the grip."""

@@ -27,7 +27,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
 
 from so101_motion.arm.planning_process import CAN_COPY, HANG_TIMEOUT, ChildDied, PlanningProcess
 from so101_motion.common import interrupts
-from so101_motion.common.errors import CLOSED, ConfigError, So101Error, WorkerError
+from so101_motion.common.attributes import checked_kind, checked_number
+from so101_motion.common.errors import CLOSED, So101Error, WorkerError
 
 if TYPE_CHECKING:
     from so101_motion.planning.cell.team_requests import TeamTask
@@ -93,8 +94,7 @@ class PlanningWorker:
     def __init__(
         self, hang_timeout: float = HANG_TIMEOUT, *, workers: int = 1, copies: bool = False
     ) -> None:
-        if workers < 1:
-            raise ConfigError("workers", workers, "must be 1 or more")
+        checked_number("workers", workers, lower=1)
         self._lock = threading.Lock()  # guards what follows
         self._slots = [_ChildSlot(hang_timeout, self._begin_more) for _ in range(workers)]
         self._idle = list(reversed(self._slots))
@@ -139,7 +139,10 @@ class PlanningWorker:
 
     def plan_many(self, requests: Iterable[PlanRequest]) -> PlannedBatch:
         """Plan several in as many children as there are; their outcomes come in order."""
-        return PlannedBatch([self.plan(each) for each in requests])
+        from so101_motion.planning.request import PlanRequest
+
+        every = [checked_kind("requests", e, PlanRequest, "PlanRequests") for e in requests]
+        return PlannedBatch([self.plan(each) for each in every])
 
     @property
     def pids(self) -> tuple[int, ...]:

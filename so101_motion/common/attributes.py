@@ -13,12 +13,17 @@ import math
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import lru_cache
-from typing import Any, ClassVar, Self
+from numbers import Real
+from typing import Any, ClassVar, Self, TypeVar
 
 import so101_description
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_m, to_rad
+
+T = TypeVar("T")
+
+ABOVE_ZERO = math.ulp(0.0)  # the lower bound of numbers that must be more than 0
 
 SPEED_RANGE_DEG = (3.0, 180.0)  # joint speeds that can be set [deg/s]; the published module's range
 
@@ -295,11 +300,18 @@ def part(config: type[Config], *, only_with: str = "", **changes: Mapping[str, A
     )
 
 
+def checked_kind(key: str, value: T, kind: Any, what: str) -> T:
+    """``value``; ``ConfigError``, with ``what`` it must be, if it is not of that kind."""
+    if not isinstance(value, kind):
+        raise ConfigError(key, value, f"must be {what}")
+    return value
+
+
 def checked_number(
     key: str, value: object, *, lower: float = -math.inf, upper: float = math.inf, unit: str = ""
 ) -> float:
     """``value`` as a float; ``ConfigError``, with the range, if it is not finite or out of it."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if isinstance(value, bool) or not isinstance(value, Real):
         raise ConfigError(key, value, f"must be a number{_range(lower, upper, unit)}")
     try:
         is_finite = math.isfinite(value)
@@ -307,7 +319,7 @@ def checked_number(
         is_finite = False
     if not is_finite:
         raise ConfigError(key, value, f"must be a finite number{_range(lower, upper, unit)}")
-    if not lower <= value <= upper:
+    if not lower <= float(value) <= upper:
         raise ConfigError(key, value, f"out of range; must be a number{_range(lower, upper, unit)}")
     return float(value)
 
@@ -399,6 +411,9 @@ def _range(lower: float, upper: float, unit: str) -> str:
     behind = f" {unit}" if unit else ""
     if math.isinf(lower) and math.isinf(upper):
         return f" [{unit}]" if unit else ""
+    if lower == ABOVE_ZERO:
+        most = "" if math.isinf(upper) else f" and at most {upper:.10g}"
+        return f" of more than 0{most}{behind}"
     if math.isinf(upper):
         return f" of at least {lower:g}{behind}"
     return f" from {lower:.10g} to {upper:.10g}{behind}"

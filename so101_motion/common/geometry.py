@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
+from enum import Enum
 from typing import Any, overload
 
 import numpy as np
@@ -45,6 +46,29 @@ def freeze(value: object, **shapes: tuple[int, ...]) -> None:
         object.__setattr__(value, name, frozen_array(getattr(value, name), shape))
 
 
+class Brief:
+    """Base of dataclasses with ``repr=False``: shown without what is as by default."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        def shown(given: object) -> str:
+            if isinstance(given, np.ndarray):
+                few = given.size <= _FEW
+                return str((given.round(4) + 0.0).tolist()) if few else f"array of {given.shape}"
+            return repr(given.value if isinstance(given, Enum) else given)
+
+        said = []
+        for each in fields(self):  # type: ignore[arg-type]  # a dataclass
+            made = each.default_factory
+            default = each.default if made is MISSING else made()
+            if each.repr and (text := shown(getattr(self, each.name))) != shown(default):
+                said.append(f"{each.name}={text}")
+        return f"{type(self).__name__}({', '.join(said)})"
+
+
+_FEW = 15  # most numbers of an array that are shown; chosen, three rows of joints
+
 FARTHEST = 10.0  # [m]; lengths beyond it are probably millimetres; chosen
 
 
@@ -55,9 +79,63 @@ def joint_angles(
     return in_radians(key, given_array(key, given, shape, "joint angles in radians"), most)
 
 
+def angle(key: str, given: float) -> float:
+    """An angle of a calling program [rad]; ``ConfigError`` if it is not finite, or in degrees."""
+    value = in_radians(key, given_array(key, given, (), "number of radians"))
+    if not is_finite(value):
+        raise ConfigError(key, given, "must be a finite angle [rad]")
+    return float(value)
+
+
 def point(key: str, given: ArrayLike, most: float = FARTHEST) -> Array:
     """A point of a calling program, shape (3,), [m]; ``ConfigError`` beyond ``most``."""
-    return in_metres(key, given_array(key, given, (3,), "lengths in metres"), most)
+    return _check_place(key, given_array(key, given, (3,), "lengths in metres"), most)
+
+
+def _check_place(key: str, p: Array, most: float) -> Array:
+    if not all(abs(each) <= most for each in p.tolist()):
+        in_metres(key, p, most)
+        raise ConfigError(key, p.tolist(), "must be three finite numbers [m]")
+    return p
+
+
+def pose(key: str, given: Any, most: float = FARTHEST) -> SE3:
+    """A pose of a calling program: an ``SE3``, Pinocchio's, or its matrix, shape (4, 4).
+
+    ``ConfigError`` if it is none, its rotation is none, or it is beyond ``most`` [m].
+    """
+    if not isinstance(given, SE3):
+        try:
+            T = frozen_array(getattr(given, "homogeneous", given), (4, 4))
+        except (TypeError, ValueError, OverflowError):
+            reason = (
+                "must be an SE3 or its matrix, 4 x 4; that of a point is"
+                " SE3.from_translation((0.2, 0, 0.1))"
+            )
+            raise ConfigError(key, given, reason) from None
+        given = SE3(T[:3, :3], T[:3, 3])
+    found: SE3 = given
+    _check_place(key, found.p, most)
+    _check_rotation(key, found.R.tolist())
+    return found
+
+
+_SLACK = 1e-6  # of a rotation from orthonormal; chosen, seven digits
+
+
+def _check_rotation(key: str, rows: list[list[float]]) -> None:
+    (a, b, c), (d, e, f), (g, h, i) = rows  # plain floats are faster one by one
+    # Two unit vectors at right angles, and their cross product; NaN is refused.
+    if not (
+        -_SLACK < a * a + b * b + c * c - 1.0 < _SLACK
+        and -_SLACK < d * d + e * e + f * f - 1.0 < _SLACK
+        and -_SLACK < a * d + b * e + c * f < _SLACK
+        and -_SLACK < b * f - c * e - g < _SLACK
+        and -_SLACK < c * d - a * f - h < _SLACK
+        and -_SLACK < a * e - b * d - i < _SLACK
+    ):
+        reason = "the rotation must be a right-handed orthonormal matrix (3, 3); see SE3.from_rpy"
+        raise ConfigError(key, rows, reason)
 
 
 def in_radians(key: str, given: Array, most: float = 2.0 * math.pi, per: str = "") -> Array:
@@ -88,8 +166,9 @@ def given_array(key: str, given: ArrayLike, shape: tuple[int, ...], what: str) -
     """``frozen_array`` of what a calling program gives; ``ConfigError`` names what is expected."""
     try:
         return frozen_array(given, shape)
-    except (TypeError, ValueError, OverflowError) as error:
-        wanted = f"{'rows of ' if len(shape) == 2 else ''}{shape[-1] if shape else 'a'} {what}"
+    except (TypeError, ValueError, OverflowError):
+        count = {(): "a ", (-1,): ""}.get(shape, f"{shape[-1:][0] if shape else ''} ")
+        wanted = f"{'rows of ' if len(shape) == 2 else ''}{count}{what}"
         try:
             there = " x ".join(map(str, np.shape(given)))
         except ValueError:  # rows of different lengths
@@ -98,7 +177,11 @@ def given_array(key: str, given: ArrayLike, shape: tuple[int, ...], what: str) -
         seen = "" if numbers or not there else f"; these are {there}"
         if there == "3" and shape == (5,):
             seen += "; a point is so101.point(x, y, z)"
-        raise ConfigError(key, given, f"must be {wanted}{seen}") from error
+        raise ConfigError(key, given, f"must be {wanted}{seen}") from None
+
+
+def _place(given: ArrayLike) -> Array:
+    return given_array("p", given, (3,), "lengths in metres")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,8 +197,12 @@ class SE3:
     p: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "R", frozen_array(self.R, (3, 3)))
-        object.__setattr__(self, "p", frozen_array(self.p, (3,)))
+        object.__setattr__(self, "R", given_array("R", self.R, (3, 3), "numbers, a rotation"))
+        object.__setattr__(self, "p", _place(self.p))
+
+    def __repr__(self) -> str:
+        at, turned = self.p.round(4) + 0.0, np.degrees(self.rpy).round(2) + 0.0
+        return f"<SE3 at {tuple(at.tolist())} m, rpy {tuple(turned.tolist())} deg>"
 
     @classmethod
     def identity(cls) -> SE3:
@@ -125,7 +212,7 @@ class SE3:
     @classmethod
     def from_translation(cls, p: ArrayLike) -> SE3:
         """A pure translation by ``p``, shape (3,), [m]."""
-        return cls(np.eye(3), np.asarray(p, dtype=np.float64))
+        return cls(np.eye(3), _place(p))
 
     @classmethod
     def from_rpy(cls, rpy: Iterable[float], p: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
@@ -135,13 +222,15 @@ class SE3:
         """
         angles = given_array("rpy", tuple(rpy), (3,), "angles in radians")
         roll, pitch, yaw = in_radians("rpy", angles, 4.0 * math.pi)
-        return cls(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), np.asarray(p, dtype=np.float64))
+        return cls(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), _place(p))
 
     @classmethod
     def from_quaternion(cls, wxyz: Iterable[float], p: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
         """From a quaternion (w, x, y, z) of any length but zero, and ``p``, shape (3,), [m]."""
-        values = tuple(wxyz)
-        w, x, y, z = np.asarray(values, dtype=np.float64) / math.hypot(*values)
+        values = given_array("wxyz", tuple(wxyz), (4,), "numbers, a quaternion")
+        if not 0.0 < (length := float(np.linalg.norm(values))) < math.inf:
+            raise ConfigError("wxyz", values.tolist(), "must be finite, and not zero")
+        w, x, y, z = values / length
         R = np.array(
             [
                 [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
@@ -149,7 +238,7 @@ class SE3:
                 [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
             ]
         )
-        return cls(R, np.asarray(p, dtype=np.float64))
+        return cls(R, _place(p))
 
     @property
     def rpy(self) -> Array:

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from so101_motion.common.errors import ServoAlarm, in_series
-from so101_motion.common.geometry import Array, freeze
+from so101_motion.common.geometry import Array, Brief, freeze
 from so101_motion.common.modes import Mode
-from so101_motion.common.units import to_deg
+from so101_motion.common.units import angles_deg
 
 ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 """The five joints of the arm, in the order of every ``q``."""
@@ -20,8 +20,8 @@ GRIPPER_JOINT = "gripper"
 """The jaw. It is not a sixth entry of ``q``: an arm has five joints and a gripper."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JointReading:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class JointReading(Brief):
     """The measurements of a driver in one cycle.
 
     Attributes:
@@ -113,8 +113,7 @@ class JointState:
         freeze(self, q_ref=(5,), qd_ref=(5,))
 
     def __repr__(self) -> str:
-        at_deg = ", ".join(f"{to_deg(angle):.1f}" for angle in self.q)
-        return f"<JointState: {self.mode.value}, joints at {at_deg} deg>"
+        return f"<JointState: {self.mode.value}, joints at {angles_deg(self.q)}>"
 
     @property
     def is_limp(self) -> bool:

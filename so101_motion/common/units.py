@@ -32,7 +32,12 @@ def to_mm(length: FloatOrArray) -> FloatOrArray:
 
 def in_mm(p: np.ndarray) -> str:
     """A point [m] in words."""
-    return f"({', '.join(f'{x:.1f}' for x in to_mm(p))}) mm"
+    return f"({', '.join(f'{x:.1f}' for x in to_mm(p).round(1) + 0.0)}) mm"
+
+
+def angles_deg(q: np.ndarray) -> str:
+    """Angles [rad] in words."""
+    return f"({', '.join(f'{x:.1f}' for x in to_deg(q).round(1) + 0.0)}) deg"
 
 
 def range_deg(lower: float, upper: float, digits: int = 2) -> str:

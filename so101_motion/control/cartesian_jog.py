@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, in_metres, in_radians, point
+from so101_motion.common.geometry import SE3, given_array, in_metres, in_radians, point, pose
 from so101_motion.control.motion_source import OpenEndedMotion
 from so101_motion.planning.differential.targets import STILL, Target, Twist
 from so101_motion.planning.timing import online
@@ -76,14 +75,9 @@ class Jog(OpenEndedMotion):
             ConfigError: These are not two finite velocities.
             MotionError: The jog is over; when it failed, the error says why.
         """
-        try:
-            wanted = Twist(
-                linear=np.asarray(linear, dtype=np.float64),
-                angular=np.asarray(angular, dtype=np.float64),
-                in_tool=in_tool,
-            )
-        except (TypeError, ValueError) as error:
-            raise ConfigError("twist", [linear, angular], str(error)) from error
+        speeds = given_array("linear", linear, (3,), "speeds in m/s")
+        turning = given_array("angular", angular, (3,), "speeds in rad/s")
+        wanted = Twist(linear=speeds, angular=turning, in_tool=in_tool)
         in_metres("linear", wanted.linear, per="/s")
         in_radians("angular", wanted.angular, 10.0, "/s")
         before = self._asked[0]
@@ -96,15 +90,14 @@ class Jog(OpenEndedMotion):
         The position comes first, the orientation as far as five joints can. ``ConfigError`` beyond
         ``geometry.FARTHEST``; ``MotionError`` if the jog is over.
         """
-        _check_place(T_base_tool.p)
-        self._ask(T_base_tool)
+        self._ask(pose("T_base_tool", T_base_tool))
 
     def to_point(self, p_base: ArrayLike) -> None:
         """Move the tool's origin to ``p_base``, shape (3,), [m], and stay there.
 
         The orientation may be any. Raises as ``to_pose`` does.
         """
-        self._ask(_check_place(p_base))
+        self._ask(point("p_base", p_base))
 
     @property
     def held_by(self) -> tuple[str, ...]:
@@ -155,10 +148,3 @@ class Jog(OpenEndedMotion):
         self._seen = asked
         is_forgotten = isinstance(target, Twist) and self._age > DEADMAN
         return STILL if self._closing or is_forgotten else target
-
-
-def _check_place(p: ArrayLike) -> Array:
-    place = point("point", p)
-    if not np.isfinite(place).all():
-        raise ConfigError("point", p, "must be three finite numbers [m]")
-    return place

@@ -28,14 +28,15 @@ from typing import TYPE_CHECKING, NamedTuple, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from so101_motion.common.errors import ConfigError, MotionError, PlanningError
+from so101_motion.common.attributes import checked_number
+from so101_motion.common.errors import ConfigError, MotionError, PlanningError, in_series
 from so101_motion.common.geometry import Array, frozen_array, is_finite, joint_angles
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg, to_rad
+from so101_motion.common.units import angles_deg, to_deg, to_rad
 from so101_motion.control.motion_source import MotionSource, OpenEndedMotion, PlannedMotion
 from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
-from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.limits import MotionLimits, checked_limits
 from so101_motion.planning.timing.pursuit import FORESIGHT, Arrival, Pursuit
 from so101_motion.planning.timing.stop_paths import PathToRest, StopPaths
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
@@ -343,9 +344,13 @@ class Following(OpenEndedMotion):
         n = len(limits.velocity)
         self.limits = limits = stoppable(limits, stop_limits, with_jerk=ends_there)
         self._lower, self._upper = frozen_array(lower, (n,)), frozen_array(upper, (n,))
+        gate = checked_number("gate", gate, lower=0.0, unit="rad")
+        approach = checked_limits(approach, n, "approach")
         self._approach, self._share = Approach(limits, approach, gate), share
         self._stop_limits, self._dt = stop_limits, dt
-        self._stale_after = math.inf if stale_after is None else stale_after
+        self._stale_after = math.inf
+        if stale_after is not None:
+            self._stale_after = checked_number("stale_after", stale_after, lower=0.0, unit="s")
         self.guard, self._neighbours = guard, neighbours
         self._each, self._ends_there = each, ends_there
         looks = LOOK_EVERY if neighbours is None else STEP
@@ -413,6 +418,12 @@ class Following(OpenEndedMotion):
         """The newest target as it was taken, shape (n,), [rad]; None if there is none."""
         aimed = self._aimed
         return None if aimed is None else aimed.q
+
+    @property
+    def _doing(self) -> str:
+        target, held = self.target, in_series(self.held_by)
+        where = "without a target" if target is None else f"to {angles_deg(target)}"
+        return f"{where}{held and f', held by {held}'}"
 
     @property
     def outside(self) -> Array:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from so101_motion.common.errors import MotionError, OutsideLimits
+from so101_motion.common.errors import ConfigError, MotionError, OutsideLimits
 from so101_motion.common.geometry import Array, is_finite, joint_angles
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
@@ -142,6 +142,9 @@ class Stream(EndsWithBlock):
             self._refuse_if_over()
             if not points:
                 return
+            if not isinstance(points, Sequence) or not isinstance(points[0], TimedPoint):
+                what = f"must be a list of {TimedPoint.__module__}.TimedPoint(t=..., q=...)"
+                raise ConfigError("points", points, what)
             t = np.array([point.t for point in points])
             q = np.array([point.q for point in points])
             t_all, q_all = self._knots

@@ -24,7 +24,8 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance, Wall
-from so101_motion.common.geometry import Array, frozen_array, joint_angles
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array, angle, frozen_array, is_finite, joint_angles
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.drivers.command_record import CommandListener, SentCommand
 from so101_motion.drivers.goal_limiter import GoalLimiter
@@ -67,6 +68,9 @@ class SimArm:
         things: Things | None = None,
     ) -> None:
         q = joint_angles("q_start", np.zeros(5) if q is None else q)
+        q_jaw = angle("q_jaw_start", q_jaw)
+        if not is_finite(q):
+            raise ConfigError("q_start", q.tolist(), "must be five finite angles [rad]")
         self.on_command: CommandListener | None = None
         self.things = things
         self._jaw_stop = -math.inf

@@ -5,19 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from so101_motion.common.attributes import ABOVE_ZERO, checked_kind, checked_number
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import (
     FARTHEST,
     SE3,
     Array,
+    Brief,
     in_metres,
     in_radians,
     joint_angles,
     point,
+    pose,
 )
 
 FARTHEST_LINE = 5.0
@@ -25,10 +29,22 @@ FARTHEST_LINE = 5.0
 goals: ``FARTHEST``. For nearer ones out of reach, the error names the nearest reachable point."""
 
 
-def _check_tolerances(length: float, angle: float) -> None:
-    if length > 1.0 or angle > math.pi:  # cheap, for goals are made in inner loops
-        in_metres("tolerance", np.array(length), 1.0)
-        in_radians("tolerance", np.array(angle), math.pi)
+def _check(goal: Any, most: float, *tolerances: str) -> None:
+    """Check a goal: the matrix of a pose becomes an ``SE3``, the name of a metric the metric.
+
+    The first of ``tolerances`` is a length, the second an angle.
+    """
+    object.__setattr__(goal, "T_base_tool", pose("T_base_tool", goal.T_base_tool, most))
+    if tolerances:
+        object.__setattr__(goal, "metric", as_metric(goal.metric))
+        _check_tolerances(goal, *tolerances)
+
+
+def _check_tolerances(goal: Any, length: str, angle: str) -> None:
+    given = [checked_number(key, getattr(goal, key), lower=ABOVE_ZERO) for key in (length, angle)]
+    if given[0] > 1.0 or given[1] > math.pi:  # cheap, for goals are made in inner loops
+        in_metres(length, np.array(given[0]), 1.0)
+        in_radians(angle, np.array(given[1]), math.pi)
 
 
 class GoalMetric(Enum):
@@ -59,8 +75,8 @@ def as_metric(given: GoalMetric | str) -> GoalMetric:
         raise ConfigError("metric", given, f"must be one of {names}") from None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseCloud:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class PoseCloud(Brief):
     """Tolerances around a pose: every pose within them is as good as the pose itself.
 
     All are tolerances of ``T_goal_reached``, the same to either side. With orientation tolerances
@@ -86,9 +102,7 @@ class PoseCloud:
 
     def __post_init__(self) -> None:
         for key in ("x", "y", "z", "o_x", "o_y", "o_z", "theta"):
-            value = getattr(self, key)
-            if not 0.0 <= value < math.inf:
-                raise ConfigError(key, value, "a tolerance must be 0 or more and finite")
+            checked_number(key, getattr(self, key), lower=0.0)
 
     @property
     def metric(self) -> GoalMetric:
@@ -100,8 +114,8 @@ class PoseCloud:
         return GoalMetric.POSITION_ONLY
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PoseGoal:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class PoseGoal(Brief):
     """Bring a frame of the gripper to a pose, along any free path.
 
     Attributes:
@@ -122,9 +136,7 @@ class PoseGoal:
     cloud: PoseCloud | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "metric", as_metric(self.metric))
-        in_metres("goal", self.T_base_tool.p, FARTHEST)
-        _check_tolerances(self.position_tolerance, self.approach_tolerance)
+        _check(self, FARTHEST, "position_tolerance", "approach_tolerance")
 
     @classmethod
     def at_point(cls, p_base: ArrayLike, *, frame: str = "tool") -> PoseGoal:
@@ -132,8 +144,8 @@ class PoseGoal:
         return cls(T_base_tool=SE3.from_translation(point("goal", p_base)), frame=frame)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JointGoal:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class JointGoal(Brief):
     """Bring the joints to given angles, along any free path.
 
     Attributes:
@@ -146,8 +158,8 @@ class JointGoal:
         object.__setattr__(self, "q", joint_angles("q", self.q))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PathGoal:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class PathGoal(Brief):
     """Follow given joint waypoints without stopping at each.
 
     Attributes:
@@ -160,12 +172,11 @@ class PathGoal:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "waypoints", joint_angles("waypoints", self.waypoints, (-1, 5)))
-        if not 0.0 <= self.tolerance < math.inf:
-            raise ConfigError("tolerance", self.tolerance, "must be 0 or more and finite [rad]")
+        checked_number("tolerance", self.tolerance, lower=0.0, upper=math.pi, unit="rad")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LineGoal:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class LineGoal(Brief):
     """Move the tool point along a straight line to a pose.
 
     Attributes:
@@ -186,13 +197,11 @@ class LineGoal:
     orientation_tolerance: float = math.radians(5.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "metric", as_metric(self.metric))
-        in_metres("goal", self.T_base_tool.p, FARTHEST_LINE)
-        _check_tolerances(self.tolerance, self.orientation_tolerance)
+        _check(self, FARTHEST_LINE, "tolerance", "orientation_tolerance")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LineTo:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class LineTo(Brief):
     """A straight segment of a tool path.
 
     Attributes:
@@ -201,9 +210,12 @@ class LineTo:
 
     T_base_tool: SE3
 
+    def __post_init__(self) -> None:
+        _check(self, FARTHEST)
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ArcTo:
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class ArcTo(Brief):
     """A circular segment of a tool path, to a pose.
 
     Attributes:
@@ -215,11 +227,15 @@ class ArcTo:
     p_via: Array
 
     def __post_init__(self) -> None:
+        _check(self, FARTHEST)
         object.__setattr__(self, "p_via", point("p_via", self.p_via))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ToolPathGoal:
+_SEGMENTS = "LineTo and ArcTo, at least one"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class ToolPathGoal(Brief):
     """Move the tool point along lines and arcs, without a stop at rounded corners.
 
     Attributes:
@@ -241,10 +257,16 @@ class ToolPathGoal:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "metric", as_metric(self.metric))
+        segments = tuple(checked_kind("segments", self.segments, list | tuple, _SEGMENTS))
+        for each in segments or [None]:
+            checked_kind("segments", each, LineTo | ArcTo, _SEGMENTS)
+        object.__setattr__(self, "segments", segments)
+        in_metres("blend", np.array(checked_number("blend", self.blend, lower=0.0)), 1.0)
+        _check_tolerances(self, "tolerance", "orientation_tolerance")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ApproachGoal:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class ApproachGoal(Brief):
     """Approach a pose along a straight line, after any free path to the start of the line.
 
     The configuration above the pose is chosen among those from which the line can be followed. Use
@@ -269,10 +291,8 @@ class ApproachGoal:
     orientation_tolerance: float = math.radians(5.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "metric", as_metric(self.metric))
+        _check(self, FARTHEST_LINE, "tolerance", "orientation_tolerance")
         object.__setattr__(self, "hover", point("hover", self.hover, 1.0))
-        in_metres("goal", self.T_base_tool.p, FARTHEST_LINE)
-        _check_tolerances(self.tolerance, self.orientation_tolerance)
 
     @property
     def above(self) -> PoseGoal:
@@ -299,8 +319,8 @@ class ApproachGoal:
 ToolGoal = LineGoal | ToolPathGoal  # goals that prescribe the path of the tool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeaveContactGoal:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class LeaveContactGoal(Brief):
     """Leave contact by a slow straight joint motion, and stop as soon as the arm is free.
 
     For an arm below the modelled table, or inside an obstacle that is not really there. Every other
@@ -314,8 +334,7 @@ class LeaveContactGoal:
     farthest: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.farthest <= 2.0:
-            raise ConfigError("farthest", self.farthest, "must be more than 0 and at most 2 m")
+        checked_number("farthest", self.farthest, lower=ABOVE_ZERO, upper=2.0, unit="m")
 
 
 Goal = PoseGoal | JointGoal | PathGoal | ToolGoal | ApproachGoal | LeaveContactGoal

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from so101_motion.common.attributes import ABOVE_ZERO, checked_kind, checked_number
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, freeze, in_metres, joint_angles
+from so101_motion.common.geometry import SE3, Array, Brief, angle, freeze, joint_angles, pose
 from so101_motion.planning.collision.course import OtherArm
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.scene import Scene, checked_scene
 from so101_motion.planning.goals import Goal
-from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.limits import MotionLimits, checked_limits
 from so101_motion.planning.timing.torque import Payload, Strength
 from so101_motion.planning.timing.trajectory import Trajectory
 
@@ -23,8 +23,8 @@ HURRIED_EFFORT = 3  # the same where there is little time, at most. Chosen: some
 MOST_ROUTES = 10_000  # most routes that may be compared
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Search:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Search(Brief):
     """Options of a planning request besides its goal and caps.
 
     Attributes:
@@ -42,12 +42,12 @@ class Search:
     route_effort: int = ROUTE_EFFORT
 
     def __post_init__(self) -> None:
-        for name, T_tool_frame in self.frames.items():
-            in_metres(name, T_tool_frame.p, 2.0)
+        frames = {name: pose(name, given, 2.0) for name, given in self.frames.items()}
+        object.__setattr__(self, "frames", frames)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlanRequest:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class PlanRequest(Brief):
     """Everything a plan depends on.
 
     Attributes:
@@ -92,21 +92,20 @@ class PlanRequest:
         object.__setattr__(self, "q_start", joint_angles("q_start", self.q_start))
         if not np.all(np.isfinite(self.q_start)):
             raise ConfigError("q_start", self.q_start, "must be five finite joint angles [rad]")
-        if not math.isfinite(self.q_jaw):
-            raise ConfigError("q_jaw", self.q_jaw, "must be a finite angle [rad]")
+        angle("q_jaw", self.q_jaw)
         for key in ("lower", "upper"):
             if getattr(self, key) is not None:
                 object.__setattr__(self, key, joint_angles(key, getattr(self, key)))
         for key in ("dt", "time_budget"):
-            if not 0.0 < getattr(self, key) < math.inf:
-                raise ConfigError(key, getattr(self, key), "must be positive and finite [s]")
+            checked_number(key, getattr(self, key), lower=ABOVE_ZERO, unit="s")
         if not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
             raise ConfigError("seed", self.seed, "must be a whole number, 0 or more")
         effort = self.route_effort
         if not isinstance(effort, (int, np.integer)) or not 1 <= effort <= MOST_ROUTES:
             raise ConfigError("route_effort", effort, f"must be a whole number, 1 to {MOST_ROUTES}")
-        if not isinstance(self.goal, Goal):
-            raise TypeError(f"a goal is one of planning.goals, not a {type(self.goal).__name__}")
+        checked_kind("goal", self.goal, Goal, "a goal, as so101.point(x, y, z) or JointGoal(q=...)")
+        checked_limits(self.limits, 5)
+        checked_scene(self.scene)
 
 
 class PathDeviation(NamedTuple):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
+
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.simulated import SimArm
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.scene import Scene, checked_scene
 from so101_motion.rig.rig import Rig
 from so101_motion.rig.things import keep_up, things_in
 
@@ -36,7 +38,8 @@ def open_simulated(
     Raises:
         ConfigError: The speed or acceleration is outside its range.
     """
-    clock, scene = clock or MonotonicClock(), scene or Scene()
+    is_real_time = clock is None
+    clock, scene = clock or MonotonicClock(), checked_scene(scene or Scene())
     things = things_in(scene)
     driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start, things=things)
     rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, scene=scene)
@@ -51,6 +54,8 @@ def open_simulated(
 
     rig.arm.on_scene, rig.picker.seen = follow, seen
     rig.warm_up()
+    if is_real_time:
+        atexit.register(rig.close)  # or a prompt that ends in mid-motion prints what it leaks
     return rig
 
 

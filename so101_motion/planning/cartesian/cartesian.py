@@ -23,7 +23,6 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.planning.cartesian.configuration_columns import Resolution
 from so101_motion.planning.cartesian.failure_report import refusal
@@ -110,9 +109,6 @@ class CartesianPlanner:
 
     def _tool_path(self, goal: ToolGoal, q_start: Array) -> ToolPath:
         """The path of a goal that has been checked."""
-        for key in ("tolerance", "orientation_tolerance"):
-            if not 0.0 < getattr(goal, key) < math.inf:
-                raise ConfigError(key, getattr(goal, key), "must be positive and finite")
         if isinstance(goal, LineGoal):
             poses = [goal.T_base_tool]
         else:

@@ -309,10 +309,6 @@ def path_through(T_start: SE3, segments: Sequence[LineTo | ArcTo], blend: float)
     ``blend`` is the distance from a corner within which it may leave them [m], at most half a
     segment; at 0 the arm rests at each corner.
     """
-    if not segments:
-        raise ConfigError("segments", (), "a path of the tool needs at least one line or arc")
-    if not 0.0 <= blend < math.inf:
-        raise ConfigError("blend", blend, "must be 0 or more and finite [m]")
     legs = _legs(T_start, segments, blend)
     parts: list[_Leg | _Corner] = [legs[0]]
     for before, after in pairwise(legs):

@@ -46,7 +46,7 @@ from so101_motion.planning.collision.batch_check import (
     LineCheck,
 )
 from so101_motion.planning.collision.bodies import NEAR, Bodies, bodies_in
-from so101_motion.planning.collision.scene import MARGIN, Scene
+from so101_motion.planning.collision.scene import MARGIN, Scene, checked_scene
 from so101_motion.planning.collision.solids import RIB, SAMPLE, points_in
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -137,7 +137,7 @@ class CollisionModel:
         scene: Scene | None = None,
         checkpoint: Checkpoint = never_abandoned,
     ) -> None:
-        self.scene = scene or Scene()
+        self.scene = checked_scene(scene or Scene())
         self.checkpoint = checkpoint
         self.margin = self.scene.margin
         self._model = model.pin_model

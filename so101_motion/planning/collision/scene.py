@@ -19,9 +19,9 @@ import numpy as np
 import so101_description
 from numpy.typing import NDArray
 
-from so101_motion.common.attributes import suggest
+from so101_motion.common.attributes import ABOVE_ZERO, checked_kind, checked_number, suggest
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, freeze, given_array, in_metres
+from so101_motion.common.geometry import SE3, Array, Brief, freeze, given_array, in_metres, pose
 
 FLOOR = "floor"  # the name of the floor in messages
 
@@ -44,7 +44,7 @@ FEW_POINTS = 10  # a cloud of fewer points may be a speck; chosen
 CUBES = 32_000  # most cubes from a cloud's origin: octrees are 16 levels deep
 
 
-class _Form:
+class _Form(Brief):
     """Base class of shapes; has their fingerprint."""
 
     __slots__ = ("_fingerprint",)
@@ -61,7 +61,7 @@ class _Form:
             return self._fingerprint
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Box(_Form):
     """A box around its own origin.
 
@@ -111,7 +111,7 @@ class Capsule(_Form):
             )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Mesh(_Form):
     """A surface of triangles; which way they face does not matter.
 
@@ -147,7 +147,7 @@ class Mesh(_Form):
         object.__setattr__(self, "triangles", triangles)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PointCloud(_Form):
     """Points that a camera saw; each cube of a grid that holds a point is an obstacle.
 
@@ -174,7 +174,7 @@ class PointCloud(_Form):
             )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Cylinder(Mesh):
     """A cylinder along z with flat ends, around its own origin: a mesh whose sides contain it.
 
@@ -185,8 +185,8 @@ class Cylinder(Mesh):
 
     radius: float
     length: float
-    vertices: Array = field(init=False)
-    triangles: Array = field(init=False)
+    vertices: Array = field(init=False, repr=False)
+    triangles: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         for key in ("radius", "length"):
@@ -227,8 +227,8 @@ class ShapeFile(_Form):
     centre: Array | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Obstacle:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Obstacle(Brief):
     """Something the arm must not touch, or a zone it must keep out of.
 
     Attributes:
@@ -249,7 +249,7 @@ class Obstacle:
 
     def __post_init__(self) -> None:
         _named(self.name)
-        _placed(self.name, self.T_base_obstacle)
+        _place(self, "T_base_obstacle")
         refuse_odd_size(self.name, self.shape)
         if self.mass is not None:
             _weighed(self.name, self.mass)
@@ -267,8 +267,8 @@ class Obstacle:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Attached:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Attached(Brief):
     """An object that the gripper holds; it moves with the tool.
 
     Attributes:
@@ -295,8 +295,7 @@ class Attached:
 
     def __post_init__(self) -> None:
         _named(self.name)
-        _placed(self.name, self.T_tool_object)
-        in_metres("T_tool_object", self.T_tool_object.p, 2.0)
+        _place(self, "T_tool_object", 2.0)
         refuse_odd_size(self.name, self.shape)
         _weighed(self.name, self.mass)
 
@@ -345,8 +344,8 @@ def as_seen_by(name: str, attached: tuple[Attached, ...]) -> tuple[Attached, ...
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StandingArm:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class StandingArm(Brief):
     """Another SO-101 as an obstacle, at one or several configurations.
 
     Attributes:
@@ -365,7 +364,7 @@ class StandingArm:
 
     def __post_init__(self) -> None:
         _named(self.name)
-        _placed(self.name, self.T_base_arm)
+        _place(self, "T_base_arm")
         freeze(self, q=(-1, 6))
 
     def called(self, body: str) -> str:
@@ -373,8 +372,8 @@ class StandingArm:
         return f"{self.name}'s {body}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scene:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Scene(Brief):
     """The surroundings of an arm, and the objects it holds.
 
     Attributes:
@@ -401,12 +400,9 @@ class Scene:
             if not (isinstance(given, list | tuple) and all(isinstance(e, kind) for e in given)):
                 raise ConfigError(key, given, f"must be a tuple of {kind.__name__}")
             object.__setattr__(self, key, tuple(given))
-        if self.floor_z is not None and not abs(self.floor_z) <= LARGEST:
-            raise ConfigError("floor_z", self.floor_z, "must be a finite height [m], or None")
         if self.floor_z is not None:
-            in_metres("floor_z", np.array(self.floor_z))
-        if not 0.0 < self.margin <= 0.1:
-            raise ConfigError("margin", self.margin, "must be more than 0 and at most 0.1 m")
+            in_metres("floor_z", np.array(checked_number("floor_z", self.floor_z, unit="m")))
+        checked_number("margin", self.margin, lower=ABOVE_ZERO, upper=0.1, unit="m")
         if len(self.attached) > MOST_HELD:
             reason = f"are too many; {MOST_HELD} can be held at once: join some in one mesh"
             raise ConfigError("attached", f"{len(self.attached)} things", reason)
@@ -492,6 +488,11 @@ class Scene:
         return replace(self, obstacles=(*self.obstacles, item), attached=others)
 
 
+def checked_scene(given: Scene) -> Scene:
+    """A scene of a calling program; ``ConfigError`` for anything else."""
+    return checked_kind("scene", given, Scene, "a Scene of obstacles, even of none")
+
+
 _T = TypeVar("_T", Obstacle, Attached)
 
 
@@ -499,7 +500,8 @@ def one_named(name: str, things: Iterable[_T]) -> _T:
     """The thing of that name; ``ConfigError`` if there is none."""
     named = {each.name: each for each in things}
     if not named:
-        raise ConfigError("name", name, "there is nothing here; give a scene that has it")
+        what = "an obstacle with a mass in the scene (docs/picking.md)"
+        raise ConfigError("name", name, f"there is nothing here; an item is {what}")
     if name not in named:
         raise ConfigError("name", name, f"is not here; {suggest(name, named)}")
     return named[name]
@@ -511,17 +513,12 @@ def _named(name: str) -> None:
 
 
 def _weighed(name: str, mass: float) -> None:
-    if not 0.0 <= mass < LARGEST:
-        raise ConfigError("mass", mass, f'of "{name}" must be 0 to {LARGEST:g} kg')
+    checked_number(f"mass of {name}", mass, lower=0.0, upper=LARGEST, unit="kg")
 
 
-def _placed(name: str, pose: SE3) -> None:
-    if not isinstance(pose, SE3):
-        reason = f'of "{name}" must be an SE3, such as SE3.from_translation((0.2, 0, 0.1))'
-        raise ConfigError("pose", pose, reason)
-    if not (np.all(np.isfinite(pose.R)) and np.all(np.abs(pose.p) <= LARGEST)):
-        reason = f'"{name}" must be within {LARGEST:g} m; did you mean millimetres?'
-        raise ConfigError("pose", pose.p.tolist(), reason)
+def _place(thing: Obstacle | Attached | StandingArm, key: str, most: float = LARGEST) -> None:
+    """Check where a thing is; the matrix of a pose becomes an ``SE3``."""
+    object.__setattr__(thing, key, pose(f"{key} of {thing.name}", getattr(thing, key), most))
 
 
 def refuse_odd_size(name: str, shape: Shape | ShapeFile) -> None:
@@ -529,6 +526,7 @@ def refuse_odd_size(name: str, shape: Shape | ShapeFile) -> None:
 
     A point (a sphere or box without a size) and a few points that were seen are no specks.
     """
+    checked_kind(f"shape of {name}", shape, _Form, "a shape, such as Box(size=(x, y, z))")
     if isinstance(shape, ShapeFile):
         return  # when it is read
     if isinstance(shape, Mesh | PointCloud):
@@ -554,9 +552,7 @@ def _length(key: str, value: object) -> float:
     return float(_lengths(key, value, ()))
 
 
-def _lengths(
-    key: str, value: object, shape: tuple[int, ...], least: float = np.nextafter(0.0, 1.0)
-) -> Array:
+def _lengths(key: str, value: object, shape: tuple[int, ...], least: float = ABOVE_ZERO) -> Array:
     lengths = _numbers(key, value, shape)
     if not np.all((lengths >= least) & (lengths <= LARGEST)):
         from_, most = "more than 0" if least else "0 or more", lengths.max()

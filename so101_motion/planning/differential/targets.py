@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, frozen_array
 
 
@@ -21,7 +22,7 @@ class Twist:
         for name in ("linear", "angular"):
             values = frozen_array(getattr(self, name), (3,))
             if not np.all(np.isfinite(values)):
-                raise ValueError(f"the {name} velocity must be finite, got {values}")
+                raise ConfigError(name, values.tolist(), "must be three finite speeds")
             object.__setattr__(self, name, values)
 
     def same_as(self, other: Twist) -> bool:

@@ -7,7 +7,7 @@ nearest reachable pose.
 
 from __future__ import annotations
 
-from math import atan2, hypot, inf, isfinite, sqrt
+from math import atan2, hypot, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +25,6 @@ AT_LIMIT = 1e-6  # a joint this close to a limit is at it [rad]. Chosen
 _BINDING = 0.05  # a limit with less than this share of the strongest limit's effect is not named
 _NO_PULL = 1e-7  # a limit with a smaller effect [m^2] has none; above ``_FLAT``
 _ALONG = 0.7  # cosine of error and arm above which it is stretched; seen are 1 and 0
-_ROTATION_SLACK = 1e-6  # from orthonormal; chosen, seven digits
 
 
 class IkSolution(NamedTuple):
@@ -71,39 +70,15 @@ class Task(NamedTuple):
 
 
 def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
-    """Check a goal and convert it to the form that solvers need."""
+    """Check a goal's frame and convert the goal to the form that solvers need."""
     model.check_gripper_frame(goal.frame)
     x, y, z = goal.T_base_tool.p.tolist()
-    if not isfinite(x + y + z):
-        raise ConfigError("T_base_tool", (x, y, z), "the position must be three finite numbers [m]")
-    _check_rotation(goal.T_base_tool.R.tolist())
     within, angle = goal.position_tolerance, goal.approach_tolerance
-    if not (0.0 < within < inf and 0.0 < angle < inf):
-        for key, value in (("position_tolerance", within), ("approach_tolerance", angle)):
-            if not 0.0 < value < inf:
-                raise ConfigError(key, value, "must be positive and finite")
     metric = goal.metric if goal.cloud is None else GoalMetric.FULL_POSE
     R_base_tool = goal.T_base_tool.R
     if goal.frame != "tool" and metric is not GoalMetric.POSITION_ONLY:
         R_base_tool = R_base_tool @ model.rotation_to_tool(goal.frame)
     return Task(metric, goal.frame, (x, y, z), R_base_tool, within, angle)
-
-
-def _check_rotation(rows: list[list[float]]) -> None:
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    slack = _ROTATION_SLACK
-    # Two unit vectors at right angles, and their cross product; NaN is refused.
-    if not (
-        -slack < a * a + b * b + c * c - 1.0 < slack
-        and -slack < d * d + e * e + f * f - 1.0 < slack
-        and -slack < a * d + b * e + c * f < slack
-        and -slack < b * f - c * e - g < slack
-        and -slack < c * d - a * f - h < slack
-        and -slack < a * e - b * d - i < slack
-    ):
-        raise ConfigError(
-            "T_base_tool", rows, "the rotation must be a right-handed orthonormal matrix (3, 3)"
-        )
 
 
 def check_seed(q_seed: ArrayLike) -> Joints:

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError, OutsideLimits
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import SE3, Array, frozen_array, given_array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import range_deg, to_deg
 
@@ -169,11 +169,10 @@ class RobotModel:
                 :meth:`with_frame`.
 
         Raises:
-            ConfigError: There is no such frame.
-            ValueError: ``q`` has another shape.
+            ConfigError: There is no such frame, or ``q`` has another shape.
         """
-        R, p = self.rotation_and_position(np.asarray(q, dtype=np.float64), name)
-        return SE3(R, p)
+        joints = given_array("q", q, (5,), "joint angles in radians")
+        return SE3(*self.rotation_and_position(joints, name))
 
     def rotation_and_position(self, q: Array, name: str = "tool") -> tuple[Array, Array]:
         """``R`` (3, 3) and ``p`` (3,) of :meth:`frame`, as views that the next call overwrites."""

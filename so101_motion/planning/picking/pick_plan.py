@@ -25,7 +25,7 @@ from typing import TypeVar
 import numpy as np
 
 from so101_motion.common.errors import ConfigError, NoPath, Overloaded, PlanningError
-from so101_motion.common.geometry import SE3, Array, rot_z, rotation_angle
+from so101_motion.common.geometry import SE3, Array, angle, point, rot_z, rotation_angle
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.planning.cell.team_requests import TeamTask
 from so101_motion.planning.collision.bodies import NEAR
@@ -85,10 +85,9 @@ class Place:
     yaw: float | None = None
 
     def __post_init__(self) -> None:
-        p = np.asarray(self.p, dtype=np.float64)
-        if p.shape != (3,) or not np.isfinite(p).all() or np.abs(p).max() > 5.0:
-            raise ConfigError("at", self.p, "must be a point, x, y, z [m] within 5 m of the base")
-        object.__setattr__(self, "p", p)
+        object.__setattr__(self, "p", point("at", self.p, 5.0))
+        if self.yaw is not None:
+            angle("yaw", self.yaw)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from so101_motion.common.attributes import ABOVE_ZERO, checked_kind, checked_number
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import Array, frozen_array, in_metres, in_radians
+from so101_motion.common.geometry import Array, given_array, in_metres, in_radians
 
 ToolSpeed = Callable[[Array, Array], Array]
 """From joint angles (m, n) and their rates (m, n) to the speed of the tool point, (m,)."""
@@ -37,19 +38,28 @@ class MotionLimits:
 
     def __post_init__(self) -> None:
         for name in ("velocity", "acceleration", "jerk"):
-            values = frozen_array(getattr(self, name), (-1,))
+            values = given_array(name, getattr(self, name), (-1,), "numbers, one a joint")
             if len(values) != len(np.asarray(self.velocity)):
                 joints = len(np.asarray(self.velocity))
-                raise ValueError(f"{name} has {len(values)} entries, but velocity has {joints}")
+                raise ConfigError(name, values.tolist(), f"must be {joints}, as many as velocities")
             if not all(0.0 < value < math.inf for value in values.tolist()):
-                raise ValueError(f"{name} must be positive and finite, got {values}")
+                raise ConfigError(name, values.tolist(), "must be positive and finite")
             if name in _MOST and len(values) == 5:  # of an arm
                 in_radians(name, values, *_MOST[name])
             object.__setattr__(self, name, values)
-        if self.tool_speed is not None and not 0.0 < self.tool_speed < float("inf"):
-            raise ValueError(f"tool_speed must be positive and finite, got {self.tool_speed}")
         if self.tool_speed is not None:
+            checked_number("tool_speed", self.tool_speed, lower=ABOVE_ZERO, unit="m/s")
             in_metres("tool_speed", np.array(self.tool_speed), per="/s")
+
+    def __repr__(self) -> str:
+        units = {"velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3"}
+        caps = []
+        for name, unit in units.items():
+            given = getattr(self, name).round(3).tolist()
+            caps.append(f"{name} {given[0] if len(set(given)) == 1 else given} {unit}")
+        if self.tool_speed is not None:
+            caps.append(f"tool_speed {self.tool_speed:g} m/s")
+        return f"<MotionLimits: {', '.join(caps)}>"
 
     @classmethod
     def uniform(
@@ -62,12 +72,12 @@ class MotionLimits:
         tool_speed: float | None = None,
     ) -> MotionLimits:
         """The same caps for all ``n`` joints."""
-        return cls(
-            velocity=np.full(n, velocity),
-            acceleration=np.full(n, acceleration),
-            jerk=np.full(n, jerk),
-            tool_speed=tool_speed,
-        )
+        caps = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
+        each = {
+            name: np.full(n, checked_number(name, cap, lower=ABOVE_ZERO))
+            for name, cap in caps.items()
+        }
+        return cls(**each, tool_speed=tool_speed)
 
     def for_one(self) -> MotionLimits:
         """The smallest cap of each kind, for a single joint; none on the tool's speed.
@@ -116,9 +126,10 @@ class MotionLimits:
         )
 
 
-def checked_limits(given: MotionLimits | None) -> MotionLimits | None:
-    """The caps that a calling program gives; ``ConfigError`` for anything else."""
-    if not isinstance(given, MotionLimits | None):
-        how = "velocity=..., acceleration=..., jerk=..."
-        raise ConfigError("limits", given, f"must be MotionLimits, as MotionLimits.uniform({how})")
+def checked_limits(given: MotionLimits | None, n: int, key: str = "limits") -> MotionLimits | None:
+    """The caps of ``n`` joints that a calling program gives; ``ConfigError`` for anything else."""
+    how = "MotionLimits, as MotionLimits.uniform(velocity=..., acceleration=..., jerk=...)"
+    checked_kind(key, given, MotionLimits | None, how)
+    if given is not None and len(given.velocity) != n:
+        raise ConfigError(key, given, f"has caps of {len(given.velocity)} joints instead of {n}")
     return given

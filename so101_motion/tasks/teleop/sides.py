@@ -15,6 +15,7 @@ import numpy as np
 from so101_motion.arm.arm import SCENE
 from so101_motion.arm.gripper import Gripper, JawFollowing
 from so101_motion.calib.record.zero import MIDDLE
+from so101_motion.common.attributes import checked_kind
 from so101_motion.common.errors import Interrupted, NotHolding, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
@@ -96,6 +97,7 @@ def jaw_of(rig: Rig) -> Gripper | None:
 
 def middles_of(rig: Rig) -> Array:
     """The arm's angles in the middle of its joints' recorded travels, shape (5,), [rad]."""
+    checked_kind("rig", rig, Rig, "what so101.open returns, of an arm on this computer")
     if not isinstance(rig, HardwareRig):
         return np.zeros(5)
     setups = rig.servos.setups

@@ -75,15 +75,35 @@ def test_limits_of_a_finished_plan_and_three_angles_are_refused(rig):
 
 
 def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
-    at, arm = so101.SE3.from_translation, rig.arm
+    at, arm, caps = so101.SE3.from_translation, rig.arm, so101.MotionLimits.uniform
+    cell = so101.Cell()
+    cell.add("a", rig, np.eye(4))  # the matrix of a pose will do
     doors = {
+        "did you mean .sim.": lambda: so101.open("simulated"),
+        "viam://HOST:PORT": lambda: so101.open("viam:/host"),
+        "name that LeRobot knows": lambda: so101.open("/dev/ttyACM0", calibration=3),
+        "how much of the pose counts": lambda: arm.move(at([0.2, 0.0, 0.1])),
+        "an SE3 or its matrix": lambda: so101.PoseGoal(T_base_tool=(0.2, 0.0, 0.1)),
+        "orthonormal": lambda: so101.LineTo(T_base_tool=-np.eye(4)),
+        "LineTo and ArcTo": lambda: so101.ToolPathGoal(segments=(at([0.2, 0.0, 0.1]),)),
+        "4 numbers, a quaternion": lambda: so101.SE3.from_quaternion((1, 0, 0)),
+        "True or False": lambda: arm.set_torque("off"),
+        "must be .*JointCaps": lambda: arm.set_ceiling(3),
+        "is 286.5 deg/s": lambda: arm.set_speed(5),
+        "of 6 joints instead of 5": lambda: arm.plan(
+            [0] * 5, limits=caps(velocity=1, acceleration=1, jerk=9, n=6)
+        ),
+        "in this cell already": lambda: cell.add("b", rig, np.eye(4)),
+        "there is nothing here; an item is": lambda: rig.pick("mug"),
+        "must be .*Wishes": lambda: rig.pick("mug", wishes="above"),
+        "must be PlanRequests": lambda: so101.PlanningWorker().plan_many([3]),
+        "what so101.open returns": lambda: so101.middles_of(arm),
+        "list of .*TimedPoint": lambda: arm.stream().push([[0] * 5]),
         "60 rad: did you mean degrees": lambda: arm.plan([0, -45, 45, 60, 0]),
         "90 rad: did you mean degrees": lambda: so101.PathGoal(waypoints=[[0, 0, 90, 0, 0]]),
         "-45 rad: did you mean degrees": lambda: arm.retarget([0, -45, 0, 0, 0]),
         "10 rad: did you mean degrees": lambda: arm.plan([0] * 5, q_start=[0, 10, 0, 0, 0]),
-        "30 rad/s: did you mean degrees": lambda: so101.MotionLimits.uniform(
-            velocity=30, acceleration=60, jerk=600
-        ),
+        "30 rad/s: did you mean degrees": lambda: caps(velocity=30, acceleration=60, jerk=600),
         "20 rad/s: did you mean degrees": lambda: arm.set_speed(20),
         "90 rad: did you mean degrees[?] 90 deg is": lambda: so101.SE3.from_rpy((0, 90, 0)),
         "50 % is 0.5": lambda: rig.gripper.move(50),
@@ -161,6 +181,18 @@ def test_a_prompt_shows_what_there_is(rig):
     assert {"open", "close", "grab"} <= set(dir(rig.gripper))
     assert {"arm", "gripper"} <= set(dir(rig))
     assert "simulated arm" in repr(rig)
+    goal = so101.point(0.25, 0.12, 0.15)
+    at = "<SE3 at (0.25, 0.12, 0.15) m, rpy (0.0, 0.0, 0.0) deg>"
+    assert (repr(goal), repr(so101.Scene())) == (f"PoseGoal(T_base_tool={at})", "Scene()")
+    caps = so101.MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=9.0, tool_speed=0.05)
+    words = "velocity 1.0 rad/s, acceleration 2.0 rad/s^2, jerk 9.0 rad/s^3, tool_speed 0.05 m/s"
+    assert (repr(caps), repr(so101.Cell())) == (f"<MotionLimits: {words}>", "<Cell of no arms>")
+    with rig.arm.follow() as following:
+        following.aim([0.0, 0.0, 0.0, 0.0, 0.1])
+        assert repr(following) == "<Following to (0.0, 0.0, 0.0, 0.0, 5.7) deg>"
+    assert repr(following) == "<Following over>"
+    rig.close()
+    assert repr(rig.arm).startswith("<Arm closed at (0.0,")
 
 
 @pytest.mark.parametrize("opened", ["follow", "jog", "stream"])

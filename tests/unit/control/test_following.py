@@ -701,13 +701,13 @@ def test_stop_ends_a_jog_along_its_path_and_harder_than_it_would(led) -> None:
 
 @pytest.mark.parametrize(
     ("what", "bad"),
-    [("twist", bad) for bad in ([0.1, 0.2], [np.nan, 0.0, 0.0], "fast", None)]
-    + [("point", bad) for bad in ([100.0, 200.0, 300.0], [np.nan, 0.0, 0.0], [0.1, 0.2], "there")],
+    [("linear", bad) for bad in ([0.1, 0.2], [np.nan, 0.0, 0.0], "fast", None)]
+    + [("p_base", bad) for bad in ([100.0, 200.0, 300.0], [np.nan, 0.0, 0.0], [0.1, 0.2], "there")],
 )
 def test_what_is_no_velocity_or_no_point_is_refused(led, what, bad) -> None:
     jog = lead(led)
     with pytest.raises(ConfigError, match=what):
-        (jog.twist if what == "twist" else jog.to_point)(bad)
+        (jog.twist if what == "linear" else jog.to_point)(bad)
 
 
 def test_the_arm_is_jogged_no_further_than_it_can_hold_what_it_carries(clock) -> None:

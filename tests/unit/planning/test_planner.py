@@ -226,7 +226,7 @@ def test_invalid_input_is_refused_by_its_key(make, key, bad):
     for value in bad:
         with pytest.raises(ConfigError, match=f'"{key}'):
             make(**{key: value})
-    with pytest.raises(TypeError, match="not a str"):
+    with pytest.raises(ConfigError, match="must be a goal"):
         request_of(goal="ready")
 
 

@@ -174,8 +174,8 @@ def test_a_path_that_cannot_be_followed_names_the_segment(model, lines, collisio
 @pytest.mark.parametrize("key", ["tolerance", "orientation_tolerance"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("inf"), float("nan")])
 def test_tolerances_that_are_none_are_refused_by_name(model, lines, collision, key, value):
-    with pytest.raises(ConfigError, match=f'"{key}".*must be positive and finite'):
-        lines.find(path_goal(model, SQUARE, **{key: value}), TOOL_DOWN, collision, 0.0)
+    with pytest.raises(ConfigError, match=f'"{key}".*number of more than 0'):
+        path_goal(model, SQUARE, **{key: value})
     goal = LineGoal(T_base_tool=model.frame(READY), frame="wrist_link")
     with pytest.raises(ConfigError, match="not fixed to the gripper"):
         lines.find(goal, READY, collision, 0.0)
@@ -214,10 +214,10 @@ def test_with_blending_place_and_orientation_have_no_corners(blend):
 
 @pytest.mark.parametrize("blend", [-0.01, float("nan"), float("inf")])
 def test_a_blend_that_is_no_length_is_refused(blend):
-    with pytest.raises(ConfigError, match=r"blend.*must be 0 or more and finite"):
-        path_through(T0, SEGMENTS, blend)
-    with pytest.raises(ConfigError, match="needs at least one line or arc"):
-        path_through(T0, (), 0.0)
+    with pytest.raises(ConfigError, match=r"blend.*number of at least 0"):
+        ToolPathGoal(segments=SEGMENTS, blend=blend)
+    with pytest.raises(ConfigError, match="LineTo and ArcTo, at least one"):
+        ToolPathGoal(segments=())
 
 
 # Segments

@@ -60,9 +60,9 @@ def test_limits_ease_over_to_others_and_stay_there() -> None:
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.inf, math.nan])
 def test_a_cap_that_is_not_positive_and_finite_is_refused_by_name(kind: str, bad: float) -> None:
     given = {"velocity": 1.0, "acceleration": 1.0, "jerk": 1.0, "tool_speed": 1.0}
-    with pytest.raises(ValueError, match=f"{kind} must be positive and finite"):
+    with pytest.raises(ValueError, match=f'"{kind}" = .* number of more than 0'):
         MotionLimits.uniform(**given | {kind: bad})
-    with pytest.raises(ValueError, match="jerk has 2 entries, but velocity has 1"):
+    with pytest.raises(ValueError, match=r"jerk.* must be 1, as many as velocities"):
         MotionLimits(velocity=[1.0], acceleration=[1.0], jerk=[1.0, 1.0])
 
 
