@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.arm.planning_worker import planner_started
+from so101_motion.common.attributes import checked_kind
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, frame_along, given_array
 from so101_motion.planning.goals import GoalMetric, PoseGoal
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from so101_motion.viam.client import MachineRig
 
 _MACHINE = "viam://"
+_KNOWN = re.compile(r"sim|viam://.*|COM\d+|(?!viam:|https?:).*/.*", re.DOTALL)
 
 
 def open(arm: str, *, calibration: str | Path | None = None) -> Rig | MachineRig:
@@ -35,10 +38,14 @@ def open(arm: str, *, calibration: str | Path | None = None) -> Rig | MachineRig
         BusError: The port cannot be opened, or a servo does not answer.
         MachineUnavailable: The machine cannot be reached.
     """
-    if not isinstance(arm, str):
-        raise ConfigError("arm", arm, 'must be "sim", a serial port or "viam://HOST:PORT"')
+    if not isinstance(arm, str) or not (_KNOWN.fullmatch(arm) or (arm and Path(arm).exists())):
+        near = 'did you mean "sim"? ' if "sim" in str(arm).lower() else ""
+        reason = f'{near}must be "sim", a serial port such as "/dev/ttyACM0", or "viam://HOST:PORT"'
+        raise ConfigError("arm", arm, reason)
     if calibration is not None and (arm == "sim" or arm.startswith(_MACHINE)):
         raise ConfigError("calibration", str(calibration), "is for an arm on a serial port")
+    what = "a file, or the name that LeRobot knows the arm by"
+    checked_kind("calibration", calibration, str | Path | None, what)
     with planner_started():
         if arm.startswith(_MACHINE):
             from so101_motion.viam.client import MachineRig
