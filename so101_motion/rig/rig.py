@@ -6,6 +6,7 @@ planning process, which ends with the last of them.
 
 from __future__ import annotations
 
+import atexit
 import itertools
 import logging
 from collections.abc import Callable
@@ -191,6 +192,7 @@ class Rig:
         """Stop, do as ``at_end`` says, end all threads, close the driver. May be called twice."""
         if self._closed:
             return
+        atexit.unregister(self.close)
         self.leave()
         self._closed = True
         self.executor.close()  # first: it waits until its motions have come to rest
