@@ -54,6 +54,13 @@ class ErrorText(NamedTuple):
 
 
 def parted(error: So101Error) -> ErrorText:
+    text = _parted(error)
+    if text.what.startswith(error.context):
+        return text
+    return text._replace(what=f"{error.context}{text.what}")
+
+
+def _parted(error: So101Error) -> ErrorText:
     if isinstance(error, errors.CalibrationError | errors.MotorSetupError):
         what = f"{error.joint}: {error.reason}" if error.joint else error.reason
         return ErrorText(what, advice=error.next_step)
@@ -78,7 +85,8 @@ def _split(sentence: str) -> tuple[str, str]:
     if not found:
         return sentence, ""
     last = found[-1]
-    return sentence[: last.start()], sentence[last.end() :]
+    advice = sentence[last.end() :]
+    return sentence[: last.start()], advice[:1].lower() + advice[1:]
 
 
 _EXIT_CODES: tuple[tuple[type[So101Error], int], ...] = (

@@ -90,7 +90,12 @@ def _rebuild(cls: type[So101Error], message: str, fields: dict[str, Any]) -> So1
 
 
 class So101Error(Exception):
-    """Base class of errors that a user can do something about."""
+    """Base class of errors that a user can do something about.
+
+    ``context`` is what ``about`` has put in front of the message.
+    """
+
+    context = ""
 
     def __init__(self, message: str = "") -> None:
         super().__init__(_sentence(message))
@@ -101,6 +106,7 @@ class So101Error(Exception):
     def about(self, what: str) -> Self:
         """A copy of the error with ``what`` in front of its message."""
         copied = copy.copy(self)
+        copied.context = f"{what}: {self.context}"
         copied.args = (_sentence(f"{what}: {self}"),)
         return copied
 

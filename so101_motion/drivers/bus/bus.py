@@ -464,8 +464,8 @@ class Bus:
         if answer:
             assert isinstance(answer, bytes)
             return CorruptReply(
-                f"{label} answered {what} with nonsense {tries} times; check the plugs of its"
-                f" cable, and that no other servo has the id {servo_id}",
+                f"{label} on {self.port.name} answered with nonsense {tries} times; check the"
+                f" plugs of its cable, and that no other servo has the id {servo_id}",
                 raw=answer,
             )
         return NoReply(
