@@ -135,7 +135,8 @@ class Program:
     def called(self, index: int) -> str:
         """What messages call a step: its number, and what it does."""
         step = "waypoint" if self.steps[index].keys() == {ARM} else "step"
-        return f"{step} {self.before + index + 1} ({self.goals(index)})"
+        called, does = f"{step} {self.before + index + 1}", self.goals(index)
+        return called if called == does else f"{called} ({does})"
 
     def goals(self, index: int) -> str:
         """What a step does: the name of the waypoint, or which arm goes where, if that has one."""
