@@ -44,7 +44,6 @@ from so101_motion.planning.kinematics.ik_task import (
     check_seed,
     judge,
     minimise,
-    polish,
 )
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -151,7 +150,7 @@ class IkSolver:
         """A configuration pulled into the limits, judged by the model, polished if that helps."""
         solution = judge(self.model, task, configuration.q, configuration.branch)
         if solution.error_position > _EXACT:
-            q = polish(self.model, solution.q, task.frame, task.p_base)
+            q = minimise(self.model, _at_point(task), solution.q)
             polished = judge(self.model, task, to_joints(q), configuration.branch)
             if polished.error_position < solution.error_position:
                 return polished
@@ -160,8 +159,7 @@ class IkSolver:
     def _next_best(self, task: Task, seed: Joints, best: IkSolution | None) -> IkSolution:
         """Search numerically when no closed form has arrived; raises if that fails too."""
         if best is None and task.metric is not GoalMetric.POSITION_ONLY:
-            at_point = task._replace(metric=GoalMetric.POSITION_ONLY)
-            configurations = self._source.nearest(at_point, seed)
+            configurations = self._source.nearest(_at_point(task), seed)
             best = next(
                 (self._judged(task, configuration) for configuration in configurations), None
             )
@@ -179,14 +177,19 @@ class IkSolver:
 
     def _at_edge(self, task: Task, seed: Joints) -> IkSolution:
         """The configuration at the reachable point nearest to one that is out of reach."""
-        at_point = task._replace(metric=GoalMetric.POSITION_ONLY)
-        ends = [minimise(self.model, at_point, q) for q in self._source.edge(task, seed)]
+        edge = self._source.edge(task, seed)
+        ends = [minimise(self.model, _at_point(task), q) for q in edge]
         q_best = min(ends, key=lambda q: self._away(task, q))
         branch = self._source.branch(q_best, task.frame)
         return judge(self.model, task, to_joints(q_best), branch)
 
     def _away(self, task: Task, q: Array) -> float:
         return dist(self.model.rotation_and_position(q, task.frame)[1].tolist(), task.point)
+
+
+def _at_point(task: Task) -> Task:
+    """The same task without an orientation."""
+    return task._replace(metric=GoalMetric.POSITION_ONLY)
 
 
 def _is_known(q: list[float], away: float, known: list[tuple[float, list[float]]]) -> bool:

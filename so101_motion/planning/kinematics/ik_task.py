@@ -1,8 +1,8 @@
 """The checked goal and the judged solution of inverse kinematics, and Newton steps between them.
 
-The kinematic model judges every solution, whatever formula it comes from. :func:`polish` removes
-the micrometres by which a model may differ from its closed form, and :func:`minimise` finds the
-nearest reachable pose.
+The kinematic model judges every solution, whatever formula it comes from. :func:`minimise` removes
+the micrometres by which a model may differ from its closed form, and finds the nearest reachable
+pose.
 """
 
 from __future__ import annotations
@@ -173,17 +173,6 @@ _MOST_DAMPING = 1e3
 _FLAT = 1e-8  # smaller gradients are zero [m^2]: 0.1 um at 0.1 m; chosen
 
 _UPPER, _ABOVE = np.triu(np.ones((5, 5))), np.triu(np.ones((5, 5)), 1)
-
-
-def polish(model: RobotModel, q: Array, frame: str, p_base: Array) -> Array:
-    """Move ``q`` by two least-motion Newton steps to a nearby point; shape (5,), in the limits."""
-    for _ in range(2):
-        error = p_base - model.rotation_and_position(q, frame)[1]
-        J = model.frame_jacobian(q, frame)[:3]
-        # The damping acts only at a straight elbow, where J has lost a direction.
-        step = J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(3), error)
-        q = np.clip(q + step, model.lower, model.upper)
-    return q
 
 
 def minimise(model: RobotModel, task: Task, q: Array) -> Array:
