@@ -16,7 +16,6 @@ in ``batch_ik.py``. ``geometry_from_model.py`` takes the measures from the kinem
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from math import atan2, cos, hypot, pi, remainder, sin
 from typing import NamedTuple
 
@@ -100,14 +99,6 @@ class Bars(NamedTuple):
         return tuple(points)
 
 
-class RolledFrame(NamedTuple):
-    """A frame of the gripper at one roll angle."""
-
-    roll: float  # the roll joint's angle [rad]
-    lateral: float  # the frame's distance from the plane through the pan axis, to the left [m]
-    hand: Hand  # the third bar of the plane, which ends at the frame
-
-
 class FrameOffset(NamedTuple):
     """Offset of a frame from the wrist at pitch zero, as a function of the roll.
 
@@ -118,16 +109,6 @@ class FrameOffset(NamedTuple):
     forward: tuple[float, float, float]
     left: tuple[float, float, float]
     up: tuple[float, float, float]
-
-    def at(self, roll: float) -> Point:
-        """Forward, left and up [m] at a roll angle [rad]."""
-        c, s = cos(roll), sin(roll)
-        x, y, z = self
-        return (
-            x[0] + x[1] * c + x[2] * s,
-            y[0] + y[1] * c + y[2] * s,
-            z[0] + z[1] * c + z[2] * s,
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -170,7 +151,6 @@ class ArmStructure:
             name: links + hypot(*(abs(row[0]) + hypot(*row[1:]) for row in (each.forward, each.up)))
             for name, each in measures.offsets.items()
         }
-        self.rolled = lru_cache(maxsize=256)(self._rolled)
 
     def longest(self, frame: str) -> float:
         """Upper bound on the distance of a frame from the shoulder [m]."""
@@ -180,14 +160,18 @@ class ArmStructure:
         """Whether a frame's origin is on the roll axis, so that the roll does not move it."""
         return self._on_axis[frame]
 
-    def _rolled(self, frame: str, roll: float) -> RolledFrame:
-        """The named frame at a roll angle [rad]; cached, because seeds repeat."""
-        forward, left, up = self.measures.offsets[frame].at(roll)
-        return RolledFrame(roll, left, Hand(hypot(forward, up), atan2(up, forward)))
+    def rolled(self, frame: str, roll: float) -> tuple[float, Hand]:
+        """At a roll angle [rad]: a frame's lateral distance, as in ``FrameOffset``, and its bar."""
+        c, s = cos(roll), sin(roll)
+        forward, left, up = (
+            constant + of_cos * c + of_sin * s
+            for constant, of_cos, of_sin in self.measures.offsets[frame]
+        )
+        return left, Hand(hypot(forward, up), atan2(up, forward))
 
     def branch(self, q: Joints, frame: str) -> str:
         """The name of the branch that joint angles belong to."""
-        x, _ = self.bars.points(q[1:4], self.rolled(frame, q[4]).hand)[-1]
+        x, _ = self.bars.points(q[1:4], self.rolled(frame, q[4])[1])[-1]
         side = "front" if x + self.measures.shoulder[0] >= 0.0 else "back"
         return BRANCHES[side, q[2] >= self.bars.straight]
 

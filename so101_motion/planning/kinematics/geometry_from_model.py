@@ -126,7 +126,7 @@ def _fits(structure: ArmStructure, model: RobotModel) -> bool:
 def position(structure: ArmStructure, q: Array, frame: str) -> Array:
     """Position of a frame by the structure, shape (3,), [m]; only to compare with the model."""
     m = structure.measures
-    _, lateral, hand = structure.rolled(frame, float(q[4]))
+    lateral, hand = structure.rolled(frame, float(q[4]))
     pan, lift, elbow, wrist, _ = q.tolist()
     x, z = structure.bars.points((lift, elbow, wrist), hand)[-1]
     turned = rot_z(m.azimuth + m.pan_sign * pan) @ [m.shoulder[0] + x, lateral, m.shoulder[1] + z]

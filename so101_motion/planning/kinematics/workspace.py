@@ -70,18 +70,21 @@ class Workspace:
         lower, upper = m.lower, m.upper
         self._on_axis = structure.on_axis(frame)
         count = 1 if self._on_axis else _ROLLS
-        rolled = [structure.rolled(frame, r) for r in np.linspace(lower[4], upper[4], count)]
-        rows = [(each, arc) for each in rolled for arc in _arcs(structure, each.hand)]
-        self._joint = np.array([arc.joint for _, arc in rows])
-        self._angles = np.array([arc.angles for _, arc in rows])
-        self._circle = np.array([(arc.x, arc.z, arc.radius, arc.elevation) for _, arc in rows]).T
-        self._lateral = np.array([each.lateral for each, _ in rows])
+        rolls = np.linspace(lower[4], upper[4], count).tolist()
+        rolled = [(roll, *structure.rolled(frame, roll)) for roll in rolls]
+        rows = [
+            (roll, lateral, arc) for roll, lateral, hand in rolled for arc in _arcs(structure, hand)
+        ]
+        self._roll, self._lateral = (np.array([row[i] for row in rows]) for i in range(2))
+        arcs = [row[2] for row in rows]
+        self._joint = np.array([arc.joint for arc in arcs])
+        self._angles = np.array([arc.angles for arc in arcs])
+        self._circle = np.array([(arc.x, arc.z, arc.radius, arc.elevation) for arc in arcs]).T
         # With the roll half a step off, a frame is farther by its eccentricity times this; the
         # factor of four covers the effect of the pan.
         open_angle = 0.5 * (upper[4] - lower[4]) / (_ROLLS - 1)
         eccentricity = max(hypot(*row[1:]) for row in m.offsets[frame])
         self._open = 4.0 * eccentricity * (1.0 - cos(open_angle))
-        self._roll = np.array([each.roll for each, _ in rows])
         low, high = np.array(lower[1:4])[self._joint], np.array(upper[1:4])[self._joint]
         self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
 
