@@ -24,7 +24,6 @@ typedef struct {
 
 typedef struct {
     double q[5];
-    double branch; /* 2 * back + elbow down */
 } Configuration;
 
 typedef struct {
@@ -105,8 +104,7 @@ static int sides(const Arm *arm, const double *point, Rolled frame, Side *found)
 
 static Configuration configuration(Side side, Bend bend, double roll)
 {
-    return (Configuration){{side.pan, bend.angles[0], bend.angles[1], bend.angles[2], roll},
-                           2 * side.back + !bend.elbow_up};
+    return (Configuration){{side.pan, bend.angles[0], bend.angles[1], bend.angles[2], roll}};
 }
 
 static int spread_rolls(const Arm *arm, double *rolls)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -42,7 +42,7 @@ def free_configurations(context: PlanningContext, goal: PoseGoal, q_from: Array)
     """
     request, collision = context.request, context.moves.collision
     blocked: list[IkSolution] = []
-    load, heavy = context.moves.load, None
+    load, heavy, any_free = context.moves.load, None, False
     for solution in _solutions(context, goal, q_from):
         if not context.is_free(solution.q):
             blocked.append(solution)
@@ -53,18 +53,18 @@ def free_configurations(context: PlanningContext, goal: PoseGoal, q_from: Array)
         except Overloaded as error:
             heavy = heavy or error
         else:
-            context.branches.append(solution.branch)
+            any_free = True
             yield solution.q
-    if context.branches:
+    if any_free:
         return
     if heavy is not None:
         raise heavy
     for solution in _freed(
         context.ik, collision, goal, blocked, q_jaw=request.q_jaw, seed=request.seed
     ):
-        context.branches.append(solution.branch)
+        any_free = True
         yield solution.q
-    if not context.branches:
+    if not any_free:
         least = max(
             (solution.q for solution in blocked),
             key=lambda q: collision.clearance(q, request.q_jaw).room,
@@ -86,25 +86,23 @@ def _solutions(context: PlanningContext, goal: PoseGoal, q_from: Array) -> Itera
 
 
 def configurations_above(
-    context: PlanningContext, q_from: Array, goal: ApproachGoal, kept: list[tuple[int, ToolMotion]]
+    context: PlanningContext, q_from: Array, goal: ApproachGoal, kept: list[ToolMotion]
 ) -> Iterator[Array]:
     """Free configurations, shape (5,), [rad], above a pose from which the line can be followed.
 
-    Those near ``q_from`` first. ``kept`` is output: the number of each, and the line from there.
+    Those near ``q_from`` first. ``kept`` is output: the line from each.
 
     Raises:
         PlanningError: There are none; the message is about the line from the nearest.
     """
     nearest = None
-    for number, q in enumerate(free_configurations(context, goal.above, q_from)):
-        if number == APPROACHES:
-            break
+    for q in islice(free_configurations(context, goal.above, q_from), APPROACHES):
         nearest = q if nearest is None else nearest
         line = context.lines.find_if_any(
             goal.line, q, context.moves.collision, context.request.q_jaw
         )
         if line is not None:
-            kept.append((number, line))
+            kept.append(line)
             yield q
     if not kept and nearest is not None:
         context.lines.find(goal.line, nearest, context.moves.collision, context.request.q_jaw)

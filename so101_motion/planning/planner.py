@@ -143,7 +143,6 @@ class Planner:
             limits=request.limits,
             report=PlanReport(
                 stages_ms=context.stages_ms,
-                branch=context.branch,
                 straight=len(waypoints) == 2,
                 departure=departure,
                 blind=departure
@@ -282,8 +281,6 @@ class Planner:
         """Waypoints and motion to the first of the goals that can be reached."""
         with context.stage("path"):
             found = context.find(q_from, goals)
-        if context.branches:
-            context.branch = context.branches[found.goal]
         return found.waypoints, self._timed(context, found.waypoints, CORNER, quick=found.motion)
 
     def _followed(self, context: PlanningContext, found: ToolMotion) -> Pieces:
@@ -300,13 +297,13 @@ class Planner:
         self, context: PlanningContext, q_from: Array, goal: ApproachGoal
     ) -> tuple[Array, Pieces]:
         """Waypoints and motion by any free path to above a pose, then straight to it."""
-        kept: list[tuple[int, ToolMotion]] = []
+        kept: list[ToolMotion] = []
         with context.stage("path"):
             above = configurations_above(context, q_from, goal, kept)
             found = context.find(q_from, above)
-        number, line = kept[found.goal]
+        line = kept[found.goal]
         pieces = self._timed(context, found.waypoints, CORNER, quick=found.motion)
-        context.branch, load = context.branches[number], context.load
+        load = context.load
         pieces += self._followed(context, line)
         context.load = max(context.load, load)
         return np.concatenate([found.waypoints, line.waypoints[1:]]), pieces

@@ -29,9 +29,6 @@ class PlanningContext:
     moves: MotionBuilder  # makes and checks motions
     finder: PathFinder  # finds collision-free paths
     stages_ms: dict[str, float] = field(default_factory=dict)  # wall time of each stage so far [ms]
-    # IK branches of the configurations that were tried as goals
-    branches: list[str] = field(default_factory=list)
-    branch: str | None = None  # the branch of the configuration that was taken
     load: float = 0.0  # largest share of a velocity, acceleration or jerk limit that is used
     effort: float = 0.0  # largest share of a servo's torque that is used
     # how far the tool is from a prescribed path, if there is one

@@ -126,7 +126,6 @@ class PlanReport:
 
     Attributes:
         stages_ms: Wall time of each stage that ran, and ``"total"`` [ms].
-        branch: The IK branch of the goal, for pose goals.
         straight: Whether the motion is one straight line in joint space.
         departure: Whether the start had to be left slowly first, see ``start_recovery.py``.
         blind: Whether how deep it was in contact is not known: the way out may lead deeper.
@@ -143,7 +142,6 @@ class PlanReport:
     """
 
     stages_ms: Mapping[str, float]
-    branch: str | None
     straight: bool
     departure: bool
     load: float

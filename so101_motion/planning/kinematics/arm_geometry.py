@@ -33,20 +33,6 @@ _ON_AXIS = 1e-9  # a frame closer to the roll axis than this is on it [m]. Chose
 Joints = tuple[float, float, float, float, float]  # five joint angles [rad]
 Point = tuple[float, float, float]  # a point in the base frame [m]
 
-BRANCHES = {
-    (side, elbow_up): f"{side}, elbow {'up' if elbow_up else 'down'}"
-    for side in ("front", "back")
-    for elbow_up in (True, False)
-}
-"""Names of the branches by side of the pan and bend of the elbow."""
-
-
-class Configuration(NamedTuple):
-    """Five joint angles and the name of the branch they belong to."""
-
-    q: Joints
-    branch: str
-
 
 class Hand(NamedTuple):
     """The third bar, from the wrist to a frame of the gripper."""
@@ -168,12 +154,6 @@ class ArmStructure:
             for constant, of_cos, of_sin in self.measures.offsets[frame]
         )
         return left, Hand(hypot(forward, up), atan2(up, forward))
-
-    def branch(self, q: Joints, frame: str) -> str:
-        """The name of the branch that joint angles belong to."""
-        x, _ = self.bars.points(q[1:4], self.rolled(frame, q[4])[1])[-1]
-        side = "front" if x + self.measures.shoulder[0] >= 0.0 else "back"
-        return BRANCHES[side, q[2] >= self.bars.straight]
 
     def clip_roll(self, roll: float) -> float:
         """A roll [rad] inside its limits: shifted by whole turns, else clamped."""

@@ -27,7 +27,6 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
 from so101_motion.planning.kinematics.arm_geometry import (
-    Configuration,
     Joints,
     to_joints,
 )
@@ -137,21 +136,21 @@ class IkSolver:
         found = False
         for configuration in self._clouds.spread(cloud, seed, self._source.nearest(task, seed)):
             found = True
-            yield judge(self.model, task, configuration.q, configuration.branch)
+            yield judge(self.model, task, configuration)
         if not found:
             at_point = PoseGoal.at_point(task.p_base, frame=task.frame)
             nearest = self.solve(at_point, seed)  # or says why there is none
             configurations = self._source.nearest(task, seed)
-            solutions = (judge(self.model, task, each.q, each.branch) for each in configurations)
+            solutions = (judge(self.model, task, each) for each in configurations)
             best = min(solutions, key=lambda each: _miss(task, each), default=nearest)
             raise _outside_cloud(self.model, task, best)
 
-    def _judged(self, task: Task, configuration: Configuration) -> IkSolution:
+    def _judged(self, task: Task, configuration: Joints) -> IkSolution:
         """A configuration pulled into the limits, judged by the model, polished if that helps."""
-        solution = judge(self.model, task, configuration.q, configuration.branch)
+        solution = judge(self.model, task, configuration)
         if solution.error_position > _EXACT:
             q = minimise(self.model, _at_point(task), solution.q)
-            polished = judge(self.model, task, to_joints(q), configuration.branch)
+            polished = judge(self.model, task, to_joints(q))
             if polished.error_position < solution.error_position:
                 return polished
         return solution
@@ -164,9 +163,7 @@ class IkSolver:
                 (self._judged(task, configuration) for configuration in configurations), None
             )
         if best is not None and best.error_position <= task.position_tolerance:
-            q = minimise(self.model, task, best.q)
-            branch = self._source.branch(q, task.frame)
-            better = self._judged(task, Configuration(to_joints(q), branch))
+            better = self._judged(task, to_joints(minimise(self.model, task, best.q)))
         else:
             better = self._at_edge(task, seed)
         if best is None or _miss(task, better) < _miss(task, best):
@@ -180,8 +177,7 @@ class IkSolver:
         edge = self._source.edge(task, seed)
         ends = [minimise(self.model, _at_point(task), q) for q in edge]
         q_best = min(ends, key=lambda q: self._away(task, q))
-        branch = self._source.branch(q_best, task.frame)
-        return judge(self.model, task, to_joints(q_best), branch)
+        return judge(self.model, task, to_joints(q_best))
 
     def _away(self, task: Task, q: Array) -> float:
         return dist(self.model.rotation_and_position(q, task.frame)[1].tolist(), task.point)

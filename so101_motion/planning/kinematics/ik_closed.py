@@ -21,12 +21,9 @@ from so101_motion.common.geometry import Array
 from so101_motion.native.library import native
 from so101_motion.planning.goals import GoalMetric
 from so101_motion.planning.kinematics.arm_geometry import (
-    BRANCHES,
     ArmStructure,
-    Configuration,
     Joints,
     Point,
-    to_joints,
 )
 from so101_motion.planning.kinematics.ik_task import Task
 from so101_motion.planning.kinematics.workspace import Workspace
@@ -34,11 +31,10 @@ from so101_motion.planning.kinematics.workspace import Workspace
 _MOST = 2048  # most configurations for one goal, spread over its pitches and rolls
 
 _METRICS = {metric: float(k) for k, metric in enumerate(GoalMetric)}
-_BRANCHES = tuple(BRANCHES.values())
 _NO_ROTATION = (0.0,) * 9
 
 _GOAL = struct.Struct("19d")
-_FOUND = struct.Struct("6d")
+_FOUND = struct.Struct("5d")
 
 
 class ClosedForms:
@@ -56,7 +52,7 @@ class ClosedForms:
         self._at = ctypes.addressof(self._goal), ctypes.addressof(found)
         self._workspace = lru_cache(maxsize=8)(self._workspace_of)
 
-    def nearest(self, task: Task, seed: Joints) -> list[Configuration]:
+    def nearest(self, task: Task, seed: Joints) -> list[Joints]:
         """Configurations at the task's point, the one nearest to the seed first; few or none.
 
         For an approach, the seed's roll comes before all others, and configurations that miss the
@@ -64,21 +60,19 @@ class ClosedForms:
         """
         return self._configurations(self._nearest, task, seed)
 
-    def spread(self, task: Task, seed: Joints) -> list[Configuration]:
+    def spread(self, task: Task, seed: Joints) -> list[Joints]:
         """Configurations at the task's point, spread over free pitch and roll, nearest first."""
         found = self._configurations(self._spread, task, seed)
-        return sorted(found, key=lambda configuration: dist(configuration.q, seed))
+        return sorted(found, key=lambda q: dist(q, seed))
 
-    def _configurations(
-        self, solve: Callable[..., int], task: Task, seed: Joints
-    ) -> list[Configuration]:
+    def _configurations(self, solve: Callable[..., int], task: Task, seed: Joints) -> list[Joints]:
         is_turned = task.metric is not GoalMetric.POSITION_ONLY
         R = task.R_base_tool.ravel().tolist() if is_turned else _NO_ROTATION
         metric = _METRICS[task.metric]
         _GOAL.pack_into(self._goal, 0, metric, *task.point, *R, task.angle_tolerance, *seed)
         count = solve(self._arm(task.frame), *self._at)
         found = _FOUND.iter_unpack(self._found[: count * _FOUND.size])
-        return [Configuration((a, b, c, d, e), _BRANCHES[int(k)]) for a, b, c, d, e, k in found]
+        return [(a, b, c, d, e) for a, b, c, d, e in found]
 
     def edge(self, task: Task, seed: Joints) -> list[Array]:
         """Starts for a minimisation to a point out of reach, each of shape (5,), [rad].
@@ -86,10 +80,6 @@ class ClosedForms:
         For a frame on the roll axis they are at the nearest reachable point already.
         """
         return [np.array(q) for q in self._workspace(task.frame).nearest(task.point, seed)]
-
-    def branch(self, q: Array, frame: str) -> str:
-        """The name of the branch that joint angles belong to."""
-        return self._structure.branch(to_joints(q), frame)
 
     def _packed(self, frame: str) -> Any:
         """An arm with one frame of its gripper, in the form of ``Arm`` in ``arm_ik.h``."""
@@ -104,7 +94,7 @@ class ClosedForms:
         return (ctypes.c_double * len(values))(*values)
 
     def _workspace_of(self, frame: str) -> Workspace:
-        def at(point: Point, seed: Joints) -> list[Configuration]:
+        def at(point: Point, seed: Joints) -> list[Joints]:
             task = Task(GoalMetric.POSITION_ONLY, frame, point, np.eye(3), 0.0, 0.0)
             return self.nearest(task, seed)
 

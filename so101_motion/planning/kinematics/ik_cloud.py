@@ -28,7 +28,6 @@ from so101_motion.planning.kinematics.arm_geometry import (
     JOINT_SLACK,
     TAU,
     ArmStructure,
-    Configuration,
     Joints,
     to_joints,
 )
@@ -84,15 +83,13 @@ class CloudSolver:
     def __init__(self, structure: ArmStructure, chain: Callable[[str], ArmChain]) -> None:
         self._structure, self._chain = structure, chain
 
-    def spread(
-        self, cloud: Cloud, seed: Joints, middle: Iterable[Configuration] = ()
-    ) -> Iterator[Configuration]:
+    def spread(self, cloud: Cloud, seed: Joints, middle: Iterable[Joints] = ()) -> Iterator[Joints]:
         """Configurations in a cloud, those near the seed first, no two near each other.
 
         Args:
             middle: Configurations as near to the goal itself as possible, for narrow clouds.
         """
-        q = np.array([configuration.q for configuration in middle]).reshape(-1, 5)
+        q = np.array(list(middle)).reshape(-1, 5)
         for points, coarseness in self._points(cloud):
             q = np.concatenate([q, self._configurations(cloud, points, seed, coarseness)])
             shares = _offset(cloud, self._chain(cloud.frame), q).shares(cloud.tolerance)
@@ -103,8 +100,7 @@ class CloudSolver:
         price = np.square(q - np.array(seed)).sum(axis=1) + np.square(shares).sum(axis=1)
         q = q[np.argsort(price, kind="stable")]
         while len(q):
-            joints = to_joints(q[0])
-            yield Configuration(joints, self._structure.branch(joints, cloud.frame))
+            yield to_joints(q[0])
             q = q[np.square(q - q[0]).sum(axis=1) > APART**2]
 
     def _points(self, cloud: Cloud) -> Iterator[tuple[Array, float]]:

@@ -36,7 +36,6 @@ class IkSolution(NamedTuple):
     # approach axis, for a full pose the angle of rotation between wanted and reached pose; 0 where
     # the orientation does not count
     error_angle: float
-    branch: str  # name of the branch, e.g. ``"front, elbow up"``
     # the joint limit at which the solution is, e.g. ``"elbow_flex at its upper limit"``, or None
     limit: str | None
 
@@ -91,7 +90,7 @@ def check_seed(q_seed: ArrayLike) -> Joints:
     raise ConfigError("q_seed", q_seed, "must be five finite joint angles [rad]")
 
 
-def judge(model: RobotModel, task: Task, joints: Joints, branch: str) -> IkSolution:
+def judge(model: RobotModel, task: Task, joints: Joints) -> IkSolution:
     """Clamp joint angles to the limits, and measure the errors with the model."""
     limit = None
     for angle, (lower, upper) in zip(joints, model.limits, strict=True):
@@ -103,7 +102,7 @@ def judge(model: RobotModel, task: Task, joints: Joints, branch: str) -> IkSolut
     x, y, z = model.rotation_and_position(q, task.frame)[1].tolist()
     goal_x, goal_y, goal_z = task.point
     off, turned = hypot(x - goal_x, y - goal_y, z - goal_z), orientation_error(model, task, q)
-    return IkSolution(q, off, turned, branch, limit)
+    return IkSolution(q, off, turned, limit)
 
 
 def _pulled_inside(model: RobotModel, joints: Joints) -> tuple[Joints, str | None]:

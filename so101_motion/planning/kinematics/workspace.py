@@ -27,7 +27,6 @@ from so101_motion.planning.kinematics.arm_geometry import (
     Angles,
     ArmStructure,
     Bars,
-    Configuration,
     Hand,
     Joints,
     Point,
@@ -63,7 +62,7 @@ class Workspace:
         self,
         structure: ArmStructure,
         frame: str,
-        at: Callable[[Point, Joints], list[Configuration]],
+        at: Callable[[Point, Joints], list[Joints]],
     ) -> None:
         self._structure, self._at = structure, at
         m = structure.measures
@@ -129,7 +128,7 @@ class Workspace:
     ) -> list[tuple[float, Joints]]:
         """Configurations near a seed at a point that is moved ``by`` [m] to an azimuth."""
         moved = (p_base[0] + by * cos(azimuth), p_base[1] + by * sin(azimuth), p_base[2])
-        return [(abs(by), each.q) for each in self._at(moved, seed)]
+        return [(abs(by), q) for q in self._at(moved, seed)]
 
     def _worth(self, found: list[tuple[float, Joints]]) -> float:
         """Up to which distance a start may lead to a point nearer than those found [m]."""

@@ -128,8 +128,8 @@ def test_candidates_come_nearest_first_and_no_two_are_alike(model, solver):
 
 def test_both_elbows_are_candidates_near_the_straight_arm(model, solver):
     q = np.array([0.2, 0.3, solver.structure.bars.straight + 0.3, 0.2, 0.0])
-    branches = {each.branch for each in solver.candidates(goal_at(model, q, APPROACH), q)}
-    assert branches == {"front, elbow up", "front, elbow down"}
+    elbows = [each.q[2] for each in solver.candidates(goal_at(model, q, APPROACH), q)]
+    assert min(elbows) < solver.structure.bars.straight < max(elbows)
 
 
 def test_a_solution_at_a_limit_names_it(model, solver):
