@@ -460,10 +460,11 @@ class MoveTest(LocalOperation):
             is_due = not is_here and state.mode is Mode.HOLDING
             plan = Offer(command="plan", title="Plan the test", due_in=0.0 if is_due else None)
             return show(state="held", text=TEST.instruction, offers=(plan,))
+        nowhere = None if outline.swings else "no joint has room to move"
         move = Offer(
             command="move",
             title="Move and measure",
-            why_not=None if outline.swings else "no joint has room to move",
+            why_not="a servo has an alarm" if state.reading.alarms else nowhere,
             asks="Is everything out of the way? Press again",
             key="m",
         )

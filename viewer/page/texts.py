@@ -102,11 +102,11 @@ def mode(state: JointState, *, lost: bool = False) -> str:
 
 def fault(state: JointState) -> str:
     """Why the arm is in a fault, without the file that was kept, which the Health tab names."""
-    text = _without_record(state.fault or "no reason given")
+    text = without_record(state.fault or "no reason given")
     return text.rstrip(".").removesuffix(", then let the arm hold again")
 
 
-def _without_record(text: str) -> str:
+def without_record(text: str) -> str:
     return text.partition(". The second before is recorded in ")[0]
 
 
@@ -150,7 +150,7 @@ def ended(error: BaseException) -> Sentence:
         by = "Stopped" if error.by == "stop" else f"Ended early by {error.by}"
         return Sentence(f"{by}. The arm holds where it is.")
     if isinstance(error, So101Error):
-        text = _refused(error) if isinstance(error, ConfigError) else _without_record(str(error))
+        text = _refused(error) if isinstance(error, ConfigError) else without_record(str(error))
         return Sentence(capital(text), Tone.BAD)
     return Sentence(f"Internal error: {quoted(error)}. See the log.", Tone.BAD)
 

@@ -197,12 +197,14 @@ class SetupPart(Part):
         self._torque, self._alarm = gui.add_html(""), gui.add_html("")
         self._steps = gui.add_html("")
         self._choice = gui.add_folder(None)
+        self._workflows: list[viser.GuiButtonHandle] = []
         with self._choice:
             self._resume = gui.add_button("", icon=viser.Icon.PLAYER_PLAY, color="green")
             self.setup.context.on_press(self._resume, self._go_on_with_earlier)
             for workflow in WORKFLOWS:
                 gui.add_html(setup_cards.choice(workflow))
                 button = gui.add_button(workflow.title, icon=viser.Icon.ARROW_RIGHT)
+                self._workflows.append(button)
                 self.setup.context.on_press(button, partial(self._choose, workflow))
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         for name, page in self._pages.items():
@@ -333,6 +335,8 @@ class SetupPart(Part):
             self._head.content = markup.headline("Set up an arm", about, is_under_way=False)
             earlier = wizard.interrupted
             self._resume.visible = earlier is not None
+            for button in self._workflows:
+                button.color = None if earlier is None else "gray"
             self._resume.label = "" if earlier is None else f"Go on with: {earlier.title}"
             self._steps.content = self._torque.content = ""
             return

@@ -231,7 +231,7 @@ def acceptable(joints: Mapping[str, JointView]) -> tuple[str, ...]:
 # What is about to be saved
 
 
-COLUMNS = ("quality", "travel", "change")  # the cells of a line
+COLUMNS = ("quality", "recorded", "change")  # the cells of a line
 
 _QUALITIES: Mapping[Verdict | None, tuple[str, Tone]] = {
     Verdict.COMPLETE: ("good", "good"),

@@ -229,6 +229,16 @@ def test_nothing_is_to_be_fixed_of_a_fault_that_has_gone(rig, fault, first):
     assert test.view.fix.startswith(first)
 
 
+def test_nothing_is_moved_while_a_servo_has_an_alarm(rig):
+    test = make(rig)
+    test.ask("plan")
+    assert test.view.offer("move").why_not is None
+    state = rig.arm.state
+    hot = replace(state.reading, alarms={"gripper": "its servo is too hot; let it cool"})
+    test._arm = SimpleNamespace(state=replace(state, reading=hot))
+    assert test.view.offer("move").why_not == "a servo has an alarm"
+
+
 def test_what_is_wrong_is_named_once_with_all_its_joints(rig):
     test = make(rig)
     joints = [JointAccuracy(joint=joint) for joint in ARM_JOINTS]
