@@ -64,7 +64,7 @@ UNREACHABLE = """() => [...document.querySelectorAll(
 
 @pytest.fixture
 def crawl(guest, rig):
-    """Makes the arm move slowly for half a minute."""
+    """Makes the arm move slowly."""
 
     def begin():
         crawl_aside(rig)

@@ -348,9 +348,9 @@ def move_to(rig, q):
 
 
 def crawl_aside(rig):
-    """Set out from home on a move that takes half a minute."""
+    """Set out on a move that takes over a minute, longer than a busy browser draws."""
     rig.arm.set_speed(to_rad(180.0))
-    move_to(rig, HOME)
+    move_to(rig, -ASIDE)
     rig.arm.set_speed(to_rad(3.0))
     rig.arm.move(JointGoal(q=ASIDE), wait=False)
 
