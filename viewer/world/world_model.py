@@ -18,7 +18,7 @@ import numpy as np
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.files.scene_file import scene_to, write_scene
-from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.collision import NEARBY, CollisionModel
 from so101_motion.planning.collision.scene import (
     FLOOR,
     LINKS,
@@ -279,9 +279,7 @@ class WorldModel:
 class OverlapCheck:
     """Checks whether the standing arm and the things of a scene overlap."""
 
-    def __init__(self, model: RobotModel) -> None:
-        self._model = model
-        self._collisions = CollisionModel(model, Scene())
+    _collisions: CollisionModel | None = None  # of the scene that was looked at last
 
     def overlap(self, scene: Scene, q: Array, q_jaw: float) -> tuple[str, str] | None:
         """The two bodies that overlap most, by their names; None if none do.
@@ -289,20 +287,13 @@ class OverlapCheck:
         Overlaps of the arm with itself or with the floor are not counted, and held things may stand
         on the floor.
         """
-        if scene is not self._collisions.scene:
-            self._collisions = CollisionModel(self._model, scene)
-        own = (FLOOR, *LINKS)
-        distances = self._collisions.distances(q, q_jaw)
-        apart = np.array(
-            [
-                FLOOR in pair or all(name in own for name in pair) or distance >= 0.0
-                for pair, distance in zip(self._collisions.pairs, distances, strict=True)
-            ]
-        )
-        if np.all(apart):
-            return None
-        first, second = self._collisions.pairs[int(np.argmin(np.where(apart, 0.0, distances)))]
-        return scene.called(first), scene.called(second)
+        if self._collisions is None or self._collisions.scene is not scene:
+            self._collisions = CollisionModel(RobotModel.load(), scene)
+        for each in self._collisions.nearest(q, q_jaw, within=NEARBY):
+            pair = each.first, each.second
+            if each.distance < 0.0 and FLOOR not in pair and not {*pair} <= {*LINKS}:
+                return scene.called(each.first), scene.called(each.second)
+        return None
 
 
 def in_each_other(pair: tuple[str, str]) -> Sentence:

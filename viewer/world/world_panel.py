@@ -24,7 +24,6 @@ from so101_motion.planning.collision.scene import (
     Scene,
     Sphere,
 )
-from so101_motion.planning.kinematics.model import RobotModel
 
 from ..page import markup, texts, units
 from ..page.page_context import PageContext, Part
@@ -73,8 +72,7 @@ class WorldPart(Part):
         self._context, self._user = context.reporting(self._report), user
         self._known: Scene = user.scene
         self.world = WorldModel(self._known, file=file, write=user.write, now=now)
-        model = RobotModel.load()
-        self._contacts = {name: OverlapCheck(model) for name in user.arms}
+        self._contacts = {name: OverlapCheck() for name in user.arms}
         self._inside: Sentence | None = None
         self._checked: tuple[Scene, Array] | None = None
         self._q = self._q_all()

@@ -214,7 +214,7 @@ def test_a_scene_that_somebody_else_gave_the_arm_is_taken_over(world):
 
 
 def test_an_obstacle_in_the_arm_or_in_what_it_holds_is_reported_and_what_is_apart_is_not():
-    contacts, model, q = OverlapCheck(RobotModel.load()), RobotModel.load(), np.zeros(5)
+    contacts, model, q = OverlapCheck(), RobotModel.load(), np.zeros(5)
     inside = Scene(obstacles=(box_at(model.frame(q, "gripper_link").p),))
     said = in_each_other(contacts.overlap(inside, q, 0.0))
     assert "'block'" in said.text
