@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
 from typing import Any
 
+import msgspec
 import viser
 
 from so101_motion.common.errors import in_series
@@ -104,24 +106,11 @@ def _tone(bad: bool, odd: bool) -> Tone:
 def _from_status(reported: Mapping[str, Any]) -> list[JointHealth]:
     """The servos in a machine's status; leaves out entries that cannot be read."""
     found = []
-    for joint, figures in reported.items():
-        try:
-            servo = JointHealth(
-                joint=str(joint),
-                servo_id=int(figures.get("servo_id", 0)),
-                t=0.0,
-                latched=(),
-                volts=float(figures["volts"]),
-                amps=float(figures["amps"]),
-                temperature_c=int(figures["temperature_c"]),
-                load=0.01 * float(figures["load_percent"]),
-                faults=tuple(map(str, figures["faults"])),
-                is_silent=figures["silent"] is True,
-                **{name: int(figures[name]) for name in _COUNTS},
-            )
-        except (AttributeError, KeyError, TypeError, ValueError):
-            continue
-        found.append(servo)
+    for joint, told in reported.items():
+        with suppress(KeyError, TypeError, msgspec.ValidationError):
+            given = {"servo_id": 0, **told, "joint": str(joint), "t": 0.0, "latched": ()}
+            given |= {"load": 0.01 * told["load_percent"], "is_silent": told["silent"]}
+            found.append(msgspec.convert(given, JointHealth, strict=False))
     return sorted(found, key=lambda servo: servo.servo_id)
 
 

@@ -33,9 +33,9 @@ WELL = JointHealth(
     load=-0.25, faults=(), answers=1000, lost=0, corrupt=0, retries=0, is_silent=False,
 )  # fmt: skip
 TOLD = {
-    "servo_id": 3, "silent": False, "volts": 12.1, "amps": 0.12, "temperature_c": 34,
-    "load_percent": 25.0, "faults": [], "faults_since_start": [], "answers": 10, "lost": 1,
-    "corrupt": 2, "retries": 3,
+    "servo_id": 3.0, "silent": False, "volts": 12.1, "amps": 0.12, "temperature_c": 34.0,
+    "load_percent": 25.0, "faults": [], "faults_since_start": [], "answers": 10.0, "lost": 1.0,
+    "corrupt": 2.0, "retries": 3.0,  # as they come over gRPC
 }  # fmt: skip
 
 
