@@ -29,7 +29,6 @@ MOST = 60_000  # the recording ends with so many points, ten minutes of constant
 
 _ENDED = {
     Mode.LIMP: "the arm was released",
-    Mode.FAULT: "the arm could not be reached any more",
     Mode.CALIBRATING: "the servos are being set up",
 }
 
@@ -86,7 +85,7 @@ class PathRecorder:
         if self.future.done():
             return
         if state.mode is not self._mode:
-            self._end(_ENDED.get(state.mode, "manual mode ended"))
+            self._end(state.fault or _ENDED.get(state.mode, "manual mode ended"))
         elif state.t > self._newest[0] and not state.reading.unanswered.intersection(ARM_JOINTS):
             self._take(self._row(state))
             if self.points >= MOST:

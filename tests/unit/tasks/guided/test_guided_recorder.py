@@ -58,7 +58,7 @@ def test_it_ends_when_the_arm_is_let_go_of_or_lost(guided):
     guided.lead(CORNERS[0])
     guided.rig.executor.call(lambda driver: driver.disconnect(ConnectionError("cable")))
     guided.clock.advance(0.1)
-    assert recorder.ended_by == "the arm could not be reached any more"
+    assert "cable" in recorder.ended_by
     assert np.degrees(recorder.end().q[-1]) == pytest.approx(CORNERS[0], abs=1e-6)
     guided.rig.executor.call(lambda driver: driver.reconnect())
 
