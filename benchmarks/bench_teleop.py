@@ -149,7 +149,7 @@ class BusyClock(ManualClock):
         super().__init__()
         self.is_busy, self._random = False, random.Random(1)
 
-    def wait(self, until: float, wake: threading.Event) -> None:
+    def wait(self, until: float, wake: threading.Event | None) -> None:
         """Wait for the time or the event, sometimes for longer."""
         is_driving = threading.current_thread().name.startswith("so101-io")
         if self.is_busy and is_driving and self._random.random() < 0.01:

@@ -41,10 +41,11 @@ class Clock(Protocol):
     def attend(self) -> AbstractContextManager[None]:
         """Register the calling thread with this clock, so it may ``wait``, until the block ends."""
 
-    def wait(self, until: float, wake: threading.Event) -> None:
+    def wait(self, until: float, wake: threading.Event | None) -> None:
         """Return when the time is ``until`` [s], or earlier when ``wake`` is set; clears ``wake``.
 
-        The caller looks at what ``wake`` announces after this returns, so nothing gets lost.
+        The caller looks at what ``wake`` announces after this returns, so nothing gets lost. Real
+        time takes half as long to wait without one.
         """
 
     def join(self, thread: threading.Thread) -> None:
@@ -60,9 +61,13 @@ class MonotonicClock:
     def attend(self) -> AbstractContextManager[None]:
         return nullcontext()
 
-    def wait(self, until: float, wake: threading.Event) -> None:
-        wake.wait(max(0.0, until - time.monotonic()))
-        wake.clear()
+    def wait(self, until: float, wake: threading.Event | None) -> None:
+        left = max(0.0, until - time.monotonic())
+        if wake is None:
+            time.sleep(left)
+        else:
+            wake.wait(left)
+            wake.clear()
 
     def join(self, thread: threading.Thread) -> None:
         thread.join()
@@ -123,8 +128,8 @@ class ManualClock:
                 del self._threads[me]
                 self._changed.notify_all()
 
-    def wait(self, until: float, wake: threading.Event) -> None:
-        me = threading.current_thread()
+    def wait(self, until: float, wake: threading.Event | None) -> None:
+        me, wake = threading.current_thread(), wake or threading.Event()
         with self._changed:
             if me not in self._threads:
                 raise RuntimeError(f"thread {me.name} waits on a clock that it does not attend to")
@@ -223,7 +228,8 @@ class Metronome:
 
     def is_due(self, now: float) -> bool:
         """Whether tick ``k`` is due ``now`` [s]; leaves out ticks that are too late first."""
-        lateness = now - self.deadline
+        deadline = self._t0 + self.k * self.dt
+        lateness = now - deadline
         if lateness > 0.5 * self.dt:
             passed = math.ceil(lateness / self.dt - 0.5)
             if self.missed + passed <= LONGEST_SKIP:
@@ -232,7 +238,8 @@ class Metronome:
                 self._t0 += passed * self.dt
             self.missed += passed
             self.late += passed
-        return now >= self.deadline - _EPSILON
+            deadline = self.deadline
+        return now >= deadline - _EPSILON
 
     def advance(self) -> None:
         self.k += 1

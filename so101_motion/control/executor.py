@@ -283,30 +283,39 @@ class Executor:
                 self._ready.set_exception(error)
                 return
             self._ready.set_result(None)
-            while not self.requests.is_over(moving=self._control.is_moving):
+            moving = False
+            while not self.requests.is_over(moving=moving):
                 now = self._clock.now()
-                until = self._not_before(now)
+                until = self._not_before(now, moving)
                 if until is None:
                     try:
                         self._control.k = self._beat.k
-                        for request in self.requests.take():
-                            try:
-                                result = request.run()
-                            except Exception as error:
-                                self._control.outcomes.conclude(request.future, error)
-                            else:
-                                if request.is_job:
-                                    self._control.outcomes.conclude(request.future, result=result)
+                        if self._wake.is_set():  # in mid-motion nobody has waited for it
+                            self._wake.clear()
+                        if not self.requests.is_empty:
+                            self._serve()
                         self._control.tick(now, self._beat.late, self._beat.missed)
                     except Exception as error:  # whatever it is, the thread lives on and says so
                         self._control.fail(error)
-                    until = self._end_turn(now)
-                self._clock.wait(until, self._wake)
+                    moving = self._control.is_moving
+                    until = self._end_turn(now, moving)
+                # What is asked for in mid-motion is served in the next tick, not sooner.
+                self._clock.wait(until, None if moving else self._wake)
             self._leave()
 
-    def _not_before(self, now: float) -> float | None:
+    def _serve(self) -> None:
+        for request in self.requests.take():
+            try:
+                result = request.run()
+            except Exception as error:
+                self._control.outcomes.conclude(request.future, error)
+            else:
+                if request.is_job:
+                    self._control.outcomes.conclude(request.future, result=result)
+
+    def _not_before(self, now: float, moving: bool) -> float | None:
         """When requests are served and the joints move next [s]; None if that is due."""
-        if not self._control.is_moving:
+        if not moving:
             if now < self._awaits_until and self.requests.is_empty:
                 return self._awaits_until
             self._beat.restart(now)
@@ -314,7 +323,7 @@ class Executor:
             return self._beat.deadline
         return None
 
-    def _end_turn(self, now: float) -> float:
+    def _end_turn(self, now: float, moving: bool) -> float:
         """Tell what has come of it; return when to run again [s]."""
         self._beat.advance()
         self._control.outcomes.settle()
@@ -324,7 +333,7 @@ class Executor:
                     listener(state)
                 except Exception:
                     _log.exception("a listener failed; the joints are not affected")
-        if self._control.is_busy or self._listeners:
+        if moving or self._listeners or self._control.is_busy:
             return self._beat.deadline
         return now + (_QUIET_PERIOD if self._control.is_quiet(now) else _IDLE_PERIOD)
 

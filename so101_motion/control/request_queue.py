@@ -153,6 +153,8 @@ class RequestQueue:
 
     def is_over(self, *, moving: bool) -> bool:
         """Whether the thread may end; stops that come later complete at once."""
+        if not self._closing:
+            return False
         with self._lock:
             self._over = self._closing and not moving and not self._stops
             return self._over

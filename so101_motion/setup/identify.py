@@ -306,7 +306,7 @@ class Identification:
                 if self._cancelled.is_set():
                     motion.interrupt("stop")
                 while not motion.future.done():
-                    rig.clock.wait(rig.clock.now() + _LOOK, threading.Event())
+                    rig.clock.wait(rig.clock.now() + _LOOK, None)
                     self._end_rest()
                     if tape.joint != shown:
                         shown = tape.joint

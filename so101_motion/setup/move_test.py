@@ -577,7 +577,7 @@ class MoveTest(LocalOperation):
             if self._cancelled.is_set():  # before there was a motion
                 motion.interrupt("stop")
             while not motion.future.done():
-                self._clock.wait(self._clock.now() + _LOOK, threading.Event())
+                self._clock.wait(self._clock.now() + _LOOK, None)
                 run.look(self._arm.state)
         ended_by = run.end(motion.future.exception())
         self.report = MoveReport(

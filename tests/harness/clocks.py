@@ -45,7 +45,7 @@ class TurnClock:
                 self._changed.notify_all()
 
     def wait(self, until, wake):
-        turn = threading.Event()
+        turn, wake = threading.Event(), wake or threading.Event()
         with self._changed:
             self._waits[threading.current_thread()] = (until, wake, turn)
             self._changed.notify_all()
