@@ -1,12 +1,12 @@
 """Open a serial port exclusively and read it without spinning; only this file imports pyserial.
 
 ``flock`` refuses other programs that lock (pyserial can), ``TIOCEXCL`` those that just open.
-Reading sleeps in ``poll`` until bytes arrive or the timeout ends. A port that goes away (USB
-unplugged) shows as a hang-up, an I/O error or an end of file; all become ``PortUnavailable``.
+Reading sleeps until bytes arrive or the timeout ends (``serial_read.c``). A port that goes away
+(USB unplugged) shows as a hang-up, an I/O error or an end of file; all become ``PortUnavailable``.
 
-Reading, writing and discarding never wait (the port is non-blocking) and keep Python's interpreter
-lock: a thread that releases it waits half a millisecond for each busy thread to get it back, and a
-control cycle makes six such calls. Only ``poll`` releases it. On Windows, pyserial does all this.
+Writing and discarding never wait (the port is non-blocking) and keep Python's interpreter lock: a
+thread that releases it waits half a millisecond for each busy thread to get it back, and a control
+cycle makes six such calls. Only reading releases it. On Windows, pyserial does all this.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ import select
 import sys
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import serial
 from serial.tools import list_ports
 
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.port.port_list import open_error_text
+from so101_motion.native.library import native
 
 if sys.platform != "win32":
     import fcntl
     import termios
 
     _libc = ctypes.PyDLL(None, use_errno=True)  # PyDLL keeps the interpreter lock
-    _libc.read.restype = _libc.write.restype = ctypes.c_ssize_t
-    _libc.read.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t)
+    _libc.write.restype = ctypes.c_ssize_t
     _libc.write.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t)
     _libc.tcflush.argtypes = (ctypes.c_int, ctypes.c_int)
 
@@ -76,9 +76,8 @@ class SerialPort:
         # FTDI adapters hold bytes back for 16 ms unless told not to; others do not know the call.
         with contextlib.suppress(OSError, ValueError, NotImplementedError):
             self._serial.set_low_latency_mode(True)
-        self._poll = select.poll()
-        self._poll.register(self._fd, select.POLLIN)
-        self._received = ctypes.create_string_buffer(_CHUNK)
+        self._read = native().library.so101_serial_read
+        self._received: Any = ctypes.create_string_buffer(_CHUNK)
         self.discard()
 
     def write(self, data: bytes) -> None:
@@ -102,17 +101,13 @@ class SerialPort:
                 while not (size := self._serial.in_waiting) and time.monotonic() < until:
                     time.sleep(_LOOK)
                 return bytes(self._serial.read(size))
-            events = self._poll.poll(wait_ms if wait_ms == 0.0 else int(wait_ms) + 1)
-            if not events:
-                return b""
-            if not events[0][1] & select.POLLIN:
-                raise PortUnavailable(self.name, _UNPLUGGED)
-            size = _checked(_libc.read(self._fd, self._received, _CHUNK))
+            wait = int(wait_ms) + 1 if wait_ms else 0
+            size = self._read(self._fd, self._received, _CHUNK, wait)
+            if size < 0:
+                raise OSError(-size, os.strerror(-size))
         except OSError as error:
             raise self._gone(error) from error
-        if size == 0:
-            raise PortUnavailable(self.name, _UNPLUGGED)
-        return ctypes.string_at(self._received, size)
+        return self._received[:size] if size else b""
 
     def discard(self) -> None:
         try:
