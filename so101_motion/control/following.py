@@ -401,12 +401,15 @@ class Following(OpenEndedMotion):
         """
         self._refuse_if_over()
         wanted = self._checked("q", q, most)
-        rate = np.zeros(len(wanted)) if qd is None else self._checked("qd", qd)
-        taken = frozen_array(np.clip(wanted, self._lower, self._upper), wanted.shape)
-        outside = frozen_array(wanted - taken, wanted.shape)
-        within = (outside == 0.0).astype(np.float64)
-        change = None if qdd is None else within * self._checked("qdd", qdd)
-        self._aimed, self._briefly = _Aim(taken, within * rate, change, outside), False
+        rate = self._still if qd is None else self._checked("qd", qd)
+        change = None if qdd is None else self._checked("qdd", qdd)
+        taken, outside = wanted, self._still
+        if not ((self._lower <= wanted) & (wanted <= self._upper)).all():
+            taken = frozen_array(np.clip(wanted, self._lower, self._upper))
+            outside = frozen_array(wanted - taken)
+            within = outside == 0.0
+            rate, change = rate * within, None if change is None else change * within
+        self._aimed, self._briefly = _Aim(taken, rate, change, outside), False
         return taken
 
     def hold(self, *, briefly: bool = False) -> None:

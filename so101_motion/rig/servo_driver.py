@@ -37,7 +37,7 @@ from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.presence import missing_servos
-from so101_motion.drivers.feetech.servo_judgement import alarms, let_go
+from so101_motion.drivers.feetech.servo_judgement import alarms, let_go, share_of_speed
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_monitor import BusMonitor
@@ -90,6 +90,7 @@ class ServoDriver:
         setups: Calibration by joint, for every joint that has a servo.
         notes: What the user should know about the calibration.
         on_command: Called on the I/O thread with every command as it is sent; None for nothing.
+        speed_share: The share of its speed that the arm should use, as of the last ``read``.
         no_reading: The result of ``read`` before any servo was asked; its angles mean nothing.
         is_found: Whether they have been set up since they were asked for.
         on_found: Called on the I/O thread when a ``read`` has set the servos up for the first
@@ -111,6 +112,8 @@ class ServoDriver:
         self.setups: Mapping[str, JointSetup] = {}
         self.notes: tuple[str, ...] = ()
         self.on_command: CommandListener | None = None
+        self._told: CommandListener | None = None  # what the present arm has been given
+        self.speed_share = 1.0
         self._losses = 0  # of arms and monitors before the present one
         self._alarms: Mapping[str, str] = {}
         self._gone: frozenset[str] = frozenset()  # joints whose servos have switched off
@@ -192,6 +195,7 @@ class ServoDriver:
             self._look_due = now + _LOOK_PERIOD
             health = self.health
             self._alarms, self._gone = alarms(health), let_go(health)
+            self.speed_share = share_of_speed(health)
         if not self._alarms:
             return reading
         return replace(reading, alarms=self._alarms, let_go=self._gone)
@@ -429,7 +433,8 @@ class ServoDriver:
             )
         if self._arm is None:
             self._arm = self._found()
-        self._arm.on_command = self.on_command  # any thread may have set it
+        if self._told is not self.on_command:  # any thread may have set it
+            self._arm.on_command = self._told = self.on_command
         return self._arm
 
     def _found(self) -> FeetechArm:
@@ -484,6 +489,7 @@ class ServoDriver:
             arm.close()
             raise
         self._take(settings, found)
+        self._told = None
         return arm
 
     def _take(self, settings: ServoSettings, found: JointSetups) -> None:

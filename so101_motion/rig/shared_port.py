@@ -37,7 +37,6 @@ from so101_motion.drivers.feetech.gravity_compensation import (
     SETTLE_TIMEOUT,
     SETTLE_VELOCITY,
 )
-from so101_motion.drivers.feetech.servo_judgement import share_of_speed
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.files.failure_record import FailureRecorder
 from so101_motion.planning.collision.scene import Scene
@@ -175,7 +174,7 @@ class SharedPort:
         if isinstance(clock, MonotonicClock):
             self.rig.executor.call(lambda _: use_realtime_priority())
         self.rig.gripper.limits = HARDWARE_JAW_LIMITS
-        self.rig.arm.slowdown = lambda: share_of_speed(self.servos.health)
+        self.rig.arm.slowdown = lambda: self.servos.speed_share
         self.take_ranges()
 
     def leave_as_configured(self) -> None:

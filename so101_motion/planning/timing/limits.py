@@ -104,6 +104,8 @@ class MotionLimits:
         """
         if share >= 1.0:
             return other
+        if share <= 0.0 and self.tool_speed is None:
+            return self
         u = max(share, 0.0)
         return MotionLimits(
             velocity=self.velocity + u * (other.velocity - self.velocity),
