@@ -41,9 +41,18 @@ def frozen_array(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Arr
 
 
 def freeze(value: object, **shapes: tuple[int, ...]) -> None:
-    """Make arrays of a frozen dataclass a ``frozen_array`` each; for its ``__post_init__``."""
+    """Make arrays of a frozen dataclass a ``frozen_array`` each; for its ``__post_init__``.
+
+    Those that nobody can write are not copied.
+    """
     for name, shape in shapes.items():
-        object.__setattr__(value, name, frozen_array(getattr(value, name), shape))
+        given = getattr(value, name)
+        if type(given) is np.ndarray and given.shape == shape and not given.flags.writeable:
+            base: Any = given.base  # that of a view of a view is the one that has the memory
+            is_fixed = base is None or type(base) is bytes or not base.flags.writeable
+            if is_fixed and given.dtype.char == "d":
+                continue
+        object.__setattr__(value, name, frozen_array(given, shape))
 
 
 class Brief:
@@ -381,4 +390,4 @@ def quaternion_wxyz(R: Array) -> Array:
 
 
 def is_finite(values: Any) -> bool:
-    return bool(np.all(np.isfinite(values)))
+    return bool(np.isfinite(values).all())

@@ -97,6 +97,8 @@ class ChannelPlayer:
 
     Attributes:
         neighbours: Other arms to keep off; None if there are none.
+        is_moving: Whether a motion is under way, settling included.
+        recovery: Joints outside their limits.
     """
 
     def __init__(
@@ -110,19 +112,17 @@ class ChannelPlayer:
         recent: Callable[[], tuple[JointState, ...]],
     ) -> None:
         self._channel, self._dt, self.stop_limits = channel, dt, stop_limits
+        self._joints = channel.joints
         self._tolerances, self._conclude, self._recent = tolerances, conclude, recent
         self.neighbours: Neighbours | None = None
         self._motion: _Motion | None = None
+        self.is_moving = False
         self._k = 0  # the tick that ``reference`` was commanded in
         self.reference = Setpoint.at_rest(np.zeros(len(channel.joints)))
-        self._recovery = LimitRecovery(channel.joints)
+        self.recovery = LimitRecovery(channel.joints)
         self._following = FollowingCheck(tolerances, dt)
         self._unanswered: frozenset[str] = frozenset()
         self._in_play: Mapping[str, float] = {}
-
-    @property
-    def is_moving(self) -> bool:
-        return self._motion is not None
 
     @property
     def is_stopping(self) -> bool:
@@ -144,31 +144,28 @@ class ChannelPlayer:
 
         A joint outside its limits stays where it is unless a motion brings it in.
         """
-        if not self._recovery or (self._motion is not None and self._motion.ending is None):
+        motion = self._motion
+        if not self.recovery.is_needed or (motion is not None and motion.ending is None):
             return self.reference.q
-        return self._recovery.left_alone(self.reference.q)
+        return self.recovery.left_alone(self.reference.q)
 
     @property
-    def speed(self) -> Array:
-        """Velocity of the command, shape (n,), [rad/s]; NaN for a joint that did not follow."""
-        motion, qd = self._motion, self.reference.qd
-        return qd if motion is None or motion.lost is None else np.where(motion.lost, np.nan, qd)
+    def order(self) -> tuple[Array, Array | None, bool]:
+        """What the driver is told beside the command.
 
-    @property
-    def acceleration(self) -> Array | None:
-        """Acceleration expected from now on, shape (n,), [rad/s^2]; None if it is not known."""
-        source = None if self._motion is None else self._motion.source
-        if isinstance(source, PlannedMotion):
-            return source.acceleration
-        if isinstance(source, Following):
-            return source.expected_acceleration.qdd
-        return self.reference.qdd if source is None else None
-
-    @property
-    def follows_target(self) -> bool:
-        """Whether it follows targets instead of a planned motion."""
-        source = None if self._motion is None else self._motion.source
-        return not isinstance(source, PlannedMotion) and isinstance(source, Following)
+        Its velocity, shape (n,), [rad/s], NaN for a joint that did not follow; the acceleration
+        expected from now on, shape (n,), [rad/s^2], None if it is not known; and whether it follows
+        targets instead of a planned motion.
+        """
+        motion, now = self._motion, self.reference
+        if motion is None:
+            return now.qd, now.qdd, False
+        qd = now.qd if motion.lost is None else np.where(motion.lost, np.nan, now.qd)
+        if isinstance(motion.source, PlannedMotion):
+            return qd, motion.source.acceleration, False
+        if isinstance(motion.source, Following):
+            return qd, motion.source.expected_acceleration.qdd, True
+        return qd, None, False
 
     def rest_at(self, q: Array) -> None:
         self.reference = Setpoint.at_rest(q)
@@ -176,9 +173,11 @@ class ChannelPlayer:
     def update(self, q: Array, reading: JointReading) -> None:
         """Note the measured angles, shape (n,), [rad], and what else was read."""
         self._unanswered, self._in_play = reading.unanswered, reading.in_play
-        self._recovery.update(q, reading.out_of_range)
-        if self._recovery and self._motion is None:
-            self.reference = Setpoint.at_rest(self._recovery.inside(self.reference.q))
+        recovery = self.recovery
+        if reading.out_of_range or recovery.is_needed:
+            recovery.update(q, reading.out_of_range)
+            if recovery.is_needed and self._motion is None:
+                self.reference = Setpoint.at_rest(recovery.inside(self.reference.q))
 
     def yield_to_push(self, alarms: Mapping[str, str], let_go: Collection[str], q: Array) -> bool:
         """Let a resting joint with an alarm stay where it was pushed; whether there is one.
@@ -187,10 +186,10 @@ class ChannelPlayer:
         """
         if self._motion is not None:
             return False
-        names, off = self._channel.joints, np.abs(q - self.reference.q)
+        names, off = self._joints, np.abs(q - self.reference.q)
         pushed = np.isin(names, list(alarms)) & (off > _PUSHED)
         pushed |= np.isin(names, list(let_go)) & (off > 0.0)
-        pushed &= ~self._recovery.mask
+        pushed &= ~self.recovery.mask
         if pushed.any():
             self.reference = Setpoint.at_rest(np.where(pushed, q, self.reference.q))
         return bool(pushed.any())
@@ -205,12 +204,12 @@ class ChannelPlayer:
                 " stop it or wait for its end"
             )
         if not source.can_wait:
-            self._recovery.refuse()
-        self._recovery.refuse_far()
+            self.recovery.refuse()
+        self.recovery.refuse_far()
         first = source.start
-        refuse_jump(self._channel.joints, first.q - self.reference.q, "deg")
-        refuse_jump(self._channel.joints, first.qd - self.reference.qd, "deg/s")
-        self._motion = self._ready(_Motion(source=source, start=k), k - 1)
+        refuse_jump(self._joints, first.q - self.reference.q, "deg")
+        refuse_jump(self._joints, first.qd - self.reference.qd, "deg/s")
+        self._get_ready(_Motion(source=source, start=k), k - 1)
 
     def turn(self, following: Following, k: int) -> None:
         """Let ``following`` take over from the present reference; ``MotionError`` during a stop."""
@@ -219,10 +218,10 @@ class ChannelPlayer:
             raise MotionError(
                 f"the {self._channel.value} is being stopped; ask again when it is at rest"
             )
-        self._recovery.refuse_far()
+        self.recovery.refuse_far()
         following.take_over(self.reference, previous.source if previous else None, self.stop_limits)
         start = k if previous is None else self._k
-        self._motion = self._ready(_Motion(source=following, start=start), start)
+        self._get_ready(_Motion(source=following, start=start), start)
         if previous is not None:
             self._conclude(previous.source.future, Interrupted(SUPERSEDED))
 
@@ -271,7 +270,7 @@ class ChannelPlayer:
             motion.source, motion.start = resumed, self._k
 
     def fail(self, error: BaseException) -> None:
-        motion, self._motion = self._motion, None
+        motion, self._motion, self.is_moving = self._motion, None, False
         if motion is not None:
             for future in (motion.source.future, *motion.waiting):
                 self._conclude(future, error)
@@ -281,20 +280,22 @@ class ChannelPlayer:
     def step(self, k: int) -> None:
         """Move ``reference`` to where the motion wants it in tick ``k``."""
         motion = self._motion
-        if motion is not None and motion.waits_until is not None and not self._recovery:
+        if motion is None:
+            return
+        if motion.waits_until is not None and not self.recovery.is_needed:
             motion.start, motion.waits_until = k, None
-        if motion is not None and motion.last is None and motion.start is not None:
+        if motion.last is None and motion.start is not None:
             try:
                 setpoint = motion.source.sample(k - motion.start)
-                self._refuse_near(motion, setpoint)
+                if self.neighbours is not None:
+                    self._refuse_near(motion, setpoint, self.neighbours)
                 self.reference = setpoint
             except MotionError as error:
                 self._slow_down(motion, error)
                 self.reference = motion.source.sample(k - self._k)
             motion.last = k if motion.source.is_over else None
         self._k = k
-        if motion is not None:
-            self._following.want(self.reference.q)
+        self._following.want(self.reference.q)
 
     def run_on(self, gap: float) -> None:
         """Expect the joints farther on, because no setpoint was sent for ``gap`` [s]."""
@@ -324,11 +325,11 @@ class ChannelPlayer:
 
     def _held_up(self, motion: _Motion, q: Array) -> int:
         """A bit for each joint that is held up."""
-        joints = self._channel.joints
+        joints, in_play, silent = self._joints, self._in_play, self._unanswered
         if not isinstance(motion.source, PlannedMotion):
             return 0  # the others lag too much to tell
-        in_play = [self._in_play.get(joint, 0.0) for joint in joints]
-        return self._following.held_up(q, in_play, silent=self._unanswered >= {*joints})
+        strays = [in_play.get(joint, 0.0) for joint in joints] if in_play else [0.0] * len(joints)
+        return self._following.held_up(q, strays, silent=bool(silent) and silent >= {*joints})
 
     def _is_over(self, motion: _Motion, q: Array, held: int) -> bool:
         """End the motion if a joint does not follow; whether there is no more to check."""
@@ -336,9 +337,9 @@ class ChannelPlayer:
         if held_up.any() and self._following.silence and self._rest_a_while(motion):
             return True
         if motion.waits_until is not None:
-            mask = self._recovery.mask
+            mask = self.recovery.mask
             if self._k > motion.waits_until:
-                joint, away = self._recovery.farthest()
+                joint, away = self.recovery.farthest()
                 error = self._missed(
                     joint,
                     away,
@@ -354,21 +355,20 @@ class ChannelPlayer:
             self._give_way(motion, lost, q, self._lost(np.where(lost, off, -np.inf), held_up))
         return bool(lost.any())
 
-    def _ready(self, motion: _Motion, k: int) -> _Motion:
-        """Prepare what ``motion`` needs from tick ``k`` on; returns it."""
+    def _get_ready(self, motion: _Motion, k: int) -> None:
+        """Prepare what ``motion`` needs from tick ``k`` on."""
         if self._motion is None:
             self._following.begin(self.reference.q)
             if self.neighbours is not None:  # until it asks for more, it stands here
                 self.neighbours.commit(self.reference.q[None], self._dt)
-        if self._recovery:
+        if self.recovery.is_needed:
             motion.start, motion.waits_until = None, k + round(RECOVERY_TIME / self._dt)
-        self._k = k
-        return motion
+        self._motion, self.is_moving, self._k = motion, True, k
 
-    def _refuse_near(self, motion: _Motion, setpoint: Setpoint) -> None:
+    def _refuse_near(self, motion: _Motion, setpoint: Setpoint, neighbours: Neighbours) -> None:
         """Refuse a setpoint from which the joints could not stop without coming near other arms."""
-        source, neighbours = motion.source, self.neighbours
-        if neighbours is None or motion.ending is not None:
+        source = motion.source
+        if motion.ending is not None:
             return
         if isinstance(source, (PlannedMotion, Stream)):
             admitted = neighbours.admits(*source.stop_ahead())
@@ -392,7 +392,7 @@ class ChannelPlayer:
         motion.source, motion.start = PlannedMotion(stop, motion.source.future), self._k
 
     def _obey(self, motion: _Motion, alarms: Mapping[str, str], q: Array) -> bool:
-        joints = self._channel.joints
+        joints = self._joints
         troubled = [joint for joint in joints if joint in alarms]
         if troubled:
             error = ServoAlarm(troubled[0], alarms[troubled[0]], recent=self._recent())
@@ -418,7 +418,7 @@ class ChannelPlayer:
         i, channel = int(np.argmax(off)), self._channel
         happened, check = self._following.words(i, held_up=bool(held_up[i]))
         return self._missed(
-            channel.joints[i],
+            self._joints[i],
             float(off[i]),
             f"{happened} {to_deg(float(off[i])):.1f} deg from where it should be; the"
             f" {channel.value} stopped and holds. Check {check}, then move again",
@@ -435,7 +435,7 @@ class ChannelPlayer:
         Otherwise their servos would press with full force against what blocks them. A joint that
         did not answer now stops like the others, because its position is not known.
         """
-        lost = lost & ~np.isin(self._channel.joints, list(self._unanswered))
+        lost = lost & ~np.isin(self._joints, list(self._unanswered))
         now = self.reference
         self.reference = Setpoint(
             q=np.where(lost, q, now.q),
@@ -465,7 +465,7 @@ class ChannelPlayer:
         elif passed > limits.settle_timeout:
             i = int(np.argmax(speed if arrived else off))
             error = self._missed(
-                self._channel.joints[i],
+                self._joints[i],
                 float(off[i]),
                 f"did not settle: after {limits.settle_timeout:g} s it is"
                 f" {to_deg(float(off[i])):.2f} deg from its goal"
@@ -476,7 +476,7 @@ class ChannelPlayer:
             self._finish(motion, error)
 
     def _finish(self, motion: _Motion, error: FollowingError | None) -> None:
-        self._motion = None
+        self._motion, self.is_moving = None, False
         self._conclude(motion.source.future, motion.ending or error)
         for waiting in motion.waiting:
             self._conclude(waiting, error)

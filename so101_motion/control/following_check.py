@@ -86,40 +86,40 @@ class _Watch(ctypes.Structure):
 
 
 class LatestRows:
-    """The latest rows of a table, in one array: looking back at them copies nothing."""
+    """The latest rows of a table, in one array: looking back at them copies nothing.
+
+    ``count`` says how many there are, up to as many as are kept.
+    """
 
     def __init__(self, kept: int) -> None:
         self._kept = kept
         self._rows: Array = np.empty((0, 0))
-        self._end = self._count = 0
-
-    def __len__(self) -> int:
-        return self._count
+        self._end = self.count = 0
 
     def append(self, row: Array) -> None:
         """Add a row, shape (n,); the oldest is dropped if as many as are kept are there."""
         if self._rows.shape[1:] != row.shape:
             self._rows = np.empty((4 * self._kept, len(row)))
             self._begin, self._size = self._rows.ctypes.data, self._rows.strides[0]
-            self._end = self._count = 0
+            self._end = self.count = 0
         if self._end == len(self._rows):
             self._rows[: self._kept] = self._rows[-self._kept :].copy()
             self._end = self._kept
         self._rows[self._end] = row
         self._end += 1
-        self._count = min(self._count + 1, self._kept)
+        self.count = min(self.count + 1, self._kept)
 
     @property
-    def end(self) -> ctypes.c_void_p:
+    def end(self) -> int:
         """The address behind the last row."""
-        return ctypes.c_void_p(self._begin + self._end * self._size)
+        return self._begin + self._end * self._size
 
     def last(self, n: int) -> Array:
         """The last ``n`` rows that are there, oldest first; until the next ``append``."""
-        return self._rows[self._end - min(n, self._count) : self._end]
+        return self._rows[self._end - min(n, self.count) : self._end]
 
     def clear(self) -> None:
-        self._end = self._count = 0
+        self._end = self.count = 0
 
 
 class FollowingCheck:
@@ -158,7 +158,7 @@ class FollowingCheck:
         self._doubted = round(DOUBTED / dt)
         self._blind = 0  # for how many ticks joints may catch up
         self._silent = self._left = 0  # ticks without an answer; ticks until these do not matter
-        self._stray: Array | float = 0.0  # before that
+        self._strayed: tuple[Array | float, Array | float] = 0.0, 0.0  # wanted and seen before that
         self._q: Array | None = None  # where the joints were last
         self._ran_to: Array | None = None  # where joints without setpoints may have run
         self._way: Array = np.zeros(0)  # in which direction
@@ -170,7 +170,7 @@ class FollowingCheck:
         """Forget everything; the joints have stood at ``q_ref``, shape (n,), [rad]."""
         self._watch.joints = len(q_ref)
         self._given: Any = (ctypes.c_double * MOST)()
-        self._latest: list[float] = q_ref.tolist()
+        self._newest, self._latest = q_ref, q_ref.tolist()
         for _ in range(self._kept):
             self._wanted.append(q_ref)
         self._forget_seen()
@@ -190,7 +190,7 @@ class FollowingCheck:
     def want(self, q_ref: Array) -> None:
         """Note the setpoint of this tick, ``q_ref``, shape (n,), [rad]."""
         self._wanted.append(q_ref)
-        self._latest = q_ref.tolist()
+        self._newest, self._latest = q_ref, q_ref.tolist()
         self._late -= 1
         if self._late < 0:
             self._ran_to = None
@@ -234,12 +234,12 @@ class FollowingCheck:
             self._forget_seen()
             return held
         self._seen.append(q)
-        if len(self._wanted) < self._kept:
+        if self._wanted.count < self._kept:
             return held
         self._given[: len(in_play)] = in_play
         return held | int(
             quick().so101_held_up(
-                self._watch_at, self._wanted.end, self._seen.end, len(self._seen), self._given
+                self._watch_at, self._wanted.end, self._seen.end, self._seen.count, self._given
             )
         )
 
@@ -273,13 +273,15 @@ class FollowingCheck:
 
     def _have_missed_goals(self, q: Array) -> int:
         """A bit for each joint, at ``q`` [rad] now, that fell behind in a silence."""
-        stray = self._wanted.last(1)[0] - q
         if self._silent >= MISSED:
             self._left, self.silence = self._doubted, self._silent * self._dt
         self._silent = 0
         if not self._left:
-            self._stray, self.silence = stray, 0.0
+            self._strayed, self.silence = (self._newest, q), 0.0
             return 0
         self._left -= 1
-        missed = np.abs(stray - self._stray) > BEHIND * self._tolerances.contact_distance
+        wanted, seen = self._strayed
+        missed = (
+            np.abs(self._newest - q - (wanted - seen)) > BEHIND * self._tolerances.contact_distance
+        )
         return sum(1 << int(i) for i in np.flatnonzero(missed))

@@ -136,7 +136,6 @@ class JointController:
         self._gap_level = logging.WARNING
         self.outcomes = Outcomes()
         self.recent = RecentStates(dt)
-        self._published: dict[str, Any] = {}
 
         def player(channel: Channel, limits: MotionLimits, tolerances: Tolerances) -> ChannelPlayer:
             return ChannelPlayer(
@@ -324,12 +323,12 @@ class JointController:
                 player.run_on((missed + 1) * self._dt)
         if missed * self._dt > PAUSE and self.is_moving:
             self._go_on_from_rest((missed + 1) * self._dt)
-        if self.is_moving:
-            for player in players:
-                player.step(self.k)
-            command = arm.command, float(jaw.command[0]), arm.speed, arm.acceleration
+        if arm.is_moving or jaw.is_moving:
+            arm.step(self.k)
+            if jaw.is_moving:
+                jaw.step(self.k)
             try:
-                self._driver.write(*command, arm.follows_target)
+                self._driver.write(arm.command, float(jaw.command[0]), *arm.order)
             except CommandRefused as refused:
                 if arm.lost is None:
                     raise
@@ -341,9 +340,9 @@ class JointController:
             self._rest_at(reading)
         elif self.mode is Mode.GUIDING:
             self._arm.rest_at(reading.q)
-        q_jaw = np.array([reading.q_jaw])
         arm.update(reading.q, reading)
-        jaw.update(q_jaw, reading)
+        if jaw.is_moving or jaw.recovery.is_needed or reading.out_of_range:
+            jaw.update(np.array([reading.q_jaw]), reading)
         if reading.alarms and self.mode is Mode.HOLDING:
             missing = reading.unanswered | reading.unconfirmed
             if missing.isdisjoint(ARM_JOINTS) and self._arm.yield_to_push(
@@ -352,18 +351,33 @@ class JointController:
                 self._driver.write(self._arm.command, float(self._jaw.command[0]))
         if self._is_silence and self._fault is not None and not reading.unanswered:
             self._fault = ANSWERS_AGAIN
-        self._note_events(reading, now)
-        self.state = self._snapshot(reading, now, late)
+        if arm.is_moving or jaw.is_moving:
+            self._quiet_from = now + _QUIET_AFTER
+        else:
+            self._note_events(reading, now)
+        self.state = JointState(
+            t=now,
+            mode=self.mode,
+            reading=reading,
+            q_ref=arm.reference.q,
+            qd_ref=arm.reference.qd,
+            q_jaw_ref=float(jaw.reference.q[0]),
+            arm_moving=arm.is_moving,
+            jaw_moving=jaw.is_moving,
+            late_ticks=late,
+            fault=self._fault,
+            lent_to=self._lent_to,
+        )
         self.recent.append(self.state)
         if reading.unconfirmed.isdisjoint(ARM_JOINTS):
             self._arm.check(reading.q, reading.qd, reading.alarms)
         if jaw.is_moving and GRIPPER_JOINT not in reading.unconfirmed:
-            jaw.check(q_jaw, np.array([reading.qd_jaw]), reading.alarms)
-        moving = [player for player in players if player.is_moving]
+            q_jaw, qd_jaw = np.array([reading.q_jaw]), np.array([reading.qd_jaw])
+            jaw.check(q_jaw, qd_jaw, reading.alarms)
         if self.mode in (Mode.MOVING, Mode.STOPPING):
-            if not moving:
+            if not (arm.is_moving or jaw.is_moving):
                 self._enter(Event.REST)
-            elif all(player.is_stopping for player in moving):
+            elif arm.is_moving <= arm.is_stopping and jaw.is_moving <= jaw.is_stopping:
                 self._enter(Event.STOP)
         self._republish()
 
@@ -406,8 +420,7 @@ class JointController:
 
     def _note_events(self, reading: JointReading, now: float) -> None:
         if not (
-            self.is_moving
-            or self.state is None
+            self.state is None
             or self.state.mode is not self.mode
             or reading.alarms
             or reading.out_of_range
@@ -486,31 +499,24 @@ class JointController:
     def _enter(self, event: Event) -> None:
         self.mode = after(self.mode, event)
 
-    def _snapshot(self, reading: JointReading, now: float, late: int) -> JointState:
-        self._published = self._words()
-        return JointState(
-            t=now,
-            reading=reading,
-            q_ref=self._arm.reference.q,
-            qd_ref=self._arm.reference.qd,
-            q_jaw_ref=float(self._jaw.reference.q[0]),
-            late_ticks=late,
-            **self._published,
-        )
-
-    def _words(self) -> dict[str, Any]:
-        return {
-            "mode": self.mode,
-            "arm_moving": self._arm.is_moving,
-            "jaw_moving": self._jaw.is_moving,
-            "fault": self._fault,
-            "lent_to": self._lent_to,
-        }
-
     def _republish(self) -> None:
-        words = self._words()
-        if self.state is not None and words != self._published:
-            self.state, self._published = replace(self.state, **words), words
+        """Say in the newest snapshot what has become of it since."""
+        state, arm_moving, jaw_moving = self.state, self._arm.is_moving, self._jaw.is_moving
+        if state is not None and not (
+            state.mode is self.mode
+            and state.arm_moving == arm_moving
+            and state.jaw_moving == jaw_moving
+            and state.fault == self._fault
+            and state.lent_to == self._lent_to
+        ):
+            self.state = replace(
+                state,
+                mode=self.mode,
+                arm_moving=arm_moving,
+                jaw_moving=jaw_moving,
+                fault=self._fault,
+                lent_to=self._lent_to,
+            )
 
     def _conclude(self, future: Future[Any], error: BaseException | None = None) -> None:
         if isinstance(error, FollowingError | ServoAlarm):

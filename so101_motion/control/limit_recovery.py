@@ -31,6 +31,7 @@ class LimitRecovery:
 
     Attributes:
         mask: Which of them are outside.
+        is_needed: Whether any is.
     """
 
     def __init__(self, joints: tuple[str, ...]) -> None:
@@ -38,20 +39,15 @@ class LimitRecovery:
         self._joints = joints
         self._q: Array = np.zeros(len(joints))
         self._inside: Array = self._q
-        self._any = False
-
-    def __bool__(self) -> bool:
-        return self._any
+        self.is_needed = False
 
     def update(self, q: Array, out_of_range: Mapping[str, float]) -> None:
         """Note the joints, shape (n,), [rad], and where those outside will be taken [rad]."""
         self._q = q
-        if not out_of_range and not self._any:
-            return
         named = zip(self._joints, q, strict=True)
         self._inside = np.array([out_of_range.get(joint, here) for joint, here in named])
         self.mask = np.isin(self._joints, list(out_of_range))
-        self._any = bool(self.mask.any())
+        self.is_needed = bool(self.mask.any())
 
     def inside(self, q: Array) -> Array:
         """``q``, shape (n,), [rad], with joints that are outside where they will be taken to."""
@@ -78,7 +74,7 @@ class LimitRecovery:
 
     def refuse(self) -> None:
         """Raise ``MotionError`` for a motion that cannot wait, while a joint is outside."""
-        if self._any:
+        if self.is_needed:
             raise MotionError(
                 f"{self.farthest()[0]} is outside its calibrated range, so nothing can be streamed"
                 " to it; move the arm somewhere first, which brings the joint in slowly"

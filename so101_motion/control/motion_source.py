@@ -100,7 +100,7 @@ class PlannedMotion:
             self._continue(*self._continuation)
         k, playing = k - self._passed, self._trajectory
         self._k_before, self._k, self.played = self._k, k, (playing, k)
-        row = min(max(k, 0), len(playing) - 1)  # ticks may be missed at the end
+        row = min(max(k, 0), len(playing.q) - 1)  # ticks may be missed at the end
         self._now = Setpoint(q=playing.q[row], qd=playing.qd[row], qdd=playing.qdd[row])
         return self._now
 
@@ -153,7 +153,7 @@ class PlannedMotion:
 
     @property
     def is_over(self) -> bool:
-        return self._k >= len(self._trajectory) - 1
+        return self._k >= len(self._trajectory.q) - 1
 
     @property
     def ahead(self) -> Array:

@@ -29,7 +29,7 @@ def test_joints_outside_are_taken_in_by_the_next_motion_and_left_alone_by_all_el
     with pytest.raises(MotionError, match="wrist_roll is outside its calibrated range"):
         found.refuse()
     found.update(INSIDE, {})
-    assert not found
+    assert not found.is_needed
     assert found.inside(wanted) == pytest.approx(wanted)
     found.refuse()
     found.refuse_far()
