@@ -60,6 +60,7 @@ SEED = CLOSE * RAD_PER_TICK
 agree."""
 
 Six = list[float]
+CArray = list[float] | ctypes.Array[ctypes.c_double]
 SIX = ctypes.c_double * 6
 """A number for each joint, as C has it and as its slices are."""
 

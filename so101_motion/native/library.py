@@ -16,7 +16,7 @@ import platform
 import sys
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -75,7 +75,8 @@ def quick() -> ctypes.PyDLL:
     Raises as ``native`` does.
     """
     library = ctypes.PyDLL(None, handle=native().library._handle)
-    number, at = ctypes.c_double, ctypes.c_void_p
+    number, at, whole, bits = ctypes.c_double, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint32
+    inputs: tuple[Any, ...]
     for name, inputs in (
         ("servo_stiffness", (at,)),
         ("servo_error_for", (at, number)),
@@ -89,4 +90,14 @@ def quick() -> ctypes.PyDLL:
     ):
         function = getattr(library, f"so101_{name}")
         function.restype, function.argtypes = number, inputs
+    for name, inputs in (  # of each control cycle
+        ("held_up", (at, at, at, whole, at)),
+        ("estimate_hear", (at, at, ctypes.c_char_p, number, number)),
+        ("estimate_take", (at, at, ctypes.c_char_p, number, number, at, at)),
+        ("estimate_look", (at, at, number)),
+        ("trim_measure", (at, at, at, bits, number)),
+        ("goals_point", (at, at, at, whole, whole, whole, bits, number)),
+        ("goals_send", (at, bits, bits, whole, number, at)),
+    ):
+        getattr(library, f"so101_{name}").argtypes = inputs
     return library

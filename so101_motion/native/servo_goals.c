@@ -141,12 +141,12 @@ static void foresee(Goals *g, double dt, double *ways) {
     }
 }
 
-/* Take the next command. `given`: angles of six joints, velocities and accelerations of five, confirmed angles
- * of six, torques that hold the pose then and what each kilogram adds, six each, unless the weight of the arm is
- * known. Returns as so101_limiter_follow. */
-int so101_goals_point(Goals *g, const double *given, int has_qd, int has_qdd, int follows_target, uint32_t free,
-                      double now) {
-    const double *q = given, *qd = q + SERVOS, *qdd = qd + JAW, *here = qdd + JAW, *own = here + SERVOS;
+/* Take the next command. `given`: angles of six joints, velocities and accelerations of five, torques that hold
+ * the pose then and what each kilogram adds, six each, unless the weight of the arm is known; `here`: confirmed
+ * angles. Returns as so101_limiter_follow. */
+int so101_goals_point(Goals *g, const double *given, const double *here, int has_qd, int has_qdd,
+                      int follows_target, uint32_t free, double now) {
+    const double *q = given, *qd = q + SERVOS, *qdd = qd + JAW, *own = qdd + JAW;
     const double dt = now - g->t_point;
     double ways[JAW], was[JAW];
     int moved = g->trim->has_goal == 0.0;
@@ -243,13 +243,29 @@ void so101_goals(Goals *g, uint32_t weak, double now, int *ticks) {
     }
 }
 
-/* The joints that may stand in their play now; `stray`: how far they fall behind then [rad]. */
-uint32_t so101_goals_in_play(const Goals *g, double *stray) {
-    if (g->follows_target != 0.0 || g->is_told == 0.0) return 0;
-    uint32_t found = so101_trim_in_play(g->trim);
-    for (int i = 0; i < JAW; i++) {
-        found |= (uint32_t)(g->crossing[i] != 0.0) << i;
-        if (holds(found, i)) stray[i] = so101_servo_stray(g->trim->servo[i], fabs(g->qd[i]));
+/* The packet that sends the goals to all servos but those `absent`; returns its size, 0 if there is none. */
+int so101_goals_send(Goals *g, uint32_t weak, uint32_t absent, int address, double now, uint8_t *packet) {
+    int ticks[SERVOS], servo[SERVOS], n = 0;
+    so101_goals(g, weak, now, ticks);
+    for (int i = 0; i < SERVOS; i++) {
+        if (g->servo[i] == 0 || holds(absent, i)) continue;
+        g->held[i] = ticks[i];
+        servo[n] = g->servo[i], ticks[n++] = ticks[i];
     }
-    return found;
+    return n ? so101_sync_write_words(packet, address, servo, ticks, n) : 0;
+}
+
+/* The joints that may stand in their play now; `stray`: how far they fall behind then [rad]. From bit 8 on those
+ * that are held. */
+uint32_t so101_goals_in_play(const Goals *g, double *stray) {
+    uint32_t found = 0, held = 0;
+    for (int i = 0; i < SERVOS; i++) held |= (uint32_t)(g->held[i] != LIMP) << i;
+    if (g->follows_target == 0.0 && g->is_told != 0.0) {
+        found = so101_trim_in_play(g->trim);
+        for (int i = 0; i < JAW; i++) {
+            found |= (uint32_t)(g->crossing[i] != 0.0) << i;
+            if (holds(found, i)) stray[i] = so101_servo_stray(g->trim->servo[i], fabs(g->qd[i]));
+        }
+    }
+    return found | held << 8;
 }

@@ -67,15 +67,18 @@ int so101_position_judge(Position *p, int ticks, double asked, double answered) 
     return 0;
 }
 
-/* Which of the joints that answered are not credible. */
-uint32_t so101_estimate_judge(Estimate *e, uint32_t answered, const int *ticks, double asked, double when) {
+/* Take the positions in `answers`, whose bytes are `in`; returns the joints that cannot be there. */
+uint32_t so101_estimate_hear(Estimate *e, const Answers *answers, const uint8_t *in, double asked, double when) {
     uint32_t doubted = 0;
     for (int i = 0; i < SERVOS; i++) {
-        if (!holds(answered, i)) continue;
-        if (e->known[i].is_there == 0.0 && 0 <= ticks[i] && ticks[i] < TURN)
-            so101_position_begin(&e->known[i], ticks[i], asked, 0);
-        else if (e->known[i].is_there == 0.0 || !so101_position_judge(&e->known[i], ticks[i], asked, when))
-            doubted |= 1u << i;
+        const int at = e->direction[i] != 0.0 ? answers->at[e->servo[i]] : 0;
+        if (at <= 0) continue;
+        const int ticks = e->ticks[i] = in[at] | in[at + 1] << 8; /* with its sign set none an encoder has */
+        int is_credible = 0 <= ticks && ticks < TURN;
+        if (e->known[i].is_there != 0.0) is_credible = so101_position_judge(&e->known[i], ticks, asked, when);
+        else if (is_credible) so101_position_begin(&e->known[i], ticks, asked, 0);
+        if (is_credible) e->fresh |= 1u << i;
+        else doubted |= 1u << i;
     }
     return doubted;
 }
@@ -110,23 +113,6 @@ double so101_estimate_angle(const Estimate *e, int i, int ticks) {
     return e->direction[i] * (unrolled - e->zero_ticks[i]) * RAD_PER_TICK;
 }
 
-/* Update the estimate from credible answers; `wanted`: commanded angles. */
-void so101_estimate_look(Estimate *e, uint32_t answered, const int *ticks, const double *wanted, double now) {
-    for (int i = 0; i < SERVOS; i++) {
-        if (e->direction[i] == 0.0) continue; /* no servo */
-        if (holds(answered, i)) {
-            e->q[i] = e->seen[i] = so101_estimate_angle(e, i, ticks[i]);
-            e->seen_wanted[i] = wanted[i];
-            continue;
-        }
-        const double q = e->seen[i], then = e->seen_wanted[i];
-        e->q[i] = q;
-        if (!isnan(wanted[i]) && !isnan(then))
-            e->q[i] = least(most(q + wanted[i] - then, least(q, wanted[i])), most(q, wanted[i]));
-    }
-    slopes(e, now);
-}
-
 /* The joints whose position no two answers have confirmed since then [s]. */
 uint32_t so101_estimate_unconfirmed(const Estimate *e, double since) {
     uint32_t found = 0;
@@ -138,8 +124,34 @@ uint32_t so101_estimate_unconfirmed(const Estimate *e, double since) {
     return found;
 }
 
-/* The confirmed angles of the joints; NaN for others. */
-void so101_estimate_sure(const Estimate *e, double *sure) {
+/* Update the estimate from credible answers; `wanted`: commanded angles. */
+void so101_estimate_look(Estimate *e, const double *wanted, double now) {
+    for (int i = 0; i < SERVOS; i++) {
+        if (e->direction[i] == 0.0) continue; /* no servo */
+        if (holds(e->fresh, i)) {
+            e->q[i] = e->seen[i] = so101_estimate_angle(e, i, e->ticks[i]);
+            e->seen_wanted[i] = wanted[i];
+            continue;
+        }
+        const double q = e->seen[i], then = e->seen_wanted[i];
+        e->q[i] = q;
+        if (!isnan(wanted[i]) && !isnan(then))
+            e->q[i] = least(most(q + wanted[i] - then, least(q, wanted[i])), most(q, wanted[i]));
+    }
+    slopes(e, now);
+    e->unsure = so101_estimate_unconfirmed(e, -INFINITY);
     for (int i = 0; i < SERVOS; i++)
-        sure[i] = e->known[i].is_there != 0.0 && e->known[i].is_sure != 0.0 ? e->q[i] : NAN;
+        e->sure[i] = e->direction[i] == 0.0 || holds(e->unsure, i) ? NAN : e->q[i];
+}
+
+/* All that a cycle has to do with answers in which every servo stands where it can be, without a fault: hear them,
+ * look, and let `learns`, if it is given, learn from them. Others are only heard. Returns the joints that cannot be
+ * there, plus 256 if the answers were only heard. */
+uint32_t so101_estimate_take(Estimate *e, const Answers *answers, const uint8_t *in, double asked, double when,
+                             const double *wanted, Trim *learns) {
+    const uint32_t doubted = so101_estimate_hear(e, answers, in, asked, when);
+    if (doubted || answers->faults || answers->found < answers->servos) return doubted | 256;
+    so101_estimate_look(e, wanted, asked);
+    if (learns) so101_trim_measure(learns, e->q, e->qd, e->fresh, asked);
+    return 0;
 }

@@ -9,6 +9,7 @@
 
 #define SERVOS 6
 #define JAW 5
+#define LIMP (-(1 << 20)) /* as in goal_compensation.py; a goal outside a joint's limits may be negative */
 
 /* One servo, as ServoModel in servo_model.py. */
 typedef struct {
@@ -52,6 +53,7 @@ typedef struct {
     double foreseen[SERVOS], setpoint_qd[SERVOS], lags[SERVOS];
     Trim *trim;
     Limiter *limiter;
+    int servo[SERVOS], held[SERVOS]; /* its id, 0 if there is none; its goal [tick], or LIMP */
 } Goals;
 
 /* As KnownPosition in position_check.py. */
@@ -65,10 +67,19 @@ typedef struct {
 /* As JointEstimate in joint_estimate.py. */
 typedef struct {
     double window, direction[SERVOS], zero_ticks[SERVOS], seam[SERVOS]; /* a constant, and the joints' maps */
-    double q[SERVOS], qd[SERVOS], seen[SERVOS], seen_wanted[SERVOS];
+    double q[SERVOS], qd[SERVOS], sure[SERVOS], seen[SERVOS], seen_wanted[SERVOS];
     double rows, time[ROWS], row[ROWS][SERVOS];
     Position known[SERVOS];
+    int servo[SERVOS], ticks[SERVOS]; /* its id; where each servo that has answered stands */
+    uint32_t fresh, unsure;           /* which have answered, credibly; which have a servo and are not sure */
 } Estimate;
+
+/* As Answers in protocol.py. */
+typedef struct {
+    int count, skip, servos, found, skipped, rest, faults; /* faults: of all that have answered */
+    int at[256]; /* by servo: where its data begin among the bytes received; 0: nowhere, -1: not asked */
+    uint8_t servo[256];
+} Answers;
 
 /* Of two numbers, as Python has it. */
 static inline double least(double a, double b) { return b < a ? b : a; }
@@ -95,6 +106,8 @@ void so101_trim_give_way(Trim *t, int i);
 uint32_t so101_trim_in_play(const Trim *t);
 int so101_limiter_follow(Limiter *l, const double *q, const double *qd, const double *here, uint32_t free,
                          double now);
+void so101_trim_measure(Trim *t, const double *q, const double *qd, uint32_t fresh, double now);
+int so101_sync_write_words(uint8_t *packet, int address, const int *servo, const int *word, int n);
 void so101_limiter_goals(Limiter *l, const double *offset, const double *largest, const double *lead,
                          double now);
 #endif

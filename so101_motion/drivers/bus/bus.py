@@ -34,7 +34,6 @@ from so101_motion.drivers.bus.protocol import (
     packet_size,
     sync_read_packet,
     sync_write_packet,
-    sync_write_words_packet,
     whole_packets,
 )
 from so101_motion.drivers.bus.registers import BROADCAST, ID, LOCK, MODEL_NUMBER, Fault, Register
@@ -288,13 +287,14 @@ class Bus:
     def ping_all(self) -> PingAnswers:
         """Ping all servos that listen at this baud rate; each answers in a slot of its own."""
         answers = Answers(range(BROADCAST), 0)
-        self._discard()
+        self._hear_late()
+        self.port.discard()
         self.port.write(instruction_packet(BROADCAST, Instruction.PING))
         wire = 10.0 * (packet_size(0) + BROADCAST * _PING_SLOT) / self.port.baud
         until = time.monotonic() + wire + self._reply_timeout_for(0)
         while data := self.port.read(until):
             answers.feed(data)
-        garbled = answers.skipped + len(answers.rest) > 0
+        garbled = answers.skipped + answers.rest_count > 0
         return PingAnswers(tuple(sorted(answers.found)), garbled)
 
     def answering(self, servo_ids: Iterable[int], *, tries: int = 1 + RETRIES) -> list[int]:
@@ -327,30 +327,30 @@ class Bus:
             if attempt:
                 for servo_id in asked:
                     self.counters[servo_id].retries += 1
-            begin, length = self._stale_replies.span(
-                asked, start, count, time.monotonic(), again=True, most=self._longest(len(asked))
-            )
-            skip = start - begin
-            packet = sync_read_packet(tuple(asked), begin, length)
-            answers, _ = self._transact(packet, asked, length, attempt)
-            if length != count:
-                end = skip + count
-                answers = {
-                    i: Answer(data[skip:end], faults) for i, (data, faults) in answers.items()
-                }
-            found.update(answers)
+            answers = Answers(asked, count)
+            self.ask(answers, start, count, attempt)
+            found.update(answers.found)
             asked = [i for i in asked if i not in found and i not in given_up]
             if not asked:
                 break
         return found
 
+    def ask(self, answers: Answers, start: int, count: int, tried: int = 0) -> None:
+        """Ask the servos of ``answers`` once for ``count`` bytes from ``start``."""
+        asked = answers.servo_ids
+        begin, length = self._stale_replies.span(
+            asked, start, count, time.monotonic(), again=True, longest=self._longest
+        )
+        answers.begin(length, start - begin, count)
+        self._transact(sync_read_packet(asked, begin, length), answers, tried)
+
     def sync_write(self, start: int, data: Mapping[int, bytes]) -> None:
         """Write each servo's bytes in ``data`` from address ``start``; without acknowledgement."""
         self.port.write(sync_write_packet(start, data))
 
-    def sync_write_words(self, start: int, words: Mapping[int, int]) -> None:
-        """The same with numbers of two bytes, which must not be negative."""
-        self.port.write(sync_write_words_packet(start, words))
+    def send(self, packet: bytes) -> None:
+        """Send a packet that no servo acknowledges."""
+        self.port.write(packet)
 
     # How
 
@@ -358,14 +358,15 @@ class Bus:
         self, servo_id: int, instruction: Instruction, params: bytes, count: int, tried: int = 0
     ) -> Answer | bytes:
         """Ask one servo once; return its answer, or the bytes that were no valid answer."""
-        packet = instruction_packet(servo_id, instruction, params)
-        found, received = self._transact(packet, [servo_id], count, tried)
-        return found.get(servo_id, received)
+        answers = Answers((servo_id,), count)
+        received = self._transact(instruction_packet(servo_id, instruction, params), answers, tried)
+        return answers.found.get(servo_id, received)
 
     def _reply_timeout_for(self, tried: int) -> float:
         """How long to wait for an answer after ``tried`` earlier tries [s]."""
-        late = self._lateness
-        first = max(self._reply_timeout, 1.5 * late + 0.001 if late else 0.0)  # chosen, for jitter
+        first, late = self._reply_timeout, self._lateness
+        if late:
+            first = max(first, 1.5 * late + 0.001)  # chosen, for jitter
         return min(first * _PERSISTENCE[tried], max(self._reply_timeout, _LONGEST))
 
     def _longest(self, servos: int) -> int:
@@ -399,47 +400,48 @@ class Bus:
         """How long to wait for the rest of the answers once the first have come [s]."""
         return max(min(_REST, 0.5 * self._reply_timeout), self._lateness)
 
-    def _transact(
-        self, packet: bytes, asked: list[int], count: int, tried: int
-    ) -> tuple[dict[int, Answer], bytes]:
-        """Send a question; return the answers of ``count`` bytes, and all that was received."""
-        self._discard()
+    def _transact(self, packet: bytes, answers: Answers, tried: int) -> bytes:
+        """Send a question and collect its answers; return all bytes if not all of them are late."""
+        asked, count, counters = answers.servo_ids, answers.count, self.counters
+        if self._stale_replies.overdue:
+            self._hear_late()
+        self.port.discard()
         self.port.write(packet)
-        sent = time.monotonic()
-        answers, received, late = Answers(asked, count), b"", 0
+        sent, late = time.monotonic(), 0
         wire = 10.0 * (len(packet) + len(asked) * (packet_size(count) + _GAP)) / self.port.baud
         until = sent + max(self._reply_timeout_for(tried), wire + self._rest)
         while data := self.port.read(until):
-            now, is_first = time.monotonic(), not answers.found
-            received += data
+            now, is_first = time.monotonic(), not answers.found_count
             answers.feed(data)
-            if is_first:
-                late += self._take_late(received, now, but=count)
-                if answers.found and now <= until:  # else this computer was late, not the answer
-                    self.counters.lateness.measured(now - sent - wire, len(asked))
-            if asked[-1] in answers.found:
+            if is_first and self._stale_replies.overdue:
+                late += self._take_late(answers.received, now, but=count)
+            if is_first and answers.found_count and now <= until:  # else this computer was late
+                counters.lateness.measured(now - sent - wire, len(asked))
+            if answers.is_from(asked[-1]):
                 break
             if is_first:
                 end = sent + max(self._reply_timeout_for(tried), wire + self._rest)
                 until = min(end, now + wire + self._rest)
+        if answers.is_complete and not answers.faults:
+            counters.all_heard(asked)
+            return answers.received if late < len(answers.received) else b""
         for servo_id, answer in answers.found.items():
-            self.counters[servo_id].heard(answer.faults)
+            counters[servo_id].heard(answer.faults)
         if not answers.is_complete:
-            missing = [servo_id for servo_id in asked if servo_id not in answers.found]
+            missing = answers.missing
             self._stale_replies.missed(missing, count, sent)
-            garbled = answers.skipped + len(answers.rest) > late
+            garbled = answers.skipped + answers.rest_count > late
             for servo_id in missing:
-                self.counters[servo_id].missed(garbled=garbled)
-        return answers.found, received if late < len(received) else b""
+                counters[servo_id].missed(garbled=garbled)
+        return answers.received if late < len(answers.received) else b""
 
-    def _discard(self) -> None:
-        """Discard received bytes, but count the late answers among them."""
+    def _hear_late(self) -> None:
+        """Count late answers among the bytes that have been received."""
         if self._stale_replies.awaits(time.monotonic()):
             received = b""
             while data := self.port.read(0.0):
                 received += data
             self._take_late(received, time.monotonic())
-        self.port.discard()
 
     def _take_late(self, received: bytes, now: float, *, but: int | None = None) -> int:
         """Return the length of the answers to earlier questions in ``received``; count them.

@@ -8,19 +8,20 @@ time. A broken packet can cost its own servo's answer and no other.
 
 The checksum alone does not reveal a packet that broke off. If the next packet follows at once, the
 FF FF of its header stands in the place of the missing bytes, and for one value in 256 the checksum
-is right. So a packet that contains the beginning of another is refused (``is_cut_short``), and an
-answer whose checksum FF turns out to be the first byte of the next header is taken back.
+is right. So a packet that contains the beginning of another is refused, and an answer whose
+checksum FF turns out to be the first byte of the next header is taken back.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Collection, Container, Iterator, Mapping
+import ctypes
+from collections.abc import Collection, Iterator, Mapping
 from enum import IntEnum
 from functools import lru_cache
 from typing import NamedTuple
 
 from so101_motion.drivers.bus.registers import BROADCAST
+from so101_motion.native.library import quick
 
 _HEADER = b"\xff\xff"
 _OVERHEAD = 6  # header 2, id, length, flags, checksum
@@ -44,19 +45,6 @@ def checksum(body: bytes | bytearray) -> int:
     return ~sum(body) & 0xFF
 
 
-def is_cut_short(packet: bytes, servo_ids: Container[int]) -> bool:
-    """Whether ``packet``, whose checksum is right, broke off and ends with the next one's bytes.
-
-    ``servo_ids`` are those whose packets may have followed.
-    """
-    at = packet.find(_HEADER, 2)
-    while at >= 0:
-        if at + 2 == len(packet) or packet[at + 2] in servo_ids:
-            return True
-        at = packet.find(_HEADER, at + 1)
-    return False
-
-
 def instruction_packet(servo_id: int, instruction: Instruction, params: bytes = b"") -> bytes:
     body = bytes((servo_id, len(params) + 2, instruction)) + params
     return _HEADER + body + bytes((checksum(body),))
@@ -77,13 +65,6 @@ def sync_write_packet(start: int, data: Mapping[int, bytes]) -> bytes:
     return instruction_packet(BROADCAST, Instruction.SYNC_WRITE, bytes(params))
 
 
-def sync_write_words_packet(start: int, words: Mapping[int, int]) -> bytes:
-    """The same for numbers of two bytes; of many servos in one step, for every cycle."""
-    pairs = [each for pair in words.items() for each in pair]
-    params = struct.pack("<BB" + "BH" * len(words), start, 2, *pairs)
-    return instruction_packet(BROADCAST, Instruction.SYNC_WRITE, params)
-
-
 def whole_packets(data: bytes) -> Iterator[tuple[int, int]]:
     """Find status packets of any servo; yield its id and the number of data bytes."""
     at = data.find(_HEADER)
@@ -96,7 +77,7 @@ def whole_packets(data: bytes) -> Iterator[tuple[int, int]]:
             at = data.find(_HEADER, at + 1)
 
 
-class Answer(NamedTuple):  # six are made in every cycle, and this is the fastest kind
+class Answer(NamedTuple):
     """The bytes that a servo was asked for; they are valid even if a bit of ``faults`` is set.
 
     ``faults`` is its status byte, see ``Fault``.
@@ -106,75 +87,74 @@ class Answer(NamedTuple):  # six are made in every cycle, and this is the fastes
     faults: int
 
 
-class Answers:
-    """Collects answers of ``count`` data bytes of ``servo_ids`` from bytes in chunks of any size.
+class Answers(ctypes.Structure):
+    """Collects answers of ``servo_ids`` from bytes in chunks of any size; ``begin`` starts anew.
 
-    ``found`` has the answers so far, by servo id; a second one from a servo replaces the first.
-    ``skipped`` counts the bytes that belonged to no expected answer.
+    A second answer from a servo replaces the first. Found in ``servo_packets.c``.
+
+    Attributes:
+        servo_ids: The servos that were asked, in their order.
+        count: How many bytes of data an answer has.
+        found_count: How many servos have answered.
+        faults: All bits that are set in their status bytes.
+        skipped: How many bytes belonged to no expected answer.
+        received: All bytes since the question.
+        ref: For C.
     """
 
+    _fields_ = [
+        *((name, ctypes.c_int) for name in ("count", "skip", "asked", "found_count", "skipped")),
+        *((name, ctypes.c_int) for name in ("rest_count", "faults")),
+        ("at", ctypes.c_int * 256),
+        ("servo", ctypes.c_ubyte * 256),
+    ]
+    at: list[int]
+    count: int
+    asked: int
+    found_count: int
+    skipped: int
+    rest_count: int
+    faults: int
+
     def __init__(self, servo_ids: Collection[int], count: int) -> None:
-        self.found: dict[int, Answer] = {}
-        self.skipped = 0
-        self._awaited, self._count, self._size = servo_ids, count, packet_size(count)
-        self._buffer = bytearray()
-        # The servo whose answer ends with the buffer's first byte, an FF: checksum or next header.
-        self._doubtful: int | None = None
+        self.servo_ids = tuple(servo_ids)
+        super().__init__(asked=len(self.servo_ids), at=(-1,) * 256, servo=self.servo_ids)
+        self._find, self.ref = quick().so101_answers_find, ctypes.byref(self)
+        self.begin(count)
+
+    def begin(self, count: int, skip: int = 0, wanted: int | None = None) -> None:
+        """Expect ``count`` bytes from each; ``wanted`` are so many of them after the first."""
+        self.count, self.skip, self._wanted = count, skip, count if wanted is None else wanted
+        self.received = b""
+        self._find(self.ref, b"", 0)
+
+    def feed(self, data: bytes) -> None:
+        """Parse received bytes; they may be cut anywhere."""
+        self.received += data
+        self._find(self.ref, self.received, len(self.received))
+
+    def is_from(self, servo_id: int) -> bool:
+        return self.at[servo_id] > 0
+
+    @property
+    def missing(self) -> list[int]:
+        """The servos that have not answered."""
+        return [servo_id for servo_id in self.servo_ids if self.at[servo_id] <= 0]
 
     @property
     def is_complete(self) -> bool:
-        return len(self.found) == len(self._awaited)
+        return self.found_count == self.asked
+
+    @property
+    def found(self) -> dict[int, Answer]:
+        """The answers so far, by servo id."""
+        received, skip, found = self.received, self.skip + 1, {}
+        for servo_id in self.servo_ids:
+            if (at := self.at[servo_id]) > 0:
+                found[servo_id] = Answer(received[at : at + self._wanted], received[at - skip])
+        return found
 
     @property
     def rest(self) -> bytes:
         """The bytes that have arrived and are not (yet) an answer."""
-        return bytes(self._buffer if self._doubtful is None else self._buffer[1:])
-
-    def feed(self, data: bytes) -> None:
-        """Parse received bytes; they may be cut anywhere."""
-        buffer, size = self._buffer, self._size
-        buffer += data
-        begin = 0
-        while True:
-            if self._doubtful is not None:
-                follows = bytes(buffer[begin + 1 : begin + 3])
-                if follows in (b"", b"\xff"):
-                    break  # the next byte decides
-                begin += self._decide(self._doubtful, follows)
-            start = buffer.find(_HEADER, begin)
-            if start < 0:  # the last byte may be the first half of a header
-                start = max(len(buffer) - 1, begin) if buffer.endswith(b"\xff") else len(buffer)
-            self.skipped += start - begin
-            begin = start
-            if len(buffer) - begin < size:
-                break
-            packet = bytes(buffer[begin : begin + size])
-            if not self._take(packet):
-                begin += 1
-                self.skipped += 1
-            elif packet[-1] == 0xFF:
-                self._doubtful = packet[2]
-                begin += size - 1
-            else:
-                begin += size
-        del buffer[:begin]
-
-    def _decide(self, servo_id: int, follows: bytes) -> int:
-        """Keep or take back an answer that ends in FF; return how many bytes of it are consumed."""
-        self._doubtful = None
-        if follows[:1] == b"\xff" and follows != b"\xff\xff":
-            del self.found[servo_id]
-            self.skipped += self._size - 1
-            return 0
-        return 1
-
-    def _take(self, packet: bytes) -> bool:
-        servo_id = packet[2]
-        if servo_id not in self._awaited or packet[3] != self._count + 2:
-            return False
-        if sum(packet) & 0xFF != 0xFD:  # FF FF, and FF together with its checksum
-            return False
-        if _HEADER in packet[3:] and is_cut_short(packet, self._awaited):
-            return False
-        self.found[servo_id] = Answer(packet[5:-1], packet[4])
-        return True
+        return self.received[len(self.received) - self.rest_count :]

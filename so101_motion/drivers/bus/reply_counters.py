@@ -6,6 +6,7 @@ Code that reopens the bus passes the same ``ReplyCounters`` on. Any thread may r
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 _DELAYS = 64  # chosen: ten control cycles
@@ -60,17 +61,19 @@ class Lateness:
         self.longest = 0.0
         self.is_told = False
         self._delays: deque[float] = deque(maxlen=_DELAYS)
+        self._typical: float | None = 0.0  # None until somebody asks
 
     @property
     def typical(self) -> float:
         """55 % of them came no later [s]."""
-        ranked = sorted(self._delays) or [0.0]
-        return ranked[int(_TYPICAL * len(ranked))]
+        if self._typical is None:
+            self._typical = sorted(self._delays)[int(_TYPICAL * len(self._delays))]
+        return self._typical
 
     def measured(self, delay: float, answers: int) -> None:
         """Note that so many answers came ``delay`` [s] late."""
         self._delays.extend([max(delay, 0.0)] * answers)
-        self.longest = max(self._delays)
+        self.longest, self._typical = max(self._delays), None
 
 
 class ReplyCounters(dict[int, ReplyCounter]):
@@ -83,3 +86,10 @@ class ReplyCounters(dict[int, ReplyCounter]):
     def __missing__(self, servo_id: int) -> ReplyCounter:
         counter = self[servo_id] = ReplyCounter()
         return counter
+
+    def all_heard(self, servo_ids: Iterable[int]) -> None:
+        """Count an answer without a fault of each."""
+        for servo_id in servo_ids:
+            counter = self[servo_id]
+            counter.answers += 1
+            counter.faults = 0

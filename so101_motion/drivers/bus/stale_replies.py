@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 from so101_motion.drivers.bus.registers import END
 
@@ -24,13 +24,18 @@ _FEWEST = 8  # lengths to choose from even if time is short; chosen
 
 
 class StaleReplies:
-    """Keeps track of the replies of each servo that may still arrive."""
+    """Keeps track of the replies of each servo that may still arrive.
+
+    ``overdue`` has when each that did not come was asked for, by servo and length [s].
+    """
 
     def __init__(self) -> None:
         self._start = 0  # of the last question
+        self._question: tuple[Collection[int], int] = (), 0  # who was asked last, with what length
+        self._t_asked = 0.0
         self._asked: dict[tuple[int, int], float] = {}  # who with what length, and when
         self._missing: dict[int, dict[int, float]] = {}  # until when, by servo and length
-        self._overdue: dict[tuple[int, int], float] = {}  # by servo and length: when it was asked
+        self.overdue: dict[tuple[int, int], float] = {}
         self._copies: dict[int, deque[tuple[int, float]]] = {}  # lengths and until when, by servo
         self._until = -math.inf  # when the last of them will be over
 
@@ -42,21 +47,25 @@ class StaleReplies:
         now: float,
         *,
         again: bool = False,
-        most: int = END,
+        longest: Callable[[int], int] | None = None,
     ) -> tuple[int, int]:
         """Choose address and length of a question so that stale replies differ in length.
 
         If stale replies of every length may come, the length is chosen whose stale reply is due
         soonest. That takes many questions in a row without waiting for replies.
 
-        With ``again`` an older reply to the same question would do no harm. ``most`` is the longest
-        reply there is time for [byte]; at least eight lengths are tried.
+        With ``again`` an older reply to the same question would do no harm. ``longest`` returns the
+        longest reply there is time for from so many servos [byte]; at least eight lengths are
+        tried.
         """
         if not (again and start == self._start):
             self._expect_copies()
-        length = self._choose(servo_ids, count, now, most)
-        self._start = start
-        self._asked.update({(servo_id, length): now for servo_id in servo_ids})
+        length = count if now >= self._until else self._choose(servo_ids, count, now, longest)
+        self._start, question = start, (servo_ids, length)
+        if question != self._question:
+            self._note()
+            self._question = question
+        self._t_asked = now
         return min(start, END - length), length
 
     def missed(self, servo_ids: Collection[int], length: int, asked: float) -> None:
@@ -64,21 +73,29 @@ class StaleReplies:
         self._until = max(self._until, asked + OVERDUE)
         for servo_id in servo_ids:
             self._missing.setdefault(servo_id, {})[length] = self._until
-            self._overdue[servo_id, length] = asked
+            self.overdue[servo_id, length] = asked
 
     def awaits(self, now: float) -> bool:
-        if self._overdue and now >= self._until:
-            self._overdue.clear()
-        return bool(self._overdue)
+        if self.overdue and now >= self._until:
+            self.overdue.clear()
+        return bool(self.overdue)
 
     def came(self, servo_id: int, length: int, now: float) -> float | None:
         """Take note of a reply; return when it was asked for if it was overdue, else None [s]."""
-        asked = self._overdue.pop((servo_id, length), None)
+        asked = self.overdue.pop((servo_id, length), None)
         return None if asked is None or now > asked + OVERDUE else asked
 
-    def _choose(self, servo_ids: Collection[int], count: int, now: float, most: int) -> int:
-        if now >= self._until:
-            return count
+    def _note(self) -> None:
+        servo_ids, length = self._question
+        self._asked.update({(servo_id, length): self._t_asked for servo_id in servo_ids})
+
+    def _choose(
+        self,
+        servo_ids: Collection[int],
+        count: int,
+        now: float,
+        longest: Callable[[int], int] | None,
+    ) -> int:
         taken: dict[int, float] = {}
         for servo_id in servo_ids:
             for length, until in (
@@ -89,10 +106,13 @@ class StaleReplies:
                     taken[length] = max(until, taken.get(length, now))
         if count not in taken:
             return count
+        most = END if longest is None else longest(len(servo_ids))
         end = min(count + _CHOICE, max(most + 1, count + _FEWEST), END)
         return min(range(count, max(end, count + 1)), key=lambda length: taken.get(length, now))
 
     def _expect_copies(self) -> None:
+        self._note()
+        self._question = (), 0
         for (servo_id, length), when in self._asked.items():
             copies = self._copies.setdefault(servo_id, deque(maxlen=_COPIES))
             self._until = max(self._until, when + OVERDUE)

@@ -23,7 +23,7 @@ from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.command_record import CommandListener, SentCommand
 from so101_motion.drivers.feetech.connection import Connection
-from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
+from so101_motion.drivers.feetech.goal_compensation import LIMP, GoalCompensation
 from so101_motion.drivers.feetech.joint_estimate import JointEstimate
 from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
 from so101_motion.drivers.feetech.presence import (
@@ -82,16 +82,21 @@ class Chain:
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         if isinstance(error, PortUnavailable):
-            if self.connection.is_open:
-                self.connection.lost(error)
-            self.is_set_up = False
+            self.lost(error)
+
+    def lost(self, error: PortUnavailable) -> None:
+        """Note that the port was lost."""
+        if self.connection.is_open:
+            self.connection.lost(error)
+        self.is_set_up = False
 
     def bus(self) -> Bus:
         """The bus, with the servos found; ``PortUnavailable`` if there is no port at present."""
-        if not self.is_set_up:
+        bus = self.connection.open_bus
+        if bus is None or not self.is_set_up:
             reason = "not connected at present; check the USB cable and plug it in again"
             raise PortUnavailable("the arm's port", reason)
-        return self.connection.bus()
+        return bus
 
     # Setting up
 
@@ -165,15 +170,15 @@ class Chain:
         bus = self.bus()
         for servo_id, goal in self._goals().items():
             i = self.index[servo_id]
-            held = self._compensation.held[i]
-            here = self.at.ticks(i) if held is None else held
+            held = Ticks(self._compensation.held[i])
+            here = self.at.ticks(i) if held == LIMP else held
             if self.out_of_range.may_be_driven(bus, i, here):
                 self._engage(bus, servo_id, goal)
 
     def switch_off(self) -> None:
         """Let go of all joints; raises ``BusError`` once all servos have been tried."""
         self._compensation.is_set = False
-        self._compensation.held = [None] * 6
+        self._compensation.held[:] = [LIMP] * 6
         try:
             self.put_all(reg.TORQUE_ENABLE, dict.fromkeys(self.index, 0))
         finally:
@@ -204,15 +209,18 @@ class Chain:
 
     # Goals
 
-    def send(self) -> None:
+    def send(self, bus: Bus) -> None:
         """Send the goals, except to silent servos and to joints outside their limits."""
-        self.t_sent = self._clock.now()
-        left, goals = self.out_of_range.left, self._goals()
-        if left:
-            goals = {i: goal for i, goal in goals.items() if self.index[i] not in left}
-        if goals:
-            self.bus().sync_write_words(reg.GOAL_POSITION.address, goals)
-            self._sent(goals)
+        self.t_sent = now = self._clock.now()
+        but, silent = self.out_of_range.left, self.presence.silent
+        if silent:
+            but = but.union(self.index[i] for i in silent)
+        packet = self._compensation.packet(reg.GOAL_POSITION, now, but)
+        if packet:
+            bus.send(packet)
+            if self.on_command is not None:
+                held = self._compensation.held
+                self._sent({s: Ticks(held[i]) for s, i in self.index.items() if i not in but})
 
     def lead(
         self, q_goal: Sequence[float], shares: Sequence[float], but: Collection[int] = ()

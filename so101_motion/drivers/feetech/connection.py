@@ -28,7 +28,7 @@ class Connection:
     """Opens, keeps and reopens a bus. Used by one thread at a time.
 
     The arguments are those of ``Bus``; ``open_port`` opens its port or raises ``PortUnavailable``.
-    ``losses`` says how often the port went away.
+    ``losses`` says how often the port went away; ``open_bus`` is None while there is no port.
     """
 
     def __init__(
@@ -44,17 +44,17 @@ class Connection:
         self.losses = 0
         self._open_port, self._clock = open_port, clock
         self._names, self._reply_timeout = names, reply_timeout
-        self._bus: Bus | None = None
+        self.open_bus: Bus | None = None
         self._wait, self._next_try = FIRST_WAIT, clock.now()
         self._why: PortUnavailable | None = None
 
     @property
     def is_open(self) -> bool:
-        return self._bus is not None
+        return self.open_bus is not None
 
     def bus(self) -> Bus:
         """The bus; opened now if a retry is due. Raises ``PortUnavailable`` if there is none."""
-        if self._bus is None:
+        if self.open_bus is None:
             now = self._clock.now()
             if self._why is not None and now < self._next_try:
                 raise PortUnavailable(self._why.port, self._why.reason)
@@ -65,11 +65,11 @@ class Connection:
                 raise
             if self._why is not None:
                 _log.info("%s is back", port.name)
-            self._bus = Bus(
+            self.open_bus = Bus(
                 port, names=self._names, counters=self.counters, reply_timeout=self._reply_timeout
             )
             self._why = None
-        return self._bus
+        return self.open_bus
 
     def lost(self, error: PortUnavailable) -> None:
         _log.warning("%s", error)
@@ -79,7 +79,7 @@ class Connection:
         self.close()
 
     def close(self) -> None:
-        bus, self._bus = self._bus, None
+        bus, self.open_bus = self.open_bus, None
         if bus is not None:
             bus.close()
 

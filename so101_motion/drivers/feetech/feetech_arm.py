@@ -23,14 +23,13 @@ hold meanwhile, and get no new goal before somebody asks for one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-
-import numpy as np
+from functools import lru_cache
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance, Wall
-from so101_motion.common.errors import BusError, ServoFault
+from so101_motion.common.errors import BusError, PortUnavailable, ServoFault
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.drivers.bus import registers as reg
@@ -41,23 +40,32 @@ from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.ticks import JointMap, to_acceleration_units, to_speed_ticks
 from so101_motion.drivers.command_record import CommandListener
 from so101_motion.drivers.feetech.chain import Chain
-from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
+from so101_motion.drivers.feetech.goal_compensation import LIMP, GoalCompensation
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_guiding import HandGuiding
 from so101_motion.drivers.feetech.hand_pull import HandPull, Pull
 from so101_motion.drivers.feetech.health import HealthReadings, JointHealth
 from so101_motion.drivers.feetech.presence import missing_servos, restarted_servos
 from so101_motion.drivers.feetech.servo_model import ServoModel
-from so101_motion.drivers.goal_limiter import GoalLimiter
+from so101_motion.drivers.goal_limiter import SIX, CArray, GoalLimiter, as_bits
 from so101_motion.drivers.servo_types import ServoFigures
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 """Base to jaw, the order of the servos along the cable."""
 
-_NO_GOALS: Sequence[float] = (math.nan,) * 6
+_NO_GOALS: CArray = SIX(*[math.nan] * 6)
+_NONE: frozenset[str] = frozenset()
+_NOTHING: Mapping[str, float] = {}
+_ALL = 0b111111
 
 _REWRITE = 0.03
 """How long after the last setpoint the goals of a resting arm are sent again, with the trim [s]."""
+
+
+@lru_cache
+def _named(joints: int) -> frozenset[str]:
+    """The joints whose bits are set."""
+    return frozenset(joint for i, joint in enumerate(JOINTS) if joints >> i & 1)
 
 
 class FeetechArm:
@@ -112,6 +120,7 @@ class FeetechArm:
         )  # fmt: skip
         self._index, self._presence = self._chain.index, self._chain.presence
         self._at, self._out_of_range = self._chain.at, self._chain.out_of_range
+        self._measured, self._sure = (self._at.q, self._at.qd), self._at.sure  # they last
         if len(self._index) != len(maps):
             raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
         self._torque = False
@@ -134,34 +143,39 @@ class FeetechArm:
             NoReply: A servo has fallen silent (raised once), or all are.
             ServoFault: A servo has restarted by itself (raised once).
         """
-        with self._chain:
-            self._measure(self._reach())
+        at, chain, presence, unanswered = self._at, self._chain, self._presence, _NONE
+        try:
+            bus = chain.bus() if chain.is_set_up else self._reach()
+            is_plain = self._measure(bus)
             if self._guide is not None:
-                goals = self._guide.step(self._at.q, self._at.qd, self._clock.now())
-                self._chain.lead(*goals)
+                chain.lead(*self._guide.step(at.q, at.qd, self._clock.now()))
             elif self._pull.is_on:
                 self._pull.step()
-            elif self._is_held and self._clock.now() - self._chain.t_sent >= _REWRITE:
-                self._chain.send()
-        # The estimate of a servo that did not answer is no surer than its last answer.
-        silent, unanswering = self._presence.silent, self._presence.unanswering
-        unconfirmed = [i for i in self._at.unconfirmed() if self._maps[i].servo_id not in silent]
-        q, qd, in_play = self._at.q[:], self._at.qd[:], self._compensation.in_play()
-        outside = self._out_of_range.nearest(q) if self._out_of_range else {}
-        held, driven = self._compensation.held, None
-        if None in held:
-            driven = frozenset([JOINTS[i] for i in self._maps if held[i] is not None])
+            elif self._clock.now() - chain.t_sent >= _REWRITE and self._is_held:
+                chain.send(bus)
+        except PortUnavailable as error:
+            chain.lost(error)
+            raise
+        unsure, silent, outside = at.unsure, self._absent, self._out_of_range
+        if not is_plain:
+            unanswered = _named(self._bits(presence.unanswering))
+            unsure &= ~self._bits(presence.silent)  # they are no surer than their last answers
+            silent = silent | _named(self._bits(presence.silent))
+        in_play, held = self._compensation.in_play()
+        q, qd = at.arrays()
         return JointReading(
-            q=np.array(q[:5]),
-            qd=np.array(qd[:5]),
-            q_jaw=q[5],
-            qd_jaw=qd[5],
-            driven=driven,
-            out_of_range={JOINTS[i]: q_inside for i, q_inside in outside.items()},
-            unanswered=frozenset([JOINTS[self._index[i]] for i in unanswering]),
-            silent=self._absent | {JOINTS[self._index[i]] for i in silent},
-            unconfirmed=frozenset([JOINTS[i] for i in unconfirmed]),
-            in_play={JOINTS[i]: off for i, off in in_play.items()},
+            q=q,
+            qd=qd,
+            q_jaw=self._measured[0][5],
+            qd_jaw=self._measured[1][5],
+            driven=None if held == _ALL else _named(held),
+            out_of_range={JOINTS[i]: q_in for i, q_in in outside.nearest(at.q).items()}
+            if outside
+            else _NOTHING,
+            unanswered=unanswered,
+            silent=silent,
+            unconfirmed=_named(unsure),
+            in_play={JOINTS[i]: off for i, off in in_play.items()} if in_play else _NOTHING,
         )
 
     def write(
@@ -187,33 +201,33 @@ class FeetechArm:
             Raises: CommandRefused: It is further away than the caps allow; the joints hold the last
             command. NoReply: The position of a joint that is to be held is not confirmed.
         """
-        with self._chain:
-            bus, now = self._chain.bus(), self._clock.now()
-            here, free = self._at.sure, self._out_of_range.free
+        try:
+            bus, now, compensation = self._chain.bus(), self._clock.now(), self._compensation
+            here, outside = self._sure, self._out_of_range
+            free = outside.free if (is_outside := bool(outside)) else ()
             if self._guide is not None:
-                self._compensation.point(
-                    [*self._compensation.q[:5], q_jaw_cmd], None, now, here, free
-                )
+                compensation.point([*compensation.q[:5], q_jaw_cmd], None, now, here, free)
                 return
             q = [*q_cmd.tolist(), q_jaw_cmd]
             if self._is_held:
                 if qd_cmd is None:  # a new goal without a velocity: hold the joint where it is
-                    self._chain.refuse_unsure(
-                        [i for i in self._maps if q[i] != self._compensation.q[i]]
-                    )
+                    self._chain.refuse_unsure([i for i in self._maps if q[i] != compensation.q[i]])
                 qd = None if qd_cmd is None else qd_cmd.tolist()
                 qdd = None if qdd_cmd is None else qdd_cmd.tolist()
-                self._compensation.point(q, qd, now, here, free, qdd, follows_target=follows_target)
+                compensation.point(q, qd, now, here, free, qdd, follows_target=follows_target)
             else:
                 self._pull.end()
                 self._chain.refuse_unsure(self._maps)
-                self._compensation.begin(q, self._at.q, now, free)
+                compensation.begin(q, self._at.q, now, free)
             if self._torque:
-                if self._out_of_range:
-                    goals = self._compensation.goals(now, self._presence.silent)
-                    for i in self._out_of_range.lead(bus, self._compensation.q, goals):
-                        self._compensation.held[i] = self._at.ticks(i)
-                self._chain.send()
+                if is_outside:
+                    goals = compensation.goals(now, self._presence.silent)
+                    for i in outside.lead(bus, compensation.q, goals):
+                        compensation.held[i] = self._at.ticks(i)
+                self._chain.send(bus)
+        except PortUnavailable as error:
+            self._chain.lost(error)
+            raise
 
     def set_torque(self, on: bool) -> None:
         """Switch torque on at the last written goal, or switch it off.
@@ -311,11 +325,11 @@ class FeetechArm:
 
     @property
     def is_driving(self) -> bool:
-        return any(held is not None for held in self._compensation.held)
+        return any(held != LIMP for held in self._compensation.held)
 
     @property
     def limp(self) -> tuple[str, ...]:
-        return tuple(JOINTS[i] for i in self._index.values() if self._compensation.held[i] is None)
+        return tuple(JOINTS[i] for i in self._index.values() if self._compensation.held[i] == LIMP)
 
     @property
     def port_losses(self) -> int:
@@ -349,49 +363,60 @@ class FeetechArm:
 
     # Measuring
 
-    def _measure(self, bus: Bus) -> None:
-        now = self._clock.now()
-        count, missed = self._health_readings.count(now), self._presence.unanswering
-        found, doubted = self._at.ask(bus, count, missed, self._clock)
-        fresh = self._at.look(found, self._wanted(), now)
-        is_held = self._is_held
-        watched = self._compensation.weak or self._out_of_range.sinking
-        if watched or any([answer.faults for answer in found.values()]):
-            self._note_faults(bus, found, is_held=is_held)
+    def _measure(self, bus: Bus) -> bool:
+        """Update the estimate, the compensation and who answers.
+
+        Returns whether all servos have answered, as before, and have nothing special to say.
+        """
+        now, presence, compensation = self._clock.now(), self._presence, self._compensation
+        outside, missed = self._out_of_range, presence.unanswering
+        count, is_held = self._health_readings.count(now), self._torque and compensation.is_set
+        wanted, learning, plainly = _NO_GOALS, None, None
         if is_held and self._guide is None:
-            if self._out_of_range:
-                self._out_of_range.arrive(bus, self._at.q)
-            for i in self._out_of_range.left | self._compensation.weak:
-                fresh &= ~(1 << i)
-            self._compensation.trim.measure(self._at.q, self._at.qd, fresh, now)
+            wanted, learning = compensation.q, compensation.trim.at
+        elif is_held:
+            wanted = SIX(*_NO_GOALS[:5], compensation.q[5])
+        if count == reg.PRESENT_POSITION.size and not (
+            missed or compensation.weak or outside or outside.sinking
+        ):
+            plainly = wanted, learning
+        found, doubted = self._at.ask(bus, count, missed, self._clock, plainly=plainly)
+        if found is None:
+            return True
+        self._at.look(wanted, now)
+        watched = compensation.weak or outside.sinking
+        if watched or any(answer.faults for answer in found.values()):
+            self._note_faults(bus, found, is_held=is_held)
+        if learning is not None:
+            if outside:
+                outside.arrive(bus, self._at.q)
+            fresh = self._at.fresh & ~as_bits(outside.left | compensation.weak)
+            compensation.trim.measure(*self._measured, fresh, now)
         for servo_id, volts in self._health_readings.take(now, found).items():
-            self._compensation.supplied(self._index[servo_id], volts)
-        fallen, back = self._presence.judge(found, now)
-        if fallen or self._presence.all_silent:
-            self._compensation.is_set = False
+            compensation.supplied(self._index[servo_id], volts)
+        fallen, back = presence.judge(found, now)
+        if fallen or presence.all_silent:
+            compensation.is_set = False
             raise missing_servos(bus, fallen or tuple(self._index), found, doubted)
         if back:
             self._take_back(bus, back)
+        return False
 
     def _note_faults(self, bus: Bus, found: Mapping[int, Answer], *, is_held: bool) -> None:
         for servo_id, answer in found.items():
             i = self._index[servo_id]
             self._compensation.heard(i, answer.faults)
-            if is_held and self._compensation.held[i] is not None:
+            if is_held and self._compensation.held[i] != LIMP:
                 has_let_go = bool(answer.faults & LET_GO)
                 if self._out_of_range.sank(bus, i, self._at.ticks(i), has_let_go=has_let_go):
                     self._compensation.held[i] = self._at.ticks(i)
 
+    def _bits(self, servo_ids: Iterable[int]) -> int:
+        return as_bits([self._index[servo_id] for servo_id in servo_ids])
+
     @property
     def _is_held(self) -> bool:
         return self._torque and self._compensation.is_set
-
-    def _wanted(self) -> Sequence[float]:
-        """The command of each joint [rad]; NaN if it is limp or a hand leads it."""
-        if not self._is_held:
-            return _NO_GOALS
-        q = self._compensation.q
-        return q if self._guide is None else [*_NO_GOALS[:5], q[5]]
 
     def _end_guiding(self, bus: Bus) -> None:
         """End guiding: hold the joints where they are, then restore their torque limits."""
@@ -402,5 +427,5 @@ class FeetechArm:
         self._compensation.begin(here, here, self._clock.now(), ())
         for i, ticks in self._out_of_range.stop(bus, self._at, self._presence.silent).items():
             self._compensation.held[i] = ticks
-        self._chain.send()
+        self._chain.send(bus)
         self._chain.limit_again()

@@ -20,20 +20,23 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
-from so101_motion.drivers.bus.registers import LET_GO, Fault
+from so101_motion.drivers.bus.registers import LET_GO, Fault, Register
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import LARGEST_DRIVE, Gravity, Trim
 from so101_motion.drivers.feetech.lag_compensation import DELAY, braking
 from so101_motion.drivers.feetech.servo_model import LARGEST_SAG, ServoModel
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
-from so101_motion.drivers.goal_limiter import SIX, GoalLimiter, as_bits
+from so101_motion.drivers.goal_limiter import SIX, GoalLimiter, Six, as_bits
 from so101_motion.drivers.servo_types import AS_SOLD, ServoFigures
 from so101_motion.native.library import quick
 
+LIMP = -(1 << 20)
+"""Instead of the goal of a servo that is limp, or whose goal is not known; as in ``servos.h``."""
+
 _STILL = (0.0,) * 5
-_NO_WEIGHTS = (0.0,) * 12
-_Given = ctypes.c_double * 34  # as so101_goals_point takes them
+_Given = ctypes.c_double * 28  # as so101_goals_point takes them
 
 _AHEAD = 0.06
 """Time from sending a goal until it acts [s]: delay and lag together, at a P gain of 32."""
@@ -50,8 +53,8 @@ class GoalCompensation(ctypes.Structure):
     to compensate anything, the offsets at which the servos were found are soon faded out.
 
     Attributes:
-        q: Commanded joint angles [rad].
-        held: The servos' goals; None for one that is limp, or whose goal is not known.
+        q: Commanded joint angles [rad], an array of C.
+        held: The servos' goals; ``LIMP`` for one that is limp, or whose goal is not known.
         is_set: Whether there has been a command since the servos were found.
         weak: The joints whose servos do not drive, or must not yet.
         crossing: The speed at which each motor is driven through its play now [rad/s].
@@ -66,8 +69,11 @@ class GoalCompensation(ctypes.Structure):
         *((name, SIX) for name in ("foreseen", "setpoint_qd", "lags")),
         ("c_trim", ctypes.POINTER(Trim)),
         ("c_limiter", ctypes.POINTER(GoalLimiter)),
+        ("servo", ctypes.c_int * 6),
+        ("held", ctypes.c_int * 6),
     ]
     crossing: list[float]
+    held: list[int]
 
     def __init__(
         self,
@@ -84,21 +90,24 @@ class GoalCompensation(ctypes.Structure):
             delay=DELAY, ahead=_AHEAD, largest_offset=LARGEST_SAG + LARGEST_DRIVE,
             compensates=compensates, t_point=-math.inf,
             c_trim=ctypes.pointer(self.trim), c_limiter=ctypes.pointer(limiter),
+            held=(LIMP,) * 6,
         )  # fmt: skip
         for i, joint in maps.items():
             self.direction[i], self.zero_ticks[i] = joint.direction, joint.zero_ticks
             self.lower_ticks[i], self.upper_ticks[i] = joint.lower_ticks, joint.upper_ticks
-        self.q = [0.0] * 6
-        self.held: list[Ticks | None] = [None] * 6
+            self.servo[i] = joint.servo_id
+        self.q: Six = limiter.q
         self.is_set = False
         self.weak: set[int] = set()
         self._maps, self._figures = maps, figures
         self._in_c, self._at = quick(), ctypes.c_void_p(ctypes.addressof(self))
         self._given, self._goals, self._stray = _Given(), (ctypes.c_int * 6)(), SIX()
+        self._packet: Any = ctypes.create_string_buffer(32)
         self._index = tuple((joint.servo_id, i) for i, joint in maps.items())
 
     def found(self, i: int, servo: ServoCondition) -> None:
-        self.held[i] = servo.goal_ticks if servo.torque else None
+        goal = servo.goal_ticks if servo.torque else None
+        self.held[i] = LIMP if goal is None else goal
         self.weak.discard(i)
         brakes = braking(i, servo.max_acceleration)
         own = self._figures.get(i, AS_SOLD)
@@ -125,7 +134,7 @@ class GoalCompensation(ctypes.Structure):
     ) -> None:
         """Take the first command: hold the joints at ``q`` [rad]; see ``GoalLimiter.begin``."""
         self._limiter.begin(q, here, now, free)
-        self.q, self.is_set, self.t_begin = q, True, now
+        self.is_set, self.t_begin = True, now
         self.has_qd, self.qd[:] = 0.0, [0.0] * 5
         self.trim.start(q, now, [self._sag(i) for i in range(6)])
 
@@ -134,7 +143,7 @@ class GoalCompensation(ctypes.Structure):
         q: list[float],
         qd: Sequence[float] | None,
         now: float,
-        here: Sequence[float],
+        here: Six,
         free: Collection[int],
         qdd: Sequence[float] | None = None,
         *,
@@ -142,23 +151,33 @@ class GoalCompensation(ctypes.Structure):
     ) -> None:
         """Take the next command, ``q`` [rad], at ``now`` [s]; see ``GoalLimiter.follow``.
 
-        ``qd`` [rad/s] has NaN where it is not known; ``qdd`` [rad/s^2] is None if not known. A
+        ``qd`` [rad/s] has NaN where it is not known; ``qdd`` [rad/s^2] is None if not known.
+        ``here``, the confirmed angles [rad], is an array of C. A
         joint that follows a target (``follows_target``), and not a plan, may turn round at any
         moment. Joints that are ``free`` are kept slow by their servos.
         """
-        weights: Sequence[float] = _NO_WEIGHTS
-        if q != self.q and not self.trim.weighs_itself:  # where they will be when the goal acts
+        if not self.trim.weighs_itself and q != self.q[:]:  # where they will be when the goal acts
             known = [0.0 if v != v else v for v in qd or _STILL]
             ahead = [at + _AHEAD * v for at, v in zip(q, known, strict=False)]
-            weights = [*self.trim.own([*ahead, q[5]]), *self.trim.per_kg([*ahead, q[5]])]
-        self._given[:] = [*q, *(qd or _STILL), *(qdd or _STILL), *here, *weights]
+            self._given[16:] = [*self.trim.own([*ahead, q[5]]), *self.trim.per_kg([*ahead, q[5]])]
+        self._given[:16] = [*q, *(qd or _STILL), *(qdd or _STILL)]
         refused = self._in_c.so101_goals_point(
-            self._at, self._given, qd is not None, qdd is not None, follows_target,
-            as_bits(free) if free else 0, ctypes.c_double(now),
+            self._at, self._given, here, qd is not None, qdd is not None, follows_target,
+            as_bits(free) if free else 0, now,
         )  # fmt: skip
         if refused >= 0:
             self._limiter.refuse(refused)
-        self.q = q
+
+    def packet(self, register: Register, now: float, absent: Collection[int]) -> bytes:
+        """The packet that writes the goals to a register of all servos but those of some joints.
+
+        Empty if there is none to write to.
+        """
+        weak, without = as_bits(self.weak) if self.weak else 0, as_bits(absent) if absent else 0
+        size = self._in_c.so101_goals_send(
+            self._at, weak, without, register.address, now, self._packet
+        )
+        return bytes(self._packet[:size])
 
     def goals(self, now: float, absent: Collection[int] = ()) -> dict[int, Ticks]:
         """The goals to send, by servo; ``absent`` servos are left out."""
@@ -173,15 +192,18 @@ class GoalCompensation(ctypes.Structure):
         """The goals while a hand leads the arm to ``q_goal`` [rad]; the jaw holds."""
         return self._in_ticks(self._limiter.yielded([*q_goal, self.q[5]], now), absent)
 
-    def in_play(self) -> dict[int, float]:
+    def in_play(self) -> tuple[dict[int, float], int]:
         """The joints that may stand in their play now, with how far they fall behind then [rad].
 
         Only in planned motions: in others, what holds a joint up is not looked for. A joint whose
         motor is being driven through the play is one of them: if the load is not what the driver
-        takes it for, its gears were on the other side already.
+        takes it for, its gears were on the other side already. Also returns a bit for each joint
+        that is held.
         """
         found = self._in_c.so101_goals_in_play(self._at, self._stray)
-        return {i: self._stray[i] for i in range(5) if found >> i & 1} if found else {}
+        return {
+            i: self._stray[i] for i in range(5) if found >> i & 1
+        } if found & 31 else {}, found >> 8
 
     def _in_ticks(self, goals: Sequence[float], absent: Collection[int]) -> dict[int, Ticks]:
         return {
@@ -192,5 +214,5 @@ class GoalCompensation(ctypes.Structure):
 
     def _sag(self, i: int) -> float | None:
         """Distance from joint ``i``'s command to its servo's goal [rad]; None if limp."""
-        held = self.held[i]
-        return None if held is None else self._maps[i].to_rad(held) - self.q[i]
+        held = Ticks(self.held[i])
+        return None if held == LIMP else self._maps[i].to_rad(held) - self.q[i]

@@ -85,6 +85,7 @@ class Trim(ctypes.Structure):
         ways: Which way and how fully friction is overcome, -1 to 1.
         rest: The part of ``offset`` that neither weight nor friction explain [rad].
         models: The servos; ``put`` replaces one.
+        at: Its address, for C.
         weighs_itself: Whether C knows the arm's weight, and need not be given its torques.
     """
 
@@ -114,7 +115,7 @@ class Trim(ctypes.Structure):
         self.weighs_itself = isinstance(gravity, ArmWeight) and per_kg is not None
         if isinstance(gravity, ArmWeight) and self.weighs_itself:
             self.arm = ctypes.pointer(gravity)
-        self._in_c, self._at = quick(), ctypes.c_void_p(ctypes.addressof(self))
+        self._in_c, self.at = quick(), ctypes.c_void_p(ctypes.addressof(self))
         self.models = [ServoModel() for _ in range(6)]
         for i, model in enumerate(self.models):
             self.put(i, model)
@@ -185,7 +186,7 @@ class Trim(ctypes.Structure):
         its motor falls away. Without such a load the motor drags the output; under a lasting one
         the output stays ahead of the motor.
         """
-        found = self._in_c.so101_trim_in_play(self._at)
+        found = self._in_c.so101_trim_in_play(self.at)
         return [i for i in range(_JAW) if found >> i & 1]
 
     @property
@@ -202,11 +203,11 @@ class Trim(ctypes.Structure):
         """
         known = [math.nan if off is None else off for off in sag]
         given = (SIX(*each) for each in (goal, known, self.own(goal), self.per_kg(goal)))
-        self._in_c.so101_trim_start(self._at, *given, ctypes.c_double(now))
+        self._in_c.so101_trim_start(self.at, *given, ctypes.c_double(now))
 
     def measure(self, q: Six, qd: Six, fresh: int, now: float) -> None:
         """Learn from the angles [rad] and velocities [rad/s] of ``fresh`` joints at ``now`` [s].
 
         Angles and velocities are arrays of C; ``fresh`` has a bit for each joint.
         """
-        self._in_c.so101_trim_measure(self._at, q, qd, fresh, ctypes.c_double(now))
+        self._in_c.so101_trim_measure(self.at, q, qd, fresh, now)

@@ -47,10 +47,10 @@ def test_a_control_cycle_asks_for_the_same_again_without_a_change():
 def test_where_there_is_no_time_for_a_longer_one_the_oldest_straggler_is_put_up_with():
     stale = StaleReplies()
     for k in range(15):
-        (length,) = lengths(stale, 1, 0.01 * k, again=True, most=16)
+        (length,) = lengths(stale, 1, 0.01 * k, again=True, longest=lambda _: 16)
         assert length == 2 + k
         stale.missed([1], length, 0.01 * k)
-    assert lengths(stale, 1, 0.2, again=True, most=16) == [2]
+    assert lengths(stale, 1, 0.2, again=True, longest=lambda _: 16) == [2]
     assert lengths(stale, 1, 0.2, again=True) == [17]
 
 
@@ -58,7 +58,7 @@ def test_what_is_needed_is_asked_for_however_slow_the_wire_and_at_the_end_of_the
     stale = StaleReplies()
     for length in range(2, 9):
         stale.missed([1], length, 0.0)
-    assert lengths(stale, 1, 0.1, again=True, most=-3) == [9]
+    assert lengths(stale, 1, 0.1, again=True, longest=lambda _: -3) == [9]
     stale = StaleReplies()
     for length in range(END):
         stale.missed([1], length, 0.0)

@@ -39,7 +39,7 @@ class Driven:
         rates[LIFT], changes[LIFT] = qd, qdd or 0.0
         told = None if qdd is None else changes
         t = 0.01 * self.k
-        self.joint.point(self.q, rates, t, [math.nan] * 6, (), told, **how)
+        self.joint.point(self.q, rates, t, SIX(*[math.nan] * 6), (), told, **how)
         goals = self.joint.goals(t)
         return self.servo.to_rad(goals[self.servo.servo_id]) - self.q[LIFT]
 
@@ -117,7 +117,7 @@ def test_a_joint_whose_motor_is_driven_through_the_play_may_stand():
         qdd = 2.0 if qd < 0.3 else 0.0
         qd += 0.01 * qdd
         arm.send(qd, qdd)
-        may_stand.append(LIFT in joint.in_play())
+        may_stand.append(LIFT in joint.in_play()[0])
         kept.append(LIFT not in joint.trim.in_play())
     assert all(kept)
     assert 5 <= sum(may_stand[20:]) <= 8, "while its motor crosses the play, and not after"
@@ -147,7 +147,7 @@ class Turning:
         self.t, self.q = self.t + dt, self.q + dt * speed
         rates, changes = [speed, 0.0, 0.0, 0.0, 0.0], [change, 0.0, 0.0, 0.0, 0.0]
         here = [self.q, 0.0, 0.0, 0.0, 0.0, 0.0]
-        self.joint.point(here, rates, self.t, here, (), changes)
+        self.joint.point(here, rates, self.t, SIX(*here), (), changes)
         return self.joint.trim.ways[0], self.joint.crossing[0]
 
 
@@ -220,7 +220,7 @@ def test_goals_and_what_is_learnt_are_what_they_were_before_they_were_compiled(k
         if k < 250:
             q[:n] = (0.5 * (1.0 - np.cos(turns)) / np.arange(1.0, 6.0))[:n]
         moving = [qd.tolist(), qdd.tolist() if told else None] if k < 250 else [None, None]
-        joint.point(q.tolist(), moving[0], t, q.tolist(), (), moving[1], follows_target=follows)
+        joint.point(q.tolist(), moving[0], t, SIX(*q), (), moving[1], follows_target=follows)
         goals = joint.goals(t)
         off = 0.01 * math.cos(t)
         joint.trim.measure(SIX(*(q - off)), SIX(), 0b111111, t + 0.004)

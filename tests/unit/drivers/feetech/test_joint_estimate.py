@@ -4,11 +4,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.bus.protocol import Answer
+from so101_motion.drivers.bus.protocol import instruction_packet
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import SETTLE_VELOCITY
 from so101_motion.drivers.feetech.joint_estimate import WINDOW, JointEstimate
+from so101_motion.drivers.goal_limiter import SIX
 
 PAN, LIFT = 0, 1
 
@@ -21,12 +21,18 @@ def at():
 
 def seen(at, q, wanted, now=0.0):
     """Both joints answer that they are there [rad]."""
-    ticks = reg.PRESENT_POSITION.encode(JointMap(servo_id=7).to_ticks(q))
-    at.look({i: Answer(ticks, 0) for i in (7, 8)}, wanted, now)
+    at.answered[:2], at.fresh = [JointMap(servo_id=7).to_ticks(q)] * 2, 0b11
+    at.look(wanted, now)
+
+
+def unseen(at, wanted, now):
+    """No joint answers."""
+    at.fresh = 0
+    at.look(wanted, now)
 
 
 def sent(*q):
-    return [*q, math.nan, math.nan, math.nan, math.nan]
+    return SIX(*q, math.nan, math.nan, math.nan, math.nan)
 
 
 NOWHERE = sent(math.nan, math.nan)
@@ -37,25 +43,25 @@ def test_joints_are_where_their_servos_say_and_one_that_is_not_seen_follows_its_
     assert at.q[:] == pytest.approx([0.5, 0.5, 0.0, 0.0, 0.0, 0.0], abs=RAD_PER_TICK)
     assert JointMap(servo_id=8).to_rad(at.ticks(LIFT)) == at.q[LIFT]
     seen(at, 0.48, sent(0.5, 0.5))
-    at.look({}, sent(0.7, 0.5), 0.01)
+    unseen(at, sent(0.7, 0.5), 0.01)
     assert at.q[PAN] == pytest.approx(0.68, abs=RAD_PER_TICK)
     assert at.q[LIFT] == pytest.approx(0.48, abs=RAD_PER_TICK)
 
 
 def test_a_joint_sent_nowhere_or_told_to_stay_where_it_was_pushed_is_where_it_was_seen(at):
     seen(at, 0.3, sent(math.nan, 0.9))
-    at.look({}, sent(0.9, math.nan), 0.01)
+    unseen(at, sent(0.9, math.nan), 0.01)
     assert at.q[:2] == pytest.approx([0.3, 0.3], abs=RAD_PER_TICK)
     seen(at, 0.3, sent(0.0, 0.0))
     for wanted in (0.3, 0.2):
-        at.look({}, sent(wanted, wanted), 0.01)
+        unseen(at, sent(wanted, wanted), 0.01)
         assert at.q[:2] == pytest.approx([0.3, 0.3], abs=RAD_PER_TICK)
 
 
 def test_a_servo_that_was_set_up_anew_is_where_it_was_found(at):
     seen(at, 0.3, sent(0.0, 0.0))
     at.found(PAN, Ticks(2048), 0.0)
-    at.look({}, sent(0.5, 0.5), 0.01)
+    unseen(at, sent(0.5, 0.5), 0.01)
     assert at.q[PAN] == 0.0
 
 
@@ -102,5 +108,6 @@ def test_a_steady_movement_has_its_velocity_however_often_it_is_measured(at, per
 
 
 def test_a_first_position_that_no_encoder_has_is_not_believed(at, clock):
-    bus = SimpleNamespace(sync_read=lambda *_, **__: {7: Answer(b"\xff\x7f", 0)})
-    assert at.ask(bus, 2, (), clock) == ({}, {7})
+    answer = instruction_packet(7, 0, b"\xff\x7f")  # one of a servo looks the same
+    bus = SimpleNamespace(ask=lambda answers, *_: (answers.begin(2), answers.feed(answer)))
+    assert at.ask(bus, 2, (), clock) == ({}, [7])
