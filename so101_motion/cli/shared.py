@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from functools import partial
 from importlib.metadata import requires
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -39,8 +39,6 @@ NO_DEVICE, CHECK_FAILED, STOPPED, INTERRUPTED = 3, 6, 7, 130
 
 DEBUG = "SO101_DEBUG"
 """Environment variable: when it is set, unexpected errors are shown with their traceback."""
-
-_SAID_AGAIN = 60.0  # after so long a log line that repeats the last is printed again [s]; chosen
 
 _PRINTED = f"{__name__}.printed"  # in the context: whether the JSON object has been printed
 
@@ -71,7 +69,7 @@ def quietly() -> Iterator[None]:
 @contextmanager
 def in_lines() -> Iterator[None]:
     """Print log lines on stderr during the block, with tracebacks only in debug mode."""
-    log, handler = logging.getLogger("so101_motion"), _Lines()
+    log, handler = logging.getLogger("so101_motion"), logging.StreamHandler()
     if not os.environ.get(DEBUG):
         handler.setFormatter(_Brief())
     log.addHandler(handler)
@@ -79,35 +77,6 @@ def in_lines() -> Iterator[None]:
         yield
     finally:
         log.removeHandler(handler)
-        handler.close()
-
-
-class _Lines(logging.StreamHandler[TextIO]):
-    """Prints log lines; one that repeats the last but for a measured figure is only counted."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._last: object = None
-        self._printed_at, self._repeats = 0.0, 0
-
-    def emit(self, record: logging.LogRecord) -> None:
-        args = record.args if isinstance(record.args, tuple) else ()
-        said = record.msg, [each for each in args if not isinstance(each, float)]
-        if said == self._last and record.created - self._printed_at < _SAID_AGAIN:
-            self._repeats += 1
-            return
-        self._tell_repeats()
-        self._last, self._printed_at = said, record.created
-        super().emit(record)
-
-    def close(self) -> None:
-        self._tell_repeats()
-        super().close()
-
-    def _tell_repeats(self) -> None:
-        if self._repeats:
-            self.stream.write(f"(and {self._repeats} times more)\n")
-        self._repeats = 0
 
 
 class _Brief(logging.Formatter):

@@ -450,7 +450,7 @@ class JointController:
 
     def _go_on_from_rest(self, gap: float) -> None:
         """Go on, or give up, because the joints came to rest while no setpoint was sent."""
-        words = "no setpoint was sent for %.2f s in mid-motion; state.late_ticks counts on"
+        words = "no setpoint was sent for %.2f s in mid-motion; later gaps are counted (late_ticks)"
         _log.log(self._gap_level, words, gap)
         self._gap_level = logging.DEBUG  # a busy machine is late again and again
         error = MotionError(

@@ -123,17 +123,6 @@ def test_a_log_line_is_one_line_and_shows_a_traceback_only_on_request(capsys, mo
     assert "Traceback" in trouble()
 
 
-def test_a_log_line_that_differs_in_a_figure_only_is_counted_and_not_repeated(capsys):
-    log = logging.getLogger("so101_motion.control.executor")
-    with in_lines():
-        for joint in ("elbow", "jaw"):
-            for _ in range(3):
-                log.warning("%s waited for %.2f s", joint, 0.2)
-        log.warning("done")
-    waited = "{} waited for 0.20 s\n(and 2 times more)\n"
-    assert capsys.readouterr().err == f"{waited.format('elbow')}{waited.format('jaw')}done\n"
-
-
 def test_a_full_disk_or_a_reader_who_closes_the_pipe_is_no_defect(capsys):
     with pytest.raises(SystemExit), reports_errors():
         raise OSError(errno.ENOSPC, "No space left on device")
