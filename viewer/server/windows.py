@@ -59,7 +59,12 @@ class _Window:
 
 
 class Windows:
-    """Lets the window in control act, and shows every window its state.
+    """Lets only the window in control press, type or drag, and shows every window its state.
+
+    viser hands every message to a list of handlers, which change the widget for all browsers. This
+    stands before them: a refused message changes nothing, and its window gets the true value back.
+    Messages about a window's own view and tabs pass, and those for open widgets (Stop). This uses
+    viser's internals; its version is pinned and the tests press real buttons.
 
     ``given_up`` is called when the window in control has gone.
     """
@@ -67,21 +72,21 @@ class Windows:
     def __init__(
         self, server: viser.ViserServer, tell: Callable[[str], None], given_up: Callable[[], None]
     ) -> None:
-        self._tell, self._given_up = tell, given_up
+        self._server, self._tell, self._given_up = server, tell, given_up
         self._lock = threading.Lock()
         self._by_client: dict[int, _Window] = {}
         self._holder: int | None = None  # the number of the window in control
         self._closing = False
-        self._filter = ControlFilter(
-            server, may_act=self._may_act, refused=self._refused, passed=self._passed
-        )
-        self._stops: set[str] = set()
+        self._open, self._stops = set[str](), set[str]()
+        handlers = server._websock_server._incoming_handlers
+        for kind in (*_GUI, *_SCENE):
+            handlers[kind] = [self._behind(handler) for handler in handlers[kind]]
         server.on_client_connect(self._came)
         server.on_client_disconnect(self._went)
         server._websock_server.on_client_connect(_count)
 
     def leave_open(self, *widgets: Any) -> None:
-        self._filter.leave_open(*widgets)
+        self._open.update(widget._impl.uuid for widget in widgets)
 
     def leave_open_as_stop(self, *widgets: Any) -> None:
         """The same for buttons that stop the arm; logs which window pressed them."""
@@ -148,93 +153,34 @@ class Windows:
                 buttons=[] if controls else [press],
             )
 
-    def _may_act(self, client_id: int) -> bool:
-        window = self._by_client.get(client_id)
-        if window is not None and self._holder is None:
-            self._give(window.number)
-        return window is not None and self._holder == window.number
-
-    def _passed(self, client_id: int, uuid: str) -> None:
-        window = self._by_client.get(client_id)
-        if uuid in self._stops and window is not None:
-            self._tell(f"Stop pressed in window {window.number}")
-
-    def _refused(self, client_id: int) -> None:
-        window = self._by_client.get(client_id)
-        now = time.monotonic()
-        if window is None or now - window.refused_at < _QUIET:
-            return
-        window.refused_at = now
-        _notify(window, f"Window {self._holder} has control", f"Nothing was changed. {_HOW}", 4.0)
-
-
-async def _count(connection: WebsockClientConnection) -> None:
-    """Make viser count the window as connected, which it does when the camera's pose arrives."""
-    camera = _messages.ViewerCameraMessage(
-        wxyz=(1.0, 0.0, 0.0, 0.0),
-        position=(1.0, 1.0, 1.0),
-        fov=1.0,
-        near=0.01,
-        far=1000.0,
-        image_height=1,
-        image_width=1,
-        look_at=(0.0, 0.0, 0.0),
-        up_direction=(0.0, 0.0, 1.0),
-    )  # any pose will do: the window sends its own with each picture
-    await connection._handle_incoming_message(ClientId(connection.client_id), camera)
-
-
-def words(number: int, holder: int | None) -> str | None:
-    if holder is None:
-        return "No window has control. Press any button to take it."
-    return None if holder == number else f"Window {holder} has control. Stop works here too."
-
-
-def _notify(window: _Window, title: str, body: str, seconds: float) -> None:
-    window.client.add_notification(title, body, color="orange", auto_close_seconds=seconds)
-
-
-class ControlFilter:
-    """Lets only the window in control press, type or drag.
-
-    viser hands every message to a list of handlers, which change the widget for all browsers. The
-    filter stands before them: a refused message changes nothing, and its window gets the true value
-    back. Messages about a window's own view and tabs pass, and those for open widgets (Stop). This
-    uses viser's internals; its version is pinned and the tests press real buttons.
-    """
-
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        *,
-        may_act: Callable[[int], bool],
-        refused: Callable[[int], None],
-        passed: Callable[[int, str], None],
-    ) -> None:
-        self._server = server
-        self._may_act, self._refused, self._passed = may_act, refused, passed
-        self._open: set[str] = set()
-        handlers = server._websock_server._incoming_handlers
-        for kind in (*_GUI, *_SCENE):
-            handlers[kind] = [self._behind(handler) for handler in handlers[kind]]
-
-    def leave_open(self, *widgets: Any) -> None:
-        self._open.update(widget._impl.uuid for widget in widgets)
+    # Messages
 
     def _behind(self, handler: Handler) -> Handler:
         async def guarded(client_id: Any, message: Message) -> None:
-            if self._is_shared(message) and not self._may_act(int(client_id)):
-                self._refused(int(client_id))
+            window = self._by_client.get(int(client_id))
+            if self._is_shared(message) and not self._may_act(window):
                 self._put_right(int(client_id), message)
                 return
-            uuid = getattr(message, "uuid", None)
-            if uuid in self._open:
-                self._passed(int(client_id), uuid)
+            if window is not None and getattr(message, "uuid", None) in self._stops:
+                self._tell(f"Stop pressed in window {window.number}")
             outcome = handler(client_id, message)
             if inspect.isawaitable(outcome):
                 await outcome
 
         return guarded
+
+    def _may_act(self, window: _Window | None) -> bool:
+        """Whether it has control, or takes it because no window has; another is told."""
+        if window is None:
+            return False
+        if self._holder is None:
+            self._give(window.number)
+        now = time.monotonic()
+        if self._holder != window.number and now - window.refused_at >= _QUIET:
+            window.refused_at = now
+            who = f"Window {self._holder} has control"
+            _notify(window, who, f"Nothing was changed. {_HOW}", 4.0)
+        return self._holder == window.number
 
     def _is_shared(self, message: Any) -> bool:
         """Whether ``message`` concerns something that all windows share."""
@@ -263,6 +209,32 @@ class ControlFilter:
             if node is not None:
                 for put in _placement(message.name, node, self._server.scene._owner_id):
                     client._websock_connection.queue_message(put)
+
+
+async def _count(connection: WebsockClientConnection) -> None:
+    """Make viser count the window as connected, which it does when the camera's pose arrives."""
+    camera = _messages.ViewerCameraMessage(
+        wxyz=(1.0, 0.0, 0.0, 0.0),
+        position=(1.0, 1.0, 1.0),
+        fov=1.0,
+        near=0.01,
+        far=1000.0,
+        image_height=1,
+        image_width=1,
+        look_at=(0.0, 0.0, 0.0),
+        up_direction=(0.0, 0.0, 1.0),
+    )  # any pose will do: the window sends its own with each picture
+    await connection._handle_incoming_message(ClientId(connection.client_id), camera)
+
+
+def words(number: int, holder: int | None) -> str | None:
+    if holder is None:
+        return "No window has control. Press any button to take it."
+    return None if holder == number else f"Window {holder} has control. Stop works here too."
+
+
+def _notify(window: _Window, title: str, body: str, seconds: float) -> None:
+    window.client.add_notification(title, body, color="orange", auto_close_seconds=seconds)
 
 
 def _placement(name: str, node: Any, owner: Any) -> tuple[Message, Message]:
