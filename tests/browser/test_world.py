@@ -109,7 +109,7 @@ def test_a_thing_is_selected_and_dragged_and_a_zone_is_red(world, rig, monkeypat
     add(world, "capsule")
 
     def is_selected():
-        world.page.mouse.click(*world.place_of(first, (0.0, -0.03, -0.01)))
+        world.page.mouse.click(*world.place_of(first, (0.0, -0.02, -0.01)))
         world.page.wait_for_timeout(300)  # a busy browser may not know yet that it is there
         names = shown(world, "Name").evaluate_all("fields => fields.map((each) => each.value)")
         return "box 1" in names  # none are there while a click was too early
@@ -178,7 +178,7 @@ def test_a_saved_scene_comes_back_by_load_and_is_shown_as_viam_says_it(
     (group,) = json.loads(text.input_value())["obstacles"]
     assert group["referenceFrame"] == "arm_origin"
     assert group["geometries"][0]["label"] == hostile
-    assert group["geometries"][0]["sphere"] == {"radiusMm": 30.0}
+    assert group["geometries"][0]["sphere"] == {"radiusMm": 20.0}
     assert world.page.evaluate("window.PWNED") is None
     world.press("Copy")
     world.until(lambda: world.button("Copied").count() == 1)

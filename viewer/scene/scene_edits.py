@@ -34,11 +34,11 @@ Thing = Obstacle | Attached
 
 
 NEW_SHAPES: dict[str, Shape] = {
-    "box": Box(size=np.full(3, 0.06)),
-    "sphere": Sphere(radius=0.03),
+    "box": Box(size=np.full(3, 0.04)),
+    "sphere": Sphere(radius=0.02),
     "capsule": Capsule(radius=0.015, length=0.12),
 }
-"""Shapes that a button adds, by name; chosen: about the size of what a hand takes."""
+"""Shapes that a button adds, by name; chosen: the jaws can take them."""
 
 _DISTANCE, _APART = 0.26, 0.10
 _ASIDE = tuple(math.radians(a) for a in (-35, 35, -60, 60, -85, 85, -110, 110, -10, 10))
@@ -108,7 +108,7 @@ def added(
     z = floor + 0.001 - low  # a hair above, or it would flicker
     spots = [
         np.array([_DISTANCE * math.cos(a), _DISTANCE * math.sin(a), z + level * (high - low)])
-        for level in range(3)
+        for level in range(4)
         for a in _ASIDE
     ]
     taken = [*(each.T_base_obstacle.p for each in scene.obstacles), *held_at]

@@ -75,7 +75,7 @@ def test_new_things_stand_on_the_floor_and_apart(kind):
     gaps = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(len(places))
     assert gaps.min() > 0.09
     assert len({each.name for each in scene.obstacles}) == 12
-    half = {"box": 0.03, "sphere": 0.03, "capsule": 0.06}[kind]
+    half = {"box": 0.02, "sphere": 0.02, "capsule": 0.06}[kind]
     assert 0.0 <= places[0, 2] - half - FLOOR_Z < 0.002
 
 
