@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from harness.browser_user import LAPTOP
 from harness.web_camera import UPRIGHT, WIDE, WebCamera, web_camera
 from so101_viewer import serve
 from so101_viewer.page.screen_state import Sentence, Tone
@@ -88,9 +87,7 @@ def test_a_camera_is_free_of_the_arm_names_are_no_markup_and_a_lost_page_says_so
     window.leave()
 
 
-def test_many_alerts_stand_above_the_picture_in_small_windows_and_a_click_unfolds_them(
-    watcher, preview
-):
+def test_many_alerts_stand_above_the_picture_in_small_windows(watcher, preview):
     window, page = watcher, watcher.page
     alerts, picture = page.locator("#so101-alerts"), page.locator("#root")
     lines = alerts.locator("p")
@@ -99,12 +96,6 @@ def test_many_alerts_stand_above_the_picture_in_small_windows_and_a_click_unfold
         """By how much the alerts lie over the picture [px]."""
         above, below = alerts.bounding_box(), picture.bounding_box()
         return max(above["y"] + above["height"] - below["y"], 0.0)
-
-    def high():
-        """Which have more than one line."""
-        return lines.evaluate_all(
-            "lines => lines.map((line) => line.getBoundingClientRect().height > 40)"
-        )
 
     hot = "Servo {} is too hot; let it cool."
     said = [Sentence(text=hot.format(k), tone=Tone.BAD) for k in range(3)]
@@ -115,14 +106,3 @@ def test_many_alerts_stand_above_the_picture_in_small_windows_and_a_click_unfold
             window.comes_to(count, lines.count)
             window.comes_to(count == 1, lambda: overlap() > 0.0)
         preview.bar.alert("test")
-
-    window.resize(LAPTOP)
-    said = [Sentence(text=6 * hot.format(k), tone=Tone.BAD) for k in range(4)]
-    preview.bar.alert("test", said[:2])
-    window.comes_to([True, True], high)
-    preview.bar.alert("test", said)
-    window.comes_to([True, False, False, False], high)
-    for is_open in (True, False):
-        lines.nth(2).click()
-        window.comes_to([True, False, is_open, False], high)
-    preview.bar.alert("test")
