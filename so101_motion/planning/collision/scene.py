@@ -499,9 +499,6 @@ _T = TypeVar("_T", Obstacle, Attached)
 def one_named(name: str, things: Iterable[_T]) -> _T:
     """The thing of that name; ``ConfigError`` if there is none."""
     named = {each.name: each for each in things}
-    if not named:
-        what = "an obstacle with a mass in the scene (docs/picking.md)"
-        raise ConfigError("name", name, f"there is nothing here; an item is {what}")
     if name not in named:
         raise ConfigError("name", name, f"is not here; {suggest(name, named)}")
     return named[name]

@@ -94,7 +94,7 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
             [0] * 5, limits=caps(velocity=1, acceleration=1, jerk=9, n=6)
         ),
         "in this cell already": lambda: cell.add("b", rig, np.eye(4)),
-        "there is nothing here; an item is": lambda: rig.pick("mug"),
+        "scene is empty; add an obstacle": lambda: rig.pick("mug"),
         "must be .*Wishes": lambda: rig.pick("mug", wishes="above"),
         "must be PlanRequests": lambda: so101.PlanningWorker().plan_many([3]),
         "what so101.open returns": lambda: so101.middles_of(arm),
