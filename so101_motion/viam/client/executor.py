@@ -20,7 +20,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import timedelta
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from grpclib import GRPCError, Status
@@ -39,8 +39,10 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 from so101_motion.rig.rig import HARD_STOP, TICK
 from so101_motion.tasks.guided.path import corners_of
-from so101_motion.viam.client.link import Link
 from so101_motion.viam.conversion import convert
+
+if TYPE_CHECKING:
+    from so101_motion.viam.client.rig import MachineRig
 
 BATCH = 100  # points in a message; chosen: 5 kB each, far below what a message may hold
 
@@ -77,8 +79,8 @@ class _Job:
 class MotionRunner(ABC):
     """Runs one motion at a time of a component on a machine. Any thread may call."""
 
-    def __init__(self, link: Link, refresh: Work) -> None:
-        self._link, self._refresh = link, refresh
+    def __init__(self, rig: MachineRig) -> None:
+        self._rig, self._link = rig, rig.link
         self._job: _Job | None = None
 
     @abstractmethod
@@ -132,7 +134,7 @@ class MotionRunner(ABC):
         await self._brake()
         if job is not None and job.task is not None:
             await asyncio.wait([job.task])
-        await self._refresh()
+        await self._rig.look()
 
     async def _run(self, job: _Job) -> None:
         problem: BaseException | None = None
@@ -149,7 +151,7 @@ class MotionRunner(ABC):
             if self._job is job:
                 self._job = None
             with suppress(So101Error):
-                await self._refresh()
+                await self._rig.look()
             if problem is None:
                 job.future.set_result(None)
             else:
@@ -162,20 +164,11 @@ class MachineExecutor(MotionRunner):
     dt = TICK
     is_resting = False  # other clients may move it at any time
 
-    def __init__(
-        self,
-        link: Link,
-        find: Callable[[], Arm],
-        state: Callable[[], JointState],
-        look: Callable[[], Awaitable[None]],
-    ) -> None:
-        super().__init__(link, look)
-        self._find, self._state = find, state
-        self.takes_streams = True
+    takes_streams = True
 
     @property
     def state(self) -> JointState:
-        return self._state()
+        return self._rig.state
 
     def execute(self, trajectory: Trajectory, *, channel: Channel = Channel.ARM) -> Future[None]:
         return self.begin(lambda: self._execute(trajectory))
@@ -191,16 +184,16 @@ class MachineExecutor(MotionRunner):
 
         async def turn() -> None:
             with self._link.asking("turning to a goal"):
-                await self._find().move_through_joint_positions(
+                await self._rig.find_arm().move_through_joint_positions(
                     [convert.to_joint_positions(q_goal)],
                     convert.to_move_options(limits.velocity, limits.acceleration),
                     # Does not wait: cancelling a call that waits would brake before the next goal.
                     extra={"interpolate": False, "waitAtEnd": False},
                 )
-            await self._refresh()
+            await self._rig.look()
             while self.state.arm_moving:
                 await asyncio.sleep(_LOOK)
-                await self._refresh()
+                await self._rig.look()
             self._check_arrival(q_goal)
 
         return self.begin(turn)
@@ -210,7 +203,7 @@ class MachineExecutor(MotionRunner):
 
         async def move() -> None:
             with self._link.asking(str(command.get("command"))):
-                await self._find().do_command(command)
+                await self._rig.find_arm().do_command(command)
 
         return self.begin(move)
 
@@ -232,7 +225,7 @@ class MachineExecutor(MotionRunner):
 
         async def guide() -> None:
             with self._link.asking("hand guiding"):
-                await self._find().set_manual_mode(True, timeout=STOPPING)
+                await self._rig.find_arm().set_manual_mode(True, timeout=STOPPING)
 
         return self._link.run(self._then_look(guide()))
 
@@ -244,26 +237,26 @@ class MachineExecutor(MotionRunner):
 
     async def _brake(self) -> None:
         with self._link.asking("stop"):
-            await self._find().stop(timeout=STOPPING)
+            await self._rig.find_arm().stop(timeout=STOPPING)
 
     async def _then_look(self, work: Coroutine[Any, Any, None]) -> None:
         await work
-        await self._refresh()
+        await self._rig.look()
 
     async def _hold(self) -> None:
         try:
             await self._set_torque(True)
         except MotionError:  # a simulated arm has no torque; what it has is manual mode
             with self._link.asking("holding the joints"):
-                await self._find().set_manual_mode(False, timeout=STOPPING)
+                await self._rig.find_arm().set_manual_mode(False, timeout=STOPPING)
 
     async def _set_torque(self, on: bool) -> None:
-        what = "holding the joints" if on else "releasing the joints"
-        with self._link.asking(what):
-            await self._find().do_command({"command": "set_torque", "enable": on}, timeout=STOPPING)
+        request: dict[str, Any] = {"command": "set_torque", "enable": on}
+        with self._link.asking("holding the joints" if on else "releasing the joints"):
+            await self._rig.find_arm().do_command(request, timeout=STOPPING)
 
     async def _execute(self, trajectory: Trajectory) -> None:
-        arm = self._find()
+        arm = self._rig.find_arm()
         if self.takes_streams and not self.state.reading.out_of_range:
             try:
                 with self._link.asking("the motion"):
@@ -278,7 +271,7 @@ class MachineExecutor(MotionRunner):
             options = convert.to_move_options(_peaks(trajectory.qd), _peaks(trajectory.qdd))
             for q in trajectory.q[corners_of(trajectory.q, OFF_PATH)[1:]]:
                 await arm.move_through_joint_positions([convert.to_joint_positions(q)], options)
-        await self._refresh()
+        await self._rig.look()
         self._check_arrival(trajectory.q[-1])
 
     def _check_arrival(self, q_goal: Array) -> None:

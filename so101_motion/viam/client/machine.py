@@ -47,7 +47,7 @@ class Machine:
 
     def __init__(self, access: Access) -> None:
         self.clock = MonotonicClock()
-        self._link = Link(access, self.clock, self._poll, self._on_loss)
+        self.link = Link(access, self.clock, self._poll, self._on_loss)
 
     @classmethod
     def connect(
@@ -64,18 +64,18 @@ class Machine:
             MachineUnavailable: It cannot be reached.
         """
         machine = cls(Access(address=address, api_key_id=api_key_id, api_key=api_key))
-        machine._link.open()
+        machine.link.open()
         return machine
 
     @property
     def connection(self) -> ArmConnection:
-        return self._link.connection
+        return self.link.connection
 
     @property
     def resources(self) -> tuple[Resource, ...]:
         return tuple(
             Resource(name=each.name, api=f"{each.type}:{each.subtype}")
-            for each in self._link.client().resource_names
+            for each in self.link.client().resource_names
         )
 
     def do_command(self, resource: str, command: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -129,13 +129,13 @@ class Machine:
             client = self._client_of(name)
             if not isinstance(client, kind):
                 raise ConfigError(wrong[0], name, wrong[1])
-            with self._link.asking(f"{name}: {what}"):
+            with self.link.asking(f"{name}: {what}"):
                 return await call(client)
 
-        return self._link.run(ask()).result()
+        return self.link.run(ask()).result()
 
     def close(self) -> None:
-        self._link.close()
+        self.link.close()
 
     def __enter__(self) -> Self:
         return self
@@ -155,7 +155,7 @@ class Machine:
         """Note that the machine does not answer; ``connection`` has the reason."""
 
     def _client_of(self, name: str) -> Any:
-        client = self._link.client()
+        client = self.link.client()
         known = {each.name: each for each in client.resource_names}
         if name not in known:
             raise ConfigError("resource", name, f"is not on the machine; {suggest(name, known)}")

@@ -12,7 +12,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import Awaitable, Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -49,7 +49,7 @@ from so101_motion.planning.request import Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.session_end import leave_as_asked
 from so101_motion.viam.client.executor import STOPPING, MachineExecutor, MotionRunner
-from so101_motion.viam.client.link import LOSSES, PATIENCE, Access, Link
+from so101_motion.viam.client.link import LOSSES, PATIENCE, Access
 from so101_motion.viam.client.machine import Machine, is_there
 from so101_motion.viam.client.reports import GripperReport, ask_arm, ask_gripper, next_state
 from so101_motion.viam.conversion.world_state import UniqueNames, taken_in
@@ -62,20 +62,10 @@ _LOOK = 0.05
 class MachineGripper(JawVerbs, MotionRunner):
     """Opens and closes the jaw. A new motion takes over from the one under way."""
 
-    def __init__(
-        self,
-        link: Link,
-        find: Callable[[], Gripper],
-        newest_report: Callable[[], GripperReport],
-        look: Callable[[], Awaitable[None]],
-    ) -> None:
-        super().__init__(link, look)
-        self._find, self._newest_report = find, newest_report
-
     @property
     def aperture(self) -> float:
         """How far it is open: 0 closed, 1 open."""
-        return self._newest_report().aperture
+        return self._rig.jaw.aperture
 
     @property
     def q_jaw(self) -> float:
@@ -84,12 +74,12 @@ class MachineGripper(JawVerbs, MotionRunner):
 
     @property
     def is_moving(self) -> bool:
-        return self._newest_report().is_moving
+        return self._rig.jaw.is_moving
 
     @property
     def is_holding(self) -> bool:
         """Whether it holds something, as far as it reports that."""
-        return self._newest_report().is_holding
+        return self._rig.jaw.is_holding
 
     def angle_of(self, aperture: float) -> float:
         """The jaw angle [rad] that an aperture stands for, over the jaw's full travel."""
@@ -114,7 +104,7 @@ class MachineGripper(JawVerbs, MotionRunner):
         """Send ``command``, or a grab; the motion ends when the jaw rests."""
 
         async def move() -> None:
-            gripper = self._find()
+            gripper = self._rig.find_gripper()
             with self._link.asking("moving the jaw"):
                 if command is None:
                     await gripper.grab()
@@ -135,7 +125,7 @@ class MachineGripper(JawVerbs, MotionRunner):
 
     async def _brake(self) -> None:
         try:
-            gripper = self._find()
+            gripper = self._rig.find_gripper()
         except ConfigError:
             return  # there is none, or none was chosen of several
         with self._link.asking("stop"):
@@ -247,7 +237,7 @@ class MachineRig(Machine):
         self._gripper: Gripper | None = None
         self._state: JointState | None = None
         self.status: Mapping[str, Any] = {}
-        self._jaw = GripperReport()
+        self.jaw = GripperReport()
         self.arm_name = ""
         self._no_gripper = "the machine has none"
         self._params: Mapping[str, Any] = {}
@@ -255,25 +245,20 @@ class MachineRig(Machine):
         self._around: Mapping[str, Any] = {}
         self._looked, self._made = threading.Event(), asyncio.Event()
         self._closed = False
-        self._link.open()
+        self.link.open()
         worker = acquire_worker()
         try:
-            self._executor = MachineExecutor(
-                self._link, self._find_arm, lambda: self.state, self._refresh
-            )
-            self.gripper = MachineGripper(
-                self._link, self._find_gripper, lambda: self._jaw, self._refresh
-            )
+            self._executor, self.gripper = MachineExecutor(self), MachineGripper(self)
             caps = zip(_CAPS, (50.0, 100.0), strict=True)
             speed, acceleration = (self._params.get(key, default) for key, default in caps)
             self.arm = self._new_arm(
                 to_rad(speed), to_rad(acceleration), partial(worker.plan, owner=self)
             )
-            self._link.post(self._made.set)
+            self.link.post(self._made.set)
             worker.start()
         except BaseException:
             release_worker()
-            self._link.close()
+            self.link.close()
             raise
 
     @classmethod
@@ -337,7 +322,7 @@ class MachineRig(Machine):
 
     def refresh(self) -> JointState:
         """Read the machine's state now."""
-        self._link.run(self._refresh()).result()
+        self.link.run(self.look()).result()
         return self.state
 
     def start_request(self, command: Mapping[str, Any]) -> Motion:
@@ -440,17 +425,15 @@ class MachineRig(Machine):
         assert arm is not None  # ``_poll`` has found it
         begin = self.clock.now()
         async with asyncio.timeout(PATIENCE):
-            answered, self._jaw = await asyncio.gather(
-                ask_arm(arm), ask_gripper(gripper, self._jaw)
-            )
+            answered, self.jaw = await asyncio.gather(ask_arm(arm), ask_gripper(gripper, self.jaw))
         t = 0.5 * (begin + self.clock.now())
         if self._state is None or t > self._state.t:
             self.status = answered.status
-            self._state = next_state(self._state, answered, self._jaw, t)
+            self._state = next_state(self._state, answered, self.jaw, t)
 
-    async def _refresh(self) -> None:
-        self._link.client()
-        with self._link.asking("its state"):
+    async def look(self) -> None:
+        self.link.client()
+        with self.link.asking("its state"):
             await self._ask_both()
 
     def _on_loss(self, problem: str) -> None:
@@ -468,13 +451,13 @@ class MachineRig(Machine):
                 jaw_moving=False,
             )
 
-    def _find_arm(self) -> ViamArm:
-        self._link.client()
+    def find_arm(self) -> ViamArm:
+        self.link.client()
         assert self._arm is not None  # it is there as long as the client is
         return self._arm
 
-    def _find_gripper(self) -> Gripper:
-        self._link.client()
+    def find_gripper(self) -> Gripper:
+        self.link.client()
         if self._gripper is None:
             raise ConfigError("gripper", self._wanted["gripper"], self._no_gripper)
         return self._gripper
