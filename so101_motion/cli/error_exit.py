@@ -37,7 +37,7 @@ from so101_motion.common.errors import LONGEST_QUOTE, So101Error, clipped, quote
 from so101_motion.common.import_check import explain
 
 _VERBS = (
-    "add|ask|attach|back|calibrate|check|choose|clear|close|configure|connect|do|end|"
+    "add|ask|attach|back|build|calibrate|check|choose|clear|close|configure|connect|do|end|"
     "finish|free|give|guide|hold|install|keep|leave|let|list|look|loosen|lower|make|"
     "mend|move|name|open|plan|plug|press|put|raise|read|remove|replace|run|save|"
     "see|send|set|start|stop|support|switch|take|try|turn|use|wait|widen"

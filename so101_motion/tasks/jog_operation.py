@@ -50,10 +50,9 @@ class JogOperation(LocalOperation):
             is_back = self._was_lost and is_up
             return View(
                 state="loose",
-                text="the arm is back; let it hold to go on" if is_back else "the arm is not held",
+                text=f"the arm is {'back' if is_back else 'not held'}; let it hold to go on",
                 rows=rows,
                 trouble="" if is_back else state.fault or "",
-                fix="then let the arm hold",
                 offers=(hold,),
             )
         self._was_lost = False
