@@ -256,7 +256,7 @@ def _outside_cloud(model: RobotModel, task: Task, best: IkSolution) -> Unreachab
         error_angle=best.error_angle,
         p_base_nearest=p_base,
         q_nearest=best.q,
-        limit=best.limit,
+        limit=binding_limit(model, task, best.q),
     )
 
 

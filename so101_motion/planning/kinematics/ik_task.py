@@ -36,8 +36,6 @@ class IkSolution(NamedTuple):
     # approach axis, for a full pose the angle of rotation between wanted and reached pose; 0 where
     # the orientation does not count
     error_angle: float
-    # the joint limit at which the solution is, e.g. ``"elbow_flex at its upper limit"``, or None
-    limit: str | None
 
 
 class Task(NamedTuple):
@@ -92,29 +90,13 @@ def check_seed(q_seed: ArrayLike) -> Joints:
 
 def judge(model: RobotModel, task: Task, joints: Joints) -> IkSolution:
     """Clamp joint angles to the limits, and measure the errors with the model."""
-    limit = None
-    for angle, (lower, upper) in zip(joints, model.limits, strict=True):
-        if not lower + AT_LIMIT <= angle <= upper - AT_LIMIT:
-            joints, limit = _pulled_inside(model, joints)
-            break
-    q = np.array(joints)
+    pairs = zip(joints, model.limits, strict=True)
+    q = np.array([min(max(angle, lower), upper) for angle, (lower, upper) in pairs])
     q.setflags(write=False)
     x, y, z = model.rotation_and_position(q, task.frame)[1].tolist()
     goal_x, goal_y, goal_z = task.point
     off, turned = hypot(x - goal_x, y - goal_y, z - goal_z), orientation_error(model, task, q)
-    return IkSolution(q, off, turned, limit)
-
-
-def _pulled_inside(model: RobotModel, joints: Joints) -> tuple[Joints, str | None]:
-    """Joint angles clamped to the limits, and the first limit that one of them is at."""
-    inside, limit = list(joints), None
-    for i, (lower, upper) in enumerate(model.limits):
-        if inside[i] - lower < AT_LIMIT:
-            inside[i], limit = max(inside[i], lower), limit or limit_name(i, -1.0)
-        elif upper - inside[i] < AT_LIMIT:
-            inside[i], limit = min(inside[i], upper), limit or limit_name(i, 1.0)
-    a, b, c, d, e = inside
-    return (a, b, c, d, e), limit
+    return IkSolution(q, off, turned)
 
 
 def orientation_error(model: RobotModel, task: Task, q: Array) -> float:

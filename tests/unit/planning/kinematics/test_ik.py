@@ -132,13 +132,6 @@ def test_both_elbows_are_candidates_near_the_straight_arm(model, solver):
     assert min(elbows) < solver.structure.bars.straight < max(elbows)
 
 
-def test_a_solution_at_a_limit_names_it(model, solver):
-    q = np.array([0.2, -0.4, 0.6, model.upper[3], 0.1])
-    solution = solver.solve(goal_at(model, q, APPROACH), q)
-    assert solution.limit == "wrist_flex at its upper limit"
-    assert solver.solve(goal_at(model, Q, APPROACH), Q).limit is None
-
-
 def test_an_object_far_off_the_roll_axis_still_gets_its_nearest_point(model):
     held = model.with_frame("rod", SE3.from_translation((0.15, 0.0, 0.05)))
     solver = IkSolver(held)
