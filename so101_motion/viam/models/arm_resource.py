@@ -245,7 +245,7 @@ class ArmResource(Configured, Arm):
         arrived: Callable[[Motion], Awaitable[None]],
     ) -> None:
         """Move to a goal, and plan again whenever the surroundings have changed; see ``Arm``."""
-        async with self.guarded_scene.kept_new():
+        async with self.guarded_scene.kept_known(new=True):
             await arrived(self._arm.start_replanned(goal, search))
 
     async def _move_by_service(

@@ -12,9 +12,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
-from typing import Any
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.errors import ConfigError, Interrupted, SurroundingsUnknown
@@ -79,21 +78,14 @@ class GuardedScene:
                 await self.read()
 
     @asynccontextmanager
-    async def kept_known(self) -> AsyncIterator[None]:
-        """Make sure that the guard knows the surroundings until the block ends; see ``known``."""
-        await self.known()
-        async with self._read_on(self.keep_known(lambda: self._is_used)):
-            yield
+    async def kept_known(self, *, new: bool = False) -> AsyncIterator[None]:
+        """Make sure that the guard knows the surroundings until the block ends; see ``known``.
 
-    @asynccontextmanager
-    async def kept_new(self) -> AsyncIterator[None]:
-        """Read the surroundings now, and every ``REPLANNED`` until the block ends; see ``read``."""
-        await self.read()
-        async with self._read_on(self.keep_known(self._surroundings.is_asked, REPLANNED)):
-            yield
-
-    @asynccontextmanager
-    async def _read_on(self, keep: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+        If they shall be ``new``, they are read now and every ``REPLANNED``; see ``read``.
+        """
+        await (self.read() if new else self.known())
+        goes_on = self._surroundings.is_asked if new else lambda: self._is_used
+        keep = self.keep_known(goes_on, REPLANNED if new else RENEWED)
         reading = asyncio.ensure_future(keep)
         try:
             yield

@@ -201,11 +201,11 @@ async def test_requests_that_keep_coming_have_it_read_again_and_do_not_wait(benc
     assert bench.around.asked == 2
 
 
-@pytest.mark.parametrize("block", ["kept_new", "kept_known"])
-async def test_a_block_of_motion_has_it_read_again_and_again(bench, monkeypatch, block):
+@pytest.mark.parametrize("new", [True, False])
+async def test_a_block_of_motion_has_it_read_again_and_again(bench, monkeypatch, new):
     for name in ("REPLANNED", "RENEWED"):
         monkeypatch.setattr(guarded_scene, name, 0.01)
-    async with getattr(bench.guarded, block)():
+    async with bench.guarded.kept_known(new=new):
         assert bench.arm.told == [(OWN, FULL)]
         bench.around.scene = EMPTIER
         await until(lambda: bench.arm.told == [(OWN, FULL), (OWN, EMPTIER)])
