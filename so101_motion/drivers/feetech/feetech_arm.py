@@ -376,12 +376,12 @@ class FeetechArm:
             wanted, learning = compensation.q, compensation.trim.at
         elif is_held:
             wanted = SIX(*_NO_GOALS[:5], compensation.q[5])
-        if count == reg.PRESENT_POSITION.size and not (
-            missed or compensation.weak or outside or outside.sinking
-        ):
+        if not (missed or compensation.weak or outside or outside.sinking):
             plainly = wanted, learning
         found, doubted = self._at.ask(bus, count, missed, self._clock, plainly=plainly)
-        if found is None:
+        if doubted is None:
+            if found:
+                self._take_vitals(found, now)
             return True
         self._at.look(wanted, now)
         watched = compensation.weak or outside.sinking
@@ -392,8 +392,7 @@ class FeetechArm:
                 outside.arrive(bus, self._at.q)
             fresh = self._at.fresh & ~as_bits(outside.left | compensation.weak)
             compensation.trim.measure(*self._measured, fresh, now)
-        for servo_id, volts in self._health_readings.take(now, found).items():
-            compensation.supplied(self._index[servo_id], volts)
+        self._take_vitals(found, now)
         fallen, back = presence.judge(found, now)
         if fallen or presence.all_silent:
             compensation.is_set = False
@@ -401,6 +400,10 @@ class FeetechArm:
         if back:
             self._take_back(bus, back)
         return False
+
+    def _take_vitals(self, found: Mapping[int, Answer], now: float) -> None:
+        for servo_id, volts in self._health_readings.take(now, found).items():
+            self._compensation.supplied(self._index[servo_id], volts)
 
     def _note_faults(self, bus: Bus, found: Mapping[int, Answer], *, is_held: bool) -> None:
         for servo_id, answer in found.items():

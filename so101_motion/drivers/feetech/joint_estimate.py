@@ -115,7 +115,7 @@ class JointEstimate(ctypes.Structure):
         clock: Clock,
         *,
         plainly: tuple[CArray, ctypes.c_void_p | None] | None = None,
-    ) -> tuple[Mapping[int, Answer] | None, Collection[int]]:
+    ) -> tuple[Mapping[int, Answer], Collection[int] | None]:
         """Ask for ``count`` bytes from the position on; again where it is not credible.
 
         Returns the answers with credible positions, by servo, and the servos without one. Those
@@ -123,7 +123,8 @@ class JointEstimate(ctypes.Structure):
 
         In most cycles every servo stands where it can be and reports no fault. With ``plainly``,
         commanded angles as for ``look`` and the address of a ``Trim``, or None, that is to learn,
-        that is all done then, and None returned instead of answers.
+        that is all done then, None is returned instead of servos, and answers only if they hold
+        more than positions.
         """
         answers, self.fresh, asked = self._answers, 0, clock.now()
         if given_up:  # the silent ones first, so that the last one is there to be waited for
@@ -133,7 +134,7 @@ class JointEstimate(ctypes.Structure):
         if plainly is None:
             found = self._in_c.so101_estimate_hear(*heard)
         elif not (found := self._in_c.so101_estimate_take(*heard, *plainly)):
-            return None, ()
+            return answers.found if count > reg.PRESENT_POSITION.size else {}, None
         doubted = [servo_id for servo_id, i in self._servos.items() if found >> i & 1]
         if not doubted:
             return answers.found, ()

@@ -190,7 +190,8 @@ def alarms(health: Iterable[JointHealth]) -> dict[str, str]:
     """Why joints must not be moved, by joint; silent servos are the driver's to report."""
     found: dict[str, str] = {}
     for joint in health:
-        if joint.is_silent:
+        is_well = joint.temperature_c < HOT_C and joint.volts >= LOW_V and not joint.faults
+        if is_well or joint.is_silent:
             continue
         for trouble in judge(
             volts=joint.volts,
@@ -213,7 +214,9 @@ def let_go(health: Iterable[JointHealth]) -> frozenset[str]:
 
 def share_of_speed(health: Iterable[JointHealth]) -> float:
     """The share of its speed that the arm should use, 1 to 0.25, by its hottest servo."""
-    hottest = max((joint.temperature_c for joint in health), default=0)
+    hottest = max([joint.temperature_c for joint in health], default=0)
+    if hottest <= WARM_C:
+        return 1.0
     return float(np.interp(hottest, (WARM_C, HOT_C), (1.0, 0.25)))
 
 
