@@ -312,7 +312,11 @@ class ChannelPlayer:
         if motion.ending is None:
             if alarms and self._obey(motion, alarms, q):
                 return
-            held_up = self._held_up(motion, q)
+            held_up, in_play, silent = 0, self._in_play, self._unanswered
+            if isinstance(motion.source, PlannedMotion):  # the others lag too much to tell
+                strays = [in_play.get(joint, 0.0) for joint in self._joints] if in_play else None
+                silent_too = bool(silent) and silent >= {*self._joints}
+                held_up = self._following.held_up(q, strays, silent=silent_too)
             waits = motion.waits_until is not None
             if (waits or held_up or not self._following.is_near(q)) and self._is_over(
                 motion, q, held_up
@@ -322,14 +326,6 @@ class ChannelPlayer:
             self._settle(motion, motion.last, q, qd)
 
     # How
-
-    def _held_up(self, motion: _Motion, q: Array) -> int:
-        """A bit for each joint that is held up."""
-        joints, in_play, silent = self._joints, self._in_play, self._unanswered
-        if not isinstance(motion.source, PlannedMotion):
-            return 0  # the others lag too much to tell
-        strays = [in_play.get(joint, 0.0) for joint in joints] if in_play else [0.0] * len(joints)
-        return self._following.held_up(q, strays, silent=bool(silent) and silent >= {*joints})
 
     def _is_over(self, motion: _Motion, q: Array, held: int) -> bool:
         """End the motion if a joint does not follow; whether there is no more to check."""

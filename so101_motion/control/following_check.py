@@ -213,22 +213,24 @@ class FollowingCheck:
         off: Array = np.maximum(low - q, q - high)
         return off
 
-    def held_up(self, q: Array, in_play: list[float], *, silent: bool = False) -> int:
+    def held_up(self, q: Array, in_play: list[float] | None = None, *, silent: bool = False) -> int:
         """A bit for each joint, seen at ``q`` now, that stands while its setpoints go on.
 
         Args:
             q: Measured angles, shape (n,), [rad].
             in_play: How far they stray while their motors go through the play [rad]; 0 for gears
-                that are kept on one side of it.
+                that are kept on one side of it, as all are if it is None.
             silent: Whether none of them has answered in this tick, so that ``q`` is a guess.
         """
         held = 0
         if not self._sees_contact:
             return held
-        if not silent:
+        if silent:
+            self._silent += 1
+        elif self._silent or self._left:
             held = self._have_missed_goals(q)
         else:
-            self._silent += 1
+            self._strayed, self.silence = (self._newest, q), 0.0
         if self._silent >= SILENCE or self._blind:
             self._blind = max(self._blind - 1, 0)
             self._forget_seen()
@@ -236,7 +238,7 @@ class FollowingCheck:
         self._seen.append(q)
         if self._wanted.count < self._kept:
             return held
-        self._given[: len(in_play)] = in_play
+        self._given[: len(q)] = in_play or [0.0] * len(q)
         return held | int(
             quick().so101_held_up(
                 self._watch_at, self._wanted.end, self._seen.end, self._seen.count, self._given

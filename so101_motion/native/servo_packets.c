@@ -52,6 +52,7 @@ void so101_answers_find(Answers *a, const uint8_t *in, int n) {
     for (int k = 0; k < a->servos; k++) {
         const int at = a->at[a->servo[k]];
         if (at > 0) a->found++, a->faults |= in[at - a->skip - 1];
+        a->is_over = at > 0;
     }
 }
 

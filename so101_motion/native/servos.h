@@ -76,7 +76,8 @@ typedef struct {
 
 /* As Answers in protocol.py. */
 typedef struct {
-    int count, skip, servos, found, skipped, rest, faults; /* faults: of all that have answered */
+    int count, skip, servos, found, skipped, rest;
+    int faults, is_over; /* of all that have answered; whether the last one has */
     int at[256]; /* by servo: where its data begin among the bytes received; 0: nowhere, -1: not asked */
     uint8_t servo[256];
 } Answers;

@@ -130,7 +130,12 @@ class Bus:
         self.port = port
         self.counters = ReplyCounters() if counters is None else counters
         self._names = names or {}
-        self._reply_timeout = reply_timeout
+        self._reply_timeout, self._prompt = reply_timeout, _PROMPT * reply_timeout
+        # of answers that are prompt: for each try of a question, and once the first have come
+        self._timeouts = [
+            min(reply_timeout * k, max(reply_timeout, _LONGEST)) for k in _PERSISTENCE
+        ]
+        self._rest = min(_REST, 0.5 * reply_timeout)
         self._stale_replies = StaleReplies()
 
     def label(self, servo_id: int) -> str:
@@ -364,10 +369,22 @@ class Bus:
 
     def _reply_timeout_for(self, tried: int) -> float:
         """How long to wait for an answer after ``tried`` earlier tries [s]."""
-        first, late = self._reply_timeout, self._lateness
-        if late:
-            first = max(first, 1.5 * late + 0.001)  # chosen, for jitter
+        late = self._lateness
+        if not late:
+            return self._timeouts[tried]
+        first = max(self._reply_timeout, 1.5 * late + 0.001)  # chosen, for jitter
         return min(first * _PERSISTENCE[tried], max(self._reply_timeout, _LONGEST))
+
+    def _waits(self, tried: int, wire: float) -> tuple[float, float]:
+        """How long to wait for the first answers, and once they have come for the rest [s].
+
+        ``wire``: how long all of them take on the wire [s].
+        """
+        if self.counters.lateness.longest <= self._prompt:
+            rest = wire + self._rest
+            return max(self._timeouts[tried], rest), rest
+        rest = wire + max(self._rest, self._lateness)
+        return max(self._reply_timeout_for(tried), rest), rest
 
     def _longest(self, servos: int) -> int:
         """How many bytes each of ``servos`` can send within the timeout of a control cycle."""
@@ -382,8 +399,8 @@ class Bus:
 
         A control loop that misses a few answers need not wait for them.
         """
-        lateness, prompt = self.counters.lateness, _PROMPT * self._reply_timeout
-        if lateness.longest <= prompt or lateness.typical <= prompt:
+        lateness = self.counters.lateness
+        if lateness.longest <= self._prompt or lateness.typical <= self._prompt:
             return 0.0
         if not lateness.is_told and self._reply_timeout:
             lateness.is_told = True
@@ -395,11 +412,6 @@ class Bus:
             )
         return lateness.longest
 
-    @property
-    def _rest(self) -> float:
-        """How long to wait for the rest of the answers once the first have come [s]."""
-        return max(min(_REST, 0.5 * self._reply_timeout), self._lateness)
-
     def _transact(self, packet: bytes, answers: Answers, tried: int) -> bytes:
         """Send a question and collect its answers; return all bytes if not all of them are late."""
         asked, count, counters = answers.servo_ids, answers.count, self.counters
@@ -408,8 +420,8 @@ class Bus:
         self.port.discard()
         self.port.write(packet)
         sent, late = time.monotonic(), 0
-        wire = 10.0 * (len(packet) + len(asked) * (packet_size(count) + _GAP)) / self.port.baud
-        until = sent + max(self._reply_timeout_for(tried), wire + self._rest)
+        wire = 10.0 * (len(packet) + len(asked) * (count + _PING_SLOT)) / self.port.baud
+        until = sent + self._waits(tried, wire)[0]
         while data := self.port.read(until):
             now, is_first = time.monotonic(), not answers.found_count
             answers.feed(data)
@@ -417,12 +429,12 @@ class Bus:
                 late += self._take_late(answers.received, now, but=count)
             if is_first and answers.found_count and now <= until:  # else this computer was late
                 counters.lateness.measured(now - sent - wire, len(asked))
-            if answers.is_from(asked[-1]):
+            if answers.is_over:
                 break
             if is_first:
-                end = sent + max(self._reply_timeout_for(tried), wire + self._rest)
-                until = min(end, now + wire + self._rest)
-        if answers.is_complete and not answers.faults:
+                first, rest = self._waits(tried, wire)
+                until = min(sent + first, now + rest)
+        if answers.found_count == answers.asked and not answers.faults:
             counters.all_heard(asked)
             return answers.received if late < len(answers.received) else b""
         for servo_id, answer in answers.found.items():

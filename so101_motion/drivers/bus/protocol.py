@@ -96,6 +96,7 @@ class Answers(ctypes.Structure):
         servo_ids: The servos that were asked, in their order.
         count: How many bytes of data an answer has.
         found_count: How many servos have answered.
+        is_over: Whether the last one has.
         faults: All bits that are set in their status bytes.
         skipped: How many bytes belonged to no expected answer.
         received: All bytes since the question.
@@ -104,7 +105,7 @@ class Answers(ctypes.Structure):
 
     _fields_ = [
         *((name, ctypes.c_int) for name in ("count", "skip", "asked", "found_count", "skipped")),
-        *((name, ctypes.c_int) for name in ("rest_count", "faults")),
+        *((name, ctypes.c_int) for name in ("rest_count", "faults", "is_over")),
         ("at", ctypes.c_int * 256),
         ("servo", ctypes.c_ubyte * 256),
     ]
@@ -115,6 +116,7 @@ class Answers(ctypes.Structure):
     skipped: int
     rest_count: int
     faults: int
+    is_over: int
 
     def __init__(self, servo_ids: Collection[int], count: int) -> None:
         self.servo_ids = tuple(servo_ids)

@@ -68,6 +68,15 @@ def _named(joints: int) -> frozenset[str]:
     return frozenset(joint for i, joint in enumerate(JOINTS) if joints >> i & 1)
 
 
+class _Measured(JointReading):
+    """A reading whose arrays nobody can write, so they need not be copied."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        pass
+
+
 class FeetechArm:
     """Six Feetech servos, or as many as there are; fits ``JointDriver``.
 
@@ -163,7 +172,7 @@ class FeetechArm:
             silent = silent | _named(self._bits(presence.silent))
         in_play, held = self._compensation.in_play()
         q, qd = at.arrays()
-        return JointReading(
+        return _Measured(
             q=q,
             qd=qd,
             q_jaw=self._measured[0][5],
