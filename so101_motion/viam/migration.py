@@ -61,8 +61,8 @@ def migrate(content: object) -> Migration:
     """Migrate a whole configuration, or a component or a list of components out of one."""
     whole = _whole(content)
     listed = whole.get("modules")
-    entries = filter(_is_published, listed if isinstance(listed, list) else ())
-    old = next(entries, None)
+    modules = [m for m in listed if isinstance(m, Mapping)] if isinstance(listed, list) else []
+    old = next((m for m in modules if m.get("module_id") == PUBLISHED), None)
     zero = None if old is None else _zero_of(old)
     parts = tuple(_part(kind, entry, zero) for kind, entry in _entries(whole))
     if not parts:
@@ -72,10 +72,6 @@ def migrate(content: object) -> Migration:
         raise ConfigError("configuration", None, f"it has no model of {FAMILY}*{hint}")
     name = "" if old is None else str(old.get("name", ""))
     return Migration(parts=parts, module=name, notes=_notes(whole, parts))
-
-
-def _is_published(module: object) -> bool:
-    return isinstance(module, Mapping) and module.get("module_id") == PUBLISHED
 
 
 def _whole(content: object) -> Mapping[str, Any]:
