@@ -127,7 +127,7 @@ class Jog(OpenEndedMotion):
 
     def sample(self, k: int) -> Setpoint:
         step = self._servo.step(self._target(), self._q_jaw())
-        self._over = self._closing and not (step.qd.any() or step.qdd.any())
+        self._over = self._closing and not any([*step.qd.tolist(), *step.qdd.tolist()])
         if self._ticks % _TEXT_EVERY == 0:
             self._held_by = self._servo.held_by() if step.share < _HELD_BELOW else ()
         self._ticks += 1

@@ -344,6 +344,8 @@ class Following(OpenEndedMotion):
         n = len(limits.velocity)
         self.limits = limits = stoppable(limits, stop_limits, with_jerk=ends_there)
         self._lower, self._upper = frozen_array(lower, (n,)), frozen_array(upper, (n,))
+        self._range = list(zip(self._lower.tolist(), self._upper.tolist(), strict=True))
+        self._farthest = max(abs(end) for ends in self._range for end in ends)
         gate = checked_number("gate", gate, lower=0.0, unit="rad")
         approach = checked_limits(approach, n, "approach")
         self._approach, self._share = Approach(limits, approach, gate), share
@@ -400,11 +402,12 @@ class Following(OpenEndedMotion):
             So101Error: The following has ended; the error says why.
         """
         self._refuse_if_over()
-        wanted = self._checked("q", q, most)
+        is_inside = self._is_inside(q) and self._farthest <= most  # so it is finite, too
+        wanted = frozen_array(q) if is_inside else self._checked("q", q, most)
         rate = self._still if qd is None else self._checked("qd", qd)
         change = None if qdd is None else self._checked("qdd", qdd)
         taken, outside = wanted, self._still
-        if not ((self._lower <= wanted) & (wanted <= self._upper)).all():
+        if not is_inside and not self._is_inside(wanted):
             taken = frozen_array(np.clip(wanted, self._lower, self._upper))
             outside = frozen_array(wanted - taken)
             within = outside == 0.0
@@ -497,7 +500,8 @@ class Following(OpenEndedMotion):
 
     @property
     def is_over(self) -> bool:
-        if self.now.qd.any() or self.now.qdd.any() or self._slowing is not None:
+        now = self.now
+        if self._slowing is not None or any(now.qd.tolist()) or any(now.qdd.tolist()):
             return False
         if self._ends_there and not self._closing:
             aimed = self._aimed
@@ -546,6 +550,13 @@ class Following(OpenEndedMotion):
         self._bounds = JointBounds(self._least, self._most, self.limits, self._stop_limits, now)
         self._braked = self._stops.to_rest(now).after
 
+    def _is_inside(self, q: ArrayLike) -> bool:
+        """Whether ``q`` are joint angles within the range."""
+        if type(q) is not np.ndarray or q.shape != self._lower.shape:
+            return False
+        pairs = zip(self._range, q.tolist(), strict=True)
+        return all([lower <= at <= upper for (lower, upper), at in pairs])
+
     def _checked(self, name: str, values: ArrayLike, most: float = math.inf) -> Array:
         found = joint_angles(name, values, self._lower.shape, most=most)
         if not is_finite(found):
@@ -560,7 +571,7 @@ class Following(OpenEndedMotion):
         age = self._t - self._t_seen
         if aimed is None or self._closing or age > self._stale_after + _ROUNDING:
             return None
-        if age == 0.0 or not aimed.qd.any():
+        if age == 0.0 or not any(aimed.qd.tolist()):
             return aimed
         moved = aimed.q + age * aimed.qd
         q = np.clip(moved, self._lower, self._upper)

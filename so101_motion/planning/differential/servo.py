@@ -70,8 +70,14 @@ class MovingAverage:
     def ahead(self, q: Array) -> Array:
         """The coming outputs, step by step, until they rest at the end of ``q``, (m, n) [rad]."""
         end, steps = q[-1], self.steps
-        waiting = np.broadcast_to(end, (steps - 1, len(end)))
-        sums = np.cumsum(np.concatenate((self._trail, q, waiting)) - end, axis=0)
+        passed = np.empty((2 * steps - 1 + len(q), len(end)))
+        passed[:steps], passed[steps : steps + len(q)], passed[steps + len(q) :] = (
+            self._trail,
+            q,
+            end,
+        )
+        passed -= end
+        sums = np.cumsum(passed, axis=0)
         return np.asarray(end + (sums[steps:] - sums[:-steps]) / steps)
 
 
@@ -114,9 +120,9 @@ class _Room(NamedTuple):
 
     def has(self, qd: Array) -> bool:
         """Whether velocities keep all bounds."""
-        if (qd < self.lower).any() or (qd > self.upper).any():
+        if any((qd < self.lower).tolist()) or any((qd > self.upper).tolist()):
             return False
-        return not (self.G @ qd < self.b).any()
+        return not any((self.G @ qd < self.b).tolist())
 
 
 class Servo:
@@ -180,7 +186,7 @@ class Servo:
         brake = self._qd_unfiltered
         if time > 0.0:
             brake = brake * max(0.0, 1.0 - self._dt / time)
-        if not wanted.qd.any():
+        if not any(wanted.qd.tolist()):
             self._last = None
             return self._taken(brake, 1.0)
         room = self._room(self._approached(q), brake)
@@ -252,8 +258,8 @@ class Servo:
         gain = G @ brake
         late = b - 0.5 * GAP / time  # a smaller violation does not endanger the proof
         change, top = self._limits.acceleration * self._dt, self._limits.velocity
-        is_late = ((late > gain) & (gain < 0.0)).any()
-        if is_late or (below > brake).any() or (above < brake).any():
+        is_late = any(((late > gain) & (gain < 0.0)).tolist())
+        if is_late or any((below > brake).tolist()) or any((above < brake).tolist()):
             # Something needs full braking now. The other joints go on if they can brake in time.
             left = max(0.0, self._braking_time - self._dt)
             top = np.minimum(top, self._limits.acceleration * left)
@@ -279,7 +285,8 @@ class Servo:
         """Whether a step of the unfiltered reference leaves a free, bearable path to rest."""
         self._arm_near = ""
         braking = self._braking(self._q_unfiltered + self._dt * qd, qd, self._time_to_brake(qd))
-        if (braking[-1] < self._lower - SAME).any() or (braking[-1] > self._upper + SAME).any():
+        end = braking[-1]
+        if any((end < self._lower - SAME).tolist()) or any((end > self._upper + SAME).tolist()):
             return False
         ahead = self._filter.ahead(braking)
         guard, every = self._checked_by

@@ -92,7 +92,7 @@ class TaskControl:
         if twist is not self._twist:
             self._twist, self._R, self._p = twist, R.copy(), p.copy()
         rate = twist.in_base(R)
-        if not rate.any():
+        if not any(rate.tolist()):
             return TaskVelocity(np.zeros(5), J, False)
         ahead, turn = self._p - p, rotation_vector(self._R @ R.T)
         if _length(ahead) > SLACK[0]:
