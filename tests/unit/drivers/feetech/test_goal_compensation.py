@@ -7,9 +7,11 @@ from harness.emulated_joints import MAPS
 from hypothesis import given
 from hypothesis import strategies as st
 
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.protocol import sync_write_packet
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TICKS_PER_RAD
 from so101_motion.drivers.emulator.motion import Profile
-from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
+from so101_motion.drivers.feetech.goal_compensation import LIMP, GoalCompensation
 from so101_motion.drivers.feetech.lag_compensation import BRAKING, DELAY, braking
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.goal_limiter import SIX, GoalLimiter
@@ -264,3 +266,14 @@ def test_what_the_firmware_drops_of_a_set_point_on_its_way_is_known(speed):
     assert quick().so101_cut_off(speed) == pytest.approx(
         RAD_PER_TICK * sum(dropped) / 300.0, rel=0.05
     )
+
+
+def test_the_packet_of_the_goals_is_the_one_of_a_sync_write_and_absent_servos_hold_theirs():
+    joint, position = Driven(q=0.3).joint, reg.GOAL_POSITION
+    goals = joint.goals(0.0)
+    absent = goals.pop(MAPS[NAMES[LIFT]].servo_id)
+    data = {servo_id: position.encode(ticks) for servo_id, ticks in goals.items()}
+    assert joint.packet(position, 0.0, {LIFT}) == sync_write_packet(position.address, data)
+    assert joint.held[:LIFT] == [*goals.values()][:LIFT]
+    assert joint.held[LIFT] == LIMP != absent
+    assert joint.packet(position, 0.0, range(6)) == b""

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.protocol import instruction_packet
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import SETTLE_VELOCITY
@@ -11,12 +12,13 @@ from so101_motion.drivers.feetech.joint_estimate import WINDOW, JointEstimate
 from so101_motion.drivers.goal_limiter import SIX
 
 PAN, LIFT = 0, 1
+TWO = {PAN: JointMap(servo_id=7), LIFT: JointMap(servo_id=8)}
 
 
 @pytest.fixture
 def at():
     """Two joints of six, with servos 7 and 8."""
-    return JointEstimate({PAN: JointMap(servo_id=7), LIFT: JointMap(servo_id=8)})
+    return JointEstimate(TWO)
 
 
 def seen(at, q, wanted, now=0.0):
@@ -105,6 +107,43 @@ def test_scatter_of_a_resting_encoder_stays_below_what_counts_as_rest(at):
 def test_a_steady_movement_has_its_velocity_however_often_it_is_measured(at, period):
     speeds = pushed(at, -0.5 * period * np.arange(round(10 + 0.5 / period)), period)
     assert speeds[-1] == pytest.approx(-0.5, abs=0.02)
+
+
+def answering(ticks, **faults):
+    """A bus on which the servos 7 and 8 answer that they are there, once."""
+    received = b"".join(
+        instruction_packet(i, faults.get(f"of_{i}", 0), reg.PRESENT_POSITION.encode(each))
+        for i, each in zip((7, 8), ticks, strict=False)  # an answer looks like an instruction
+    )
+    return SimpleNamespace(ask=lambda answers, *_: (answers.begin(2), answers.feed(received)))
+
+
+def test_plain_answers_do_at_once_what_others_do_in_steps(at, clock):
+    stepwise, wanted = JointEstimate(TWO), sent(0.1, 0.2)
+    for ticks in np.random.default_rng(1).integers(2040, 2060, (20, 2)).tolist():
+        assert at.ask(answering(ticks), 2, (), clock, plainly=(wanted, None)) == ({}, None)
+        found, doubted = stepwise.ask(answering(ticks), 2, (), clock)
+        stepwise.look(wanted, clock.now())
+        assert (found.keys(), doubted) == ({7, 8}, ())
+        for name in ("q", "qd", "sure"):
+            np.testing.assert_array_equal(getattr(at, name)[:], getattr(stepwise, name)[:])
+        assert at.unsure == stepwise.unsure
+        clock.advance(0.01)
+    assert at.unsure == 0
+
+
+@pytest.mark.parametrize(
+    ("ticks", "faults", "doubted"),
+    [([2048], {}, []), ([2048, 2048], {"of_8": 32}, []), ([2048, 4095], {}, [8])],
+)
+def test_answers_that_lack_doubt_or_report_something_are_left_to_be_looked_at(
+    at, clock, ticks, faults, doubted
+):
+    seen(at, 0.0, NOWHERE)
+    at.found(LIFT, Ticks(2048), 0.0)
+    found, still = at.ask(answering(ticks, **faults), 2, (), clock, plainly=(NOWHERE, None))
+    assert found.keys() == {7, 8}.intersection((7, 8)[: len(ticks)]) - {*doubted}
+    assert still == (doubted or ())
 
 
 def test_a_first_position_that_no_encoder_has_is_not_believed(at, clock):
