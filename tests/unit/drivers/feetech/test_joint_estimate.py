@@ -1,4 +1,5 @@
 import math
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -120,6 +121,8 @@ def answering(ticks, **faults):
 
 def test_plain_answers_do_at_once_what_others_do_in_steps(at, clock):
     stepwise, wanted = JointEstimate(TWO), sent(0.1, 0.2)
+    for i, each in product(TWO, (at, stepwise)):
+        each.found(i, Ticks(2048), 0.0)
     for ticks in np.random.default_rng(1).integers(2046, 2051, (20, 2)).tolist():
         assert at.ask(answering(ticks), 2, (), clock, plainly=(wanted, None)) == ({}, None)
         found, doubted = stepwise.ask(answering(ticks), 2, (), clock)
