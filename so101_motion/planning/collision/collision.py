@@ -194,17 +194,10 @@ class CollisionModel:
         Infinite for pairs in contact of which the depth is not known.
         """
         self.checkpoint()
-        lack, widest = np.zeros(len(self.pairs)), float(margins.max(initial=0.0))
+        widest = float(margins.max(initial=0.0))
         near = self.batch.near(np.asarray(q), q_jaw, widest)
-        if near is not None:
-            return self.lack_in(near[0], margins)
-        self._q[:5] = q
-        self._q[5] = q_jaw
-        # The others are further apart than the widest margin.
-        for k in self._coal.boxes_within(widest, self._q):
-            distance = self._found(k).distance
-            lack[k] = math.inf if self.unknown(k, distance) else max(margins[k] - distance, 0.0)
-        return lack
+        rows = self._near_by_coal(q, q_jaw, widest) if near is None else near[0]
+        return self.lack_in(rows, margins)
 
     def lack_in(self, rows: Array, margins: Array) -> Array:
         """``lacking`` from the rows of ``near_bounds``, if they reach as far as the margins."""
