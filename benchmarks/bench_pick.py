@@ -98,7 +98,6 @@ def planned(first: int, count: int) -> list[dict[str, Any]]:
         else:
             row |= {
                 "duration": plan.duration,
-                "tried": plan.tried,
                 "tilt_deg": float(to_deg(plan.grasp.tilt if plan.grasp else 0.0)),
             }
         found.append(row)

@@ -147,7 +147,6 @@ class Planner:
                 departure=departure,
                 blind=departure
                 and bool(context.moves.collision.in_surface(request.q_start, request.q_jaw).any()),
-                load=context.load,
                 effort=context.effort,
                 path_deviation=context.path_deviation,
                 routes=context.routes,
@@ -303,9 +302,7 @@ class Planner:
             found = context.find(q_from, above)
         line = kept[found.goal]
         pieces = self._timed(context, found.waypoints, CORNER, quick=found.motion)
-        load = context.load
         pieces += self._followed(context, line)
-        context.load = max(context.load, load)
         return np.concatenate([found.waypoints, line.waypoints[1:]]), pieces
 
     def _timed(

@@ -29,7 +29,6 @@ class PlanningContext:
     moves: MotionBuilder  # makes and checks motions
     finder: PathFinder  # finds collision-free paths
     stages_ms: dict[str, float] = field(default_factory=dict)  # wall time of each stage so far [ms]
-    load: float = 0.0  # largest share of a velocity, acceleration or jerk limit that is used
     effort: float = 0.0  # largest share of a servo's torque that is used
     # how far the tool is from a prescribed path, if there is one
     path_deviation: PathDeviation | None = None
@@ -61,10 +60,8 @@ class PlanningContext:
         return found
 
     def check(self, pieces: Pieces) -> None:
-        """Check motions, and note how much of the limits they use; raises if one fails."""
-        reports = [self.moves.check(piece) for piece in pieces]
-        self.load = max(report.worst for report in reports)
-        self.effort = max(self.effort, *(report.effort for report in reports))
+        """Check motions, and note how much torque they use; raises if one fails."""
+        self.effort = max(self.effort, *(self.moves.check(piece).effort for piece in pieces))
 
     def is_free(self, q: Array) -> bool:
         """Whether joint angles ``q``, shape (5,), [rad], are free of contact."""

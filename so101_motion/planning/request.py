@@ -129,7 +129,6 @@ class PlanReport:
         straight: Whether the motion is one straight line in joint space.
         departure: Whether the start had to be left slowly first, see ``start_recovery.py``.
         blind: Whether how deep it was in contact is not known: the way out may lead deeper.
-        load: Largest share of a velocity, acceleration or jerk limit that is used.
         effort: Largest share of a servo's torque limit that is used; 0 if not checked.
         waits: How long the arm waits for others before it moves [s]; part of the motion.
         waits_for: The names of the arms it waits for, or goes around.
@@ -144,7 +143,6 @@ class PlanReport:
     stages_ms: Mapping[str, float]
     straight: bool
     departure: bool
-    load: float
     clearance: float
     closest: tuple[str, str]
     path_deviation: PathDeviation | None = None

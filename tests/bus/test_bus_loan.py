@@ -258,7 +258,7 @@ def test_a_fresh_kit_can_be_opened_and_its_bus_lent(tmp_path, ids):
     with hardware_bench(tmp_path, ids=ids, calibrated=False) as bench:
         rig = bench.open(**NOBODY)
         loan = rig.lend_bus("motor setup")
-        assert loan.call(lambda bus: bus.scan()) == sorted(ids.values())
+        assert loan.call(lambda bus: bus.ping_all()).ids == tuple(sorted(ids.values()))
         loan.give_back()
         bench.advance(0.5)
         with pytest.raises(MotionError, match="configure an arm or a gripper"):

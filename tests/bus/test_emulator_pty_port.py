@@ -216,7 +216,7 @@ def test_program_in_the_background_leaves_what_is_typed_to_the_shell(link, monke
 def test_a_client_that_serves_its_port_waits_for_late_answers_and_for_nobody_else(link, clock):
     with HeardEmulator(EmulatorOptions(link=link), now=clock.now) as emulator:
         bus = Bus(emulator.opener()(), reply_timeout=600.0)
-        assert bus.scan() == [1, 2, 3, 4, 5, 6]
+        assert bus.ping_all().ids == (1, 2, 3, 4, 5, 6)
         with pytest.raises(NoReply):
             bus.ping(9)
         emulator.bus.faults.late, emulator.bus.faults.lateness = 1.0, 0.01

@@ -94,11 +94,6 @@ class JointView:
         """How far it has moved while it was recorded [deg]."""
         return self.travel / TICKS_PER_DEG
 
-    @property
-    def share(self) -> float:
-        """How much of the expected travel that is, 0 to 1; for a bar."""
-        return min(self.travel_deg / self.expected_deg, 1.0)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationView:

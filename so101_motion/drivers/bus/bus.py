@@ -285,10 +285,6 @@ class Bus:
 
     # All servos
 
-    def scan(self) -> list[int]:
-        """Ids of all servos that answer a broadcast ping at this baud rate, in order."""
-        return list(self.ping_all().ids)
-
     def ping_all(self) -> PingAnswers:
         """Ping all servos that listen at this baud rate; each answers in a slot of its own."""
         answers = Answers(range(BROADCAST), 0)

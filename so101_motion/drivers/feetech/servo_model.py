@@ -101,11 +101,6 @@ class ServoModel(ctypes.Structure):
         """Approximate torque that the goal adds for each radian farther on [N m/rad]."""
         return float(self._in_c.so101_servo_stiffness(self._at))
 
-    @property
-    def lag(self) -> float:
-        """How long a joint lags behind its setpoint without compensation [s]."""
-        return float(self._in_c.so101_servo_lag(self._at))
-
     def distance(self, torque: float, speed: float = 0.0) -> float:
         """How far beyond its joint the goal must be [rad] for a torque [N m] at a speed [rad/s]."""
         return float(self._in_c.so101_servo_distance(self._at, torque, speed))

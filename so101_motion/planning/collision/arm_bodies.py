@@ -61,10 +61,6 @@ class ArmBodies:
             self._without[left_out] = ArmBodies(self._robot, self._attached, left_out)
         return self._without[left_out]
 
-    def travel(self, q: Array) -> Array:
-        """Bounds on how far each body moves from one configuration (n, 6) to the next, (n-1, k)."""
-        return np.ascontiguousarray(np.abs(np.diff(q, axis=0)) @ self.levers.T)
-
     def placed(self, q: Array, T: SE3, data: Any) -> list[Any]:
         """Poses of the bodies at a configuration (6,) of an arm with its base at ``T``; coal's."""
         pin.forwardKinematics(self.model, data, q)

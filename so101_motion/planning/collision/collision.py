@@ -105,12 +105,8 @@ class ClosePair(NamedTuple):
     distance: float  # as in ``Clearance``, like the next two
     first: str
     second: str
-    p_first: Array  # the point of the first nearest to the second, in base, shape (3,), [m]
-    p_second: Array  # the point of the second nearest to the first, in base, shape (3,), [m]
-    normal: Array  # unit vector from the first to the second, shape (3,)
     gradient: Array  # derivative of the distance by each joint, shape (5,), [m/rad]
     margin: float  # distance they must keep [m]
-    pair: int  # their index in ``CollisionModel.pairs``
 
 
 class CollisionModel:
@@ -287,9 +283,7 @@ class CollisionModel:
     def described(self, row: Array) -> ClosePair:
         """Turn a row of ``near_bounds`` into a ``ClosePair``."""
         k = int(row[0])
-        p_first, p_second, normal, gradient = row[2:5], row[5:8], row[8:11], row[11:]
-        vectors = p_first, p_second, normal, gradient
-        return ClosePair(float(row[1]), *self.pairs[k], *vectors, float(self.margins[k]), k)
+        return ClosePair(float(row[1]), *self.pairs[k], row[11:], float(self.margins[k]))
 
     def near_bounds(
         self, q: ArrayLike, q_jaw: float = 0.0, *, within: float, gap: float = 0.0
@@ -297,8 +291,8 @@ class CollisionModel:
         """Like ``nearest``, but as numbers and in any order, for use in every control cycle.
 
         Returns:
-            A row for each pair of bodies: its index in ``pairs``, distance, ``p_first``,
-            ``p_second``, normal, gradient; shape (n, 16). And the bounds (``guard.py``) of a step
+            A row for each pair of bodies: its index in ``pairs``, distance, the three of ``Found``
+            after that, gradient; shape (n, 16). And the bounds (``guard.py``) of a step
             that keeps ``gap`` [m] beyond the margins free where it is free now, shape (n, 7), valid
             until the next call.
         """
@@ -446,12 +440,12 @@ _ENDLESS = 1e6  # half the side of the box around a body without an end [m]
 
 
 class Found(NamedTuple):
-    """Distance [m], nearest points [m] and normal of two bodies, as in ``ClosePair``."""
+    """How near two bodies are to each other."""
 
-    distance: float
-    p_first: Array
-    p_second: Array
-    normal: Array
+    distance: float  # as in ``Clearance``
+    p_first: Array  # the point of the first nearest to the second, in base, shape (3,), [m]
+    p_second: Array  # the point of the second nearest to the first, in base, shape (3,), [m]
+    normal: Array  # unit vector from the first to the second, shape (3,)
 
 
 class PairsByCoal:

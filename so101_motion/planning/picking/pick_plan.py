@@ -103,7 +103,6 @@ class PickPlan:
         q_jaw_free: Where it stands after it has let go [rad]; None without a placing.
         scenes: The arm's scene from the begin of each stage on, by its name, and at the ``"end"``.
         R_base_item: How the item stood when it was picked, shape (3, 3).
-        tried: How many grasps were planned for.
     """
 
     item: str
@@ -114,7 +113,6 @@ class PickPlan:
     q_jaw_free: float | None
     scenes: Mapping[str, Scene]
     R_base_item: Array
-    tried: int = 1
 
     @property
     def duration(self) -> float:
@@ -227,11 +225,11 @@ class _Planning:
                 item, self._collision(touching), self._request.q_start, self._asked.wishes,
                 finer=finer,
             )  # fmt: skip
-            for tried, grasp in enumerate(grasps[: self._asked.most], 1):
+            for grasp in grasps[: self._asked.most]:
                 if not self._search.clear_of_item(grasp, item, grasp.q_jaw_open):
                     continue
                 try:
-                    return self._by(grasp, item, touching, tried)
+                    return self._by(grasp, item, touching)
                 except PlanningError as error:
                     problems.append(error)
                 if time.monotonic() > self._deadline:
@@ -242,7 +240,7 @@ class _Planning:
             raise self._no_grasp(item, tally)
         raise self._no_plan(len(grasps), problems)
 
-    def _by(self, grasp: Grasp, item: Obstacle, touching: Scene, tried: int) -> PickPlan:
+    def _by(self, grasp: Grasp, item: Obstacle, touching: Scene) -> PickPlan:
         opened, T_base_tool = grasp.q_jaw_open, self._model.frame(grasp.q)
         closed = self._search.angle_closed(grasp, item)
         pushed = self._model.frame(grasp.q, "jaw_tip").R[:, 0] * BESIDE
@@ -290,7 +288,6 @@ class _Planning:
             q_jaw_free=free,
             scenes={"approach": self._scene, **scenes},
             R_base_item=R_item,
-            tried=tried,
         )
 
     # Placing

@@ -102,7 +102,6 @@ def test_the_report_says_how_the_plan_came_about(plan):
     report = plan(JointGoal(q=GOAL)).report
     assert set(report.stages_ms) == {"path", "retime", "verify", "total"}
     assert sum(report.stages_ms.values()) <= 2.0 * report.stages_ms["total"]
-    assert 0.9 < report.load <= 1.002
     assert 0.003 < report.clearance < 0.2
     assert len(report.closest) == 2
     assert not report.departure

@@ -158,9 +158,9 @@ def test_stored_anew_is_also_what_a_register_seems_to_hold_already(port, bus):
 def test_a_new_id_is_kept_and_locked_at_the_new_id_unless_it_is_taken(port, bus):
     with pytest.raises(ServoFault, match="servo 5 already"):
         bus.change_id(6, 5)
-    assert bus.scan() == list(IDS)
+    assert bus.ping_all().ids == tuple(IDS)
     bus.change_id(6, 9)
-    assert bus.scan() == [1, 2, 3, 4, 5, 9]
+    assert bus.ping_all().ids == (1, 2, 3, 4, 5, 9)
     port.world.servo("gripper").boot()
     assert bus.ping(9) == Fault.NONE
     assert port.memory("gripper", reg.LOCK) == 1
@@ -173,7 +173,7 @@ def test_every_kind_of_question_reports_that_the_port_is_gone_and_works_after(po
         lambda: bus.write(1, reg.ACCELERATION, 5),
         lambda: positions(bus),
         lambda: bus.sync_write(reg.GOAL_POSITION.address, {1: b"\x00\x08"}),
-        bus.scan,
+        bus.ping_all,
     ]
     for ask in questions:
         port.unplugged = True

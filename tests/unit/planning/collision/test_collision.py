@@ -275,8 +275,6 @@ def test_the_distance_to_a_shape_is_the_one_it_was_placed_at(model, name, distan
         assert collision.is_free(READY) == (distance > collision.margin)
         near = collision.nearest(READY, within=0.05)[0]
         assert near.distance == pytest.approx(distance, abs=2e-6)
-        assert near.normal == pytest.approx(direction / np.linalg.norm(direction), abs=1e-2)
-        assert near.p_second - near.p_first == pytest.approx(distance * near.normal, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", SHAPES)
