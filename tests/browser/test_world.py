@@ -174,7 +174,7 @@ def test_a_saved_scene_comes_back_by_load_and_is_shown_as_viam_says_it(
     world.until(lambda: rig.arm.scene.obstacles[0].name == hostile)
     world.press("for Viam")
     text = world.page.locator("textarea[readonly]")
-    world.until(lambda: text.count() == 1)
+    world.until(lambda: text.count() == 1 and text.input_value())
     (group,) = json.loads(text.input_value())["obstacles"]
     assert group["referenceFrame"] == "arm_origin"
     assert group["geometries"][0]["label"] == hostile

@@ -67,9 +67,8 @@
       reach();  // what must be scrolled, keys scroll
     }).observe(alerts);
 
-    let pressed = 0;
-    button.addEventListener('pointerdown', () => { pressed = Date.now(); stop(); });
-    button.addEventListener('click', () => { if (Date.now() - pressed > 400) stop(); });
+    button.addEventListener('pointerdown', stop);
+    button.addEventListener('click', ({ detail }) => { if (!detail) stop(); });  // by a key
 
     // A grey button that is pressed says why it is grey.
     let read = 0;
