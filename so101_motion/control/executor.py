@@ -284,7 +284,7 @@ class Executor:
                 return
             self._ready.set_result(None)
             moving = False
-            while not self.requests.is_over(moving=moving):
+            while not (self.requests.closing and self.requests.is_over(moving=moving)):
                 now = self._clock.now()
                 until = self._not_before(now, moving)
                 if until is None:

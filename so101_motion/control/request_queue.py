@@ -63,6 +63,7 @@ class RequestQueue:
         wake: Set when there is something new.
 
     Attributes:
+        closing: Whether no more requests are taken.
         on_request: Called with the future of every request as it is made, and with the channels
             that it stops, if it is a stop; by the thread that asks. None for nobody.
     """
@@ -73,7 +74,7 @@ class RequestQueue:
         self._lock = threading.Lock()
         self._requests: list[Request] = []
         self._stops: list[Request] = []
-        self._is_open = self._closing = self._over = False
+        self._is_open = self.closing = self._over = False
 
     def open(self) -> None:
         self._is_open = True
@@ -98,7 +99,7 @@ class RequestQueue:
         if self.on_request is not None:
             self.on_request(request.future, ())
         with self._lock:
-            closing = self._closing
+            closing = self.closing
             if not closing:
                 self._requests.append(request)
         if closing:
@@ -130,7 +131,7 @@ class RequestQueue:
     def close(self, stop: Request) -> bool:
         """Take no more requests and serve ``stop``; whether this was the first time."""
         with self._lock:
-            first, self._closing = not self._closing, True
+            first, self.closing = not self.closing, True
             dropped, self._requests = self._requests, []
             if first:
                 self._stops.append(stop)
@@ -153,16 +154,14 @@ class RequestQueue:
 
     def is_over(self, *, moving: bool) -> bool:
         """Whether the thread may end; stops that come later complete at once."""
-        if not self._closing:
-            return False
         with self._lock:
-            self._over = self._closing and not moving and not self._stops
+            self._over = self.closing and not moving and not self._stops
             return self._over
 
     def leave(self) -> None:
         """Note that the thread has ended; later requests fail at once."""
         with self._lock:
-            self._closing = self._over = True
+            self.closing = self._over = True
 
 
 class Outcomes:

@@ -430,6 +430,8 @@ class Bus:
             if is_first:
                 first, rest = self._waits(tried, wire)
                 until = min(sent + first, now + rest)
+        if not answers.received:
+            answers.feed(b"")
         if answers.found_count == answers.asked and not answers.faults:
             counters.all_heard(asked)
             return answers.received if late < len(answers.received) else b""

@@ -125,10 +125,12 @@ class Answers(ctypes.Structure):
         self.begin(count)
 
     def begin(self, count: int, skip: int = 0, wanted: int | None = None) -> None:
-        """Expect ``count`` bytes from each; ``wanted`` are so many of them after the first."""
+        """Expect ``count`` bytes from each; ``wanted`` are so many of them after the first.
+
+        Who has answered is known from the next ``feed`` on.
+        """
         self.count, self.skip, self._wanted = count, skip, count if wanted is None else wanted
-        self.received = b""
-        self._find(self.ref, b"", 0)
+        self.received, self.found_count, self.is_over = b"", 0, 0
 
     def feed(self, data: bytes) -> None:
         """Parse received bytes; they may be cut anywhere."""

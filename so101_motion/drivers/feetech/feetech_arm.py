@@ -158,7 +158,7 @@ class FeetechArm:
             is_plain = self._measure(bus)
             if self._guide is not None:
                 chain.lead(*self._guide.step(at.q, at.qd, self._clock.now()))
-            elif self._pull.is_on:
+            elif self._pull.pull is not None:
                 self._pull.step()
             elif self._clock.now() - chain.t_sent >= _REWRITE and self._is_held:
                 chain.send(bus)

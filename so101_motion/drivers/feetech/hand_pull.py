@@ -31,25 +31,25 @@ class Pull:
 
 
 class HandPull:
-    """Pulls the arm joints while a pull is requested. Used by the I/O thread only."""
+    """Pulls the arm joints while a ``pull`` is requested. Used by the I/O thread only."""
 
     def __init__(self, chain: Chain, compensation: GoalCompensation, clock: Clock) -> None:
         self._chain, self._compensation, self._clock = chain, compensation, clock
-        self._pull: Pull | None = None
+        self.pull: Pull | None = None
 
     @property
     def is_on(self) -> bool:
-        return self._pull is not None
+        return self.pull is not None
 
     def ask(self, pull: Pull) -> None:
         """Start the pull, or change it, from the next ``step`` on."""
-        if self._pull is None:
+        if self.pull is None:
             self._begin(pull)
-        self._pull = pull
+        self.pull = pull
 
     def step(self) -> None:
         """Send the goals for the joints' present angles, or end the pull if its time is over."""
-        now, pull = self._clock.now(), self._pull
+        now, pull = self._clock.now(), self.pull
         if pull is None:
             return
         if now > pull.until:
@@ -68,9 +68,9 @@ class HandPull:
 
         A servo that does not let go (``BusError``) keeps its low limit; this can be repeated.
         """
-        if self._pull is not None:
+        if self.pull is not None:
             self._chain.switch_off()
-            self._pull = None
+            self.pull = None
             self._chain.limit_again()
 
     def _begin(self, pull: Pull) -> None:
@@ -80,7 +80,7 @@ class HandPull:
         here, now = list(chain.at.q), self._clock.now()
         self._compensation.begin(here, here, now, chain.out_of_range.free)
         limit = round(1000.0 * pull.share)
-        self._pull = pull  # what fails from here on ends by itself
+        self.pull = pull  # what fails from here on ends by itself
         limits = {i: min(limit, own[reg.TORQUE_LIMIT]) for i, own in chain.ram.items()}
         chain.put_all(reg.TORQUE_LIMIT, limits)
         for i in chain.index.values():
