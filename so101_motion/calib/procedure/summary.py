@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.procedure.travel import MIDDLE, ROLL, Verdict, around, can_be_accepted
 from so101_motion.calib.procedure.view import TICKS_PER_DEG, JointView
 from so101_motion.calib.record import compare, record
 from so101_motion.calib.record.record import JOINTS, Calibration
 from so101_motion.calib.record.zero import ROLL_UPRIGHT, STOPS
-from so101_motion.common.geometry import Array
 from so101_motion.common.operation import Row, Tone
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg
@@ -43,11 +40,6 @@ class PoseEstimate:
     # every joint's angle [rad]; a joint that was never read has its homing angle
     angles: Mapping[str, float]
     guessed: frozenset[str]  # joints whose angle is a guess
-
-    @property
-    def q(self) -> Array:
-        """Arm joint angles, shape (5,), [rad]."""
-        return np.array([self.angles[joint] for joint in ARM_JOINTS])
 
     @property
     def q_jaw(self) -> float:

@@ -67,14 +67,7 @@ class Columns(NamedTuple):
 
     def at(self, i: int) -> Columns:
         """One of the points, as n = 1."""
-        one = slice(i, i + 1)
-        return Columns(
-            self.q[one],
-            self.price[one],
-            self.excess[one],
-            self.deviation[one],
-            self.in_front[one],
-        )
+        return Columns._make(values[i : i + 1] for values in self)
 
     def allowed(self) -> list[Allowed]:
         """The allowed configurations of each point."""

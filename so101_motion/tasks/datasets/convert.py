@@ -92,7 +92,6 @@ _BEYOND = to_rad(0.5)  # a joint farther outside its new travel than this counts
 class Conversion:
     """The result of a conversion."""
 
-    path: Path
     episodes: int  # how many episodes it has
     frames: int  # how many frames it has
     # in how many frames each arm joint is beyond the travel of the new calibration, in action or
@@ -129,7 +128,7 @@ def convert_data_set(
         reason = f"cannot be written: {error.strerror or error}"
         raise ConfigError("out", str(path), reason) from error
     return Conversion(
-        path=path, episodes=len(run.lengths), frames=sum(run.lengths.values()), beyond=run.beyond
+        episodes=len(run.lengths), frames=sum(run.lengths.values()), beyond=run.beyond
     )
 
 

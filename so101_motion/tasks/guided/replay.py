@@ -65,7 +65,6 @@ class ReplayLeg:
 class Replay:
     """A planned replay of a guided path."""
 
-    path: GuidedPath  # the recorded path
     tolerance: float  # how far any joint may be from it [rad]
     approach: Plan  # the plan from where the arm is to the beginning of the path
     legs: tuple[ReplayLeg, ...]  # the motions along the path
@@ -119,7 +118,7 @@ def plan_replay(
         leg = maker.leg(cut, q_from)
         legs.append(leg)
         q_from = q_from if leg.plan is None else leg.plan.q_goal
-    return Replay(path=path, tolerance=tolerance, approach=approach, legs=tuple(legs))
+    return Replay(tolerance=tolerance, approach=approach, legs=tuple(legs))
 
 
 # Planning

@@ -63,7 +63,6 @@ class Visit(NamedTuple):
 
     round: int  # the round, counted from 0
     laps: tuple[int, ...]  # repetition of each loop around it, from 0, the outer one first
-    origin: int | None  # index of the stop before; None for where the arm is at the beginning
     indices: range  # the steps after it: those that are passed, then the one stopped at
 
 

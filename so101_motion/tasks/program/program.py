@@ -170,13 +170,11 @@ class Program:
             most: Loops and rounds are repeated at most so often. Two times give every path there
                 is, because what a loop does to arms and jaws holds from its second time on.
         """
-        origin: int | None = None
         for lap in count():
             if not self.steps or lap in (most, self.rounds):
                 return
             for laps, indices in round_of(len(self), self.loops, self.stops_at, most):
-                yield Visit(lap, laps, origin, indices)
-                origin = indices[-1]
+                yield Visit(lap, laps, indices)
 
     def with_step(self, step: Step) -> Program:
         return replace(self, steps=(*self.steps, step))

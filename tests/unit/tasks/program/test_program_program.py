@@ -132,10 +132,11 @@ def test_loops_survive_every_edit_and_two_rounds_show_every_leg_with_every_jaw(
         assert all(loop.last < len(edited) for loop in edited.loops)
 
     def legs(most):
-        found, jaw = set(), 0.5
+        found, jaw, origin = set(), 0.5, None
         for visit in made.with_rounds(3).visits(most):
-            found.add((visit.origin, visit.indices, jaw))
-            told = apertures[visit.indices[-1]]
+            found.add((origin, visit.indices, jaw))
+            origin = visit.indices[-1]
+            told = apertures[origin]
             jaw = jaw if told is None else told
         return found
 
