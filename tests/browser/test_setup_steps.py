@@ -39,17 +39,8 @@ def kit(tmp_path):
         yield kit
 
 
-def serve(kit, tmp_path):
-    progress = tmp_path / "setup.json"
-    return serve_setup(port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=progress)
-
-
 def id_of(kit, joint):
     return int(kit.world.servo(joint).servo_id)
-
-
-def hand_on(app):
-    return Hand(app)
 
 
 def set_up(hand, kit, joint):
@@ -121,7 +112,7 @@ def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(kit, 
         Machine.connect(machine.address) as connected,
         serve_setup(port=0, machine=connected, progress_file=tmp_path / "setup.json") as app,
     ):
-        hand = hand_on(app)
+        hand = Hand(app)
         hand.press("Motor Setup Only")
         hand.press("Next")
         kit.plug_in("gripper", "wrist_roll")
@@ -171,7 +162,7 @@ def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(tmp_
             Machine.connect(machine.address) as connected,
             serve_setup(port=0, machine=connected, progress_file=tmp_path / "setup.json") as app,
         ):
-            hand = hand_on(app)
+            hand = Hand(app)
             hand.press("Calibration Only")
             hand.expect("Step 1 of 7")
             hand.press("Next")
