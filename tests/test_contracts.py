@@ -39,14 +39,3 @@ def test_what_is_not_needed_is_not_loaded(program, unwanted):
 def test_every_benchmark_answers_help_instead_of_starting():
     benchmarks = (Path(__file__).parents[1] / "benchmarks").glob("bench_*.py")
     assert not [each.name for each in benchmarks if "parse_args()" not in each.read_text()]
-
-
-def test_no_two_test_files_have_one_name():
-    """Pytest imports the second of two as the first, unless each lies in a package."""
-    files = [
-        file
-        for file in Path(__file__).parent.rglob("test_*.py")
-        if not (file.parent / "__init__.py").exists()
-    ]
-    names = [file.name for file in files]
-    assert sorted(name for name in set(names) if names.count(name) > 1) == []

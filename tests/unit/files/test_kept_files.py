@@ -236,14 +236,6 @@ def test_in_a_read_only_folder_the_old_content_stays(kind, fresh):
     check_failed(kind, folder, said[0])
 
 
-def test_a_writer_that_writes_in_place_would_be_found_out(tmp_path):
-    file = tmp_path / "careless.txt"
-    file.write_text("0" * 5000)
-    with no_room_beyond(2000), contextlib.suppress(OSError):
-        file.write_text("1" * 5000)
-    assert file.read_text() not in ("0" * 5000, "1" * 5000)
-
-
 def test_nothing_else_opens_files_for_writing():
     """But the records of a teleoperation, which grow, pipes, and the copies of data sets, whose
     folder gets its name in the end."""
