@@ -140,13 +140,6 @@ def test_a_kit_as_new_gets_the_sensor_that_sets_it_up(table):
     assert "connect only one of them" in report.sentence
 
 
-def test_another_kind_of_servo_is_named(table):
-    emulator = table.arm()
-    for servo in emulator.world.servos:
-        servo.memory.keep(emulated.MODEL, 1029)
-    assert "servo 1 is a model 1029" in table.only().sentence
-
-
 def at_rate(emulator, baud):
     for servo in emulator.world.servos:
         servo.memory.keep(emulated.BAUD, reg.BAUDS.index(baud))

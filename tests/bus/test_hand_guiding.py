@@ -7,7 +7,7 @@ import pytest
 from harness.emulated_rig import arm_client
 
 from so101_motion.common.compliance import Compliance
-from so101_motion.common.errors import BusError, MotionError
+from so101_motion.common.errors import MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.drivers.emulator.hand import Hand, parse_script
@@ -71,16 +71,6 @@ def test_a_dead_servo_is_a_fault_and_the_others_hold(bench, rig):
     assert rig.arm.state.mode is Mode.FAULT
     assert "wrist_roll" in rig.arm.state.fault
     assert limits(bench)[:4] == [1000] * 4
-
-
-def test_torque_goes_off_although_a_servo_of_the_guided_arm_has_just_died(bench, rig):
-    bench.world.disconnect("shoulder_pan")
-    with pytest.raises(BusError):
-        rig.arm.set_torque(False)
-
-    torques = [bench.world.servo(place).memory.raw(emu.TORQUE_ENABLE) for place in range(2, 7)]
-    assert torques == [0] * 5
-    assert limits(bench)[1:5] == [1000] * 4
 
 
 # As a component

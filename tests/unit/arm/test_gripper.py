@@ -132,13 +132,6 @@ def test_a_grip_presses_as_gently_as_it_is_told_also_while_it_holds(rig, gripper
             gripper.set_force(force)
 
 
-def test_a_limp_jaw_cannot_be_moved(rig, gripper):
-    rig.after(0.1, rig.executor.release())
-
-    assert isinstance(rig.error_after(0.1, gripper.grab(wait=False).future), NotHolding)
-    assert not gripper.is_holding
-
-
 def test_a_stop_of_a_grab_that_has_just_met_something_presses_no_further(rig, gripper):
     grabbing = meet(rig, gripper, grab(gripper))
     while not rig.executor.state.jaw_moving or rig.executor.state.mode.value != "stopping":

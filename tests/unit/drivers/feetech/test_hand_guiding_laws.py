@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 from harness.servo_stand import Guided, hand_leads
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import PortUnavailable
@@ -105,29 +103,6 @@ def test_a_joint_pushed_within_its_dead_band_comes_back(make):
     arm.look(3.0)
 
     assert arm.q_deg[0] == pytest.approx(start, abs=1.2)
-
-
-@settings(max_examples=3)
-@given(
-    ways=st.lists(
-        st.tuples(
-            st.sampled_from(["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex"]),
-            st.floats(-35.0, 35.0),
-            st.floats(0.5, 4.0),
-        ),
-        min_size=1,
-        max_size=2,
-    ),
-    heavier=st.sampled_from([0.9, 1.0, 1.2]),
-)
-def test_wherever_it_is_led_it_stays_when_it_is_let_go(wired, ways, heavier):
-    arm = Guided(wired, heavier=heavier)
-    arm.arm.guide(Compliance())
-    for joint, by_deg, seconds in ways:
-        arm.hand(hand_leads(joint, arm.q_deg[JOINTS.index(joint)], by_deg, seconds))
-        arm.look(seconds + 1.0)
-        assert arm.look(2.0).max() < 3.5
-    assert arm.look(1.0).max() < 0.9
 
 
 # Ending
