@@ -119,17 +119,6 @@ def test_a_newer_move_ends_the_older_one_and_arrives(bench, rig):
     assert stays(bench, rig) == pytest.approx(start, abs=0.35)
 
 
-def test_interrupting_a_move_that_a_newer_one_has_ended_does_not_end_the_newer_one(bench, rig):
-    goal = near(rig, 0, 0, 0, 0, 1)
-    first = send(rig, near(rig, 1, 0, 0, 0, 0))
-    second = send(rig, goal)
-    with pytest.raises(Interrupted):
-        bench.finish(first)
-    first.interrupt("cancelled")
-    bench.finish(second)
-    assert place(bench, rig) == pytest.approx(goal, abs=0.35)
-
-
 INSTANTS = {
     "while it is planned": (None, 0.0, 0.05),
     "as it begins": (0.0, 0.0, 0.3),

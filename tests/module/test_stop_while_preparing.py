@@ -4,7 +4,7 @@ import asyncio
 
 import numpy as np
 import pytest
-from grpclib import GRPCError, Status
+from grpclib import Status
 from harness.fake_machine import FakeMachine, hanging
 from harness.fake_parent import until
 from harness.in_process_module import guarded_arm, refused
@@ -53,18 +53,3 @@ async def test_a_stop_while_a_move_is_prepared_ends_it(arm, move, machine, monke
     await refused(moving, Status.CANCELLED, "ended early by stop")
     assert not arm.resource.rig.arm.is_moving
     np.testing.assert_array_equal(arm.resource.rig.arm.state.q_ref, before)
-
-
-async def test_a_cancelled_call_ends_at_once_and_the_next_one_is_answered(arm, machine):
-    move = asyncio.ensure_future(MOVES["to a position"](arm))
-    await until(lambda: machine.asked > 0)
-    move.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await move
-    await until(lambda: arm.resource.rig.arm.newest_motion.future.done())
-    newer = asyncio.ensure_future(MOVES["to a position"](arm))
-    await until(lambda: machine.asked > 1)
-    machine.configs, machine.silent = GRPCError(Status.UNKNOWN, "broken"), False
-    machine.answer.set()
-    with pytest.raises(GRPCError, match="broken"):
-        await newer

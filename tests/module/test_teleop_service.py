@@ -13,7 +13,7 @@ from harness.in_process_module import client_of, new_arm, new_gripper, refused
 from viam.components.arm import Arm, JointPositions, MoveOptions
 from viam.components.gripper import Gripper
 
-from so101_motion.common.errors import ConfigError, NotReady
+from so101_motion.common.errors import NotReady
 from so101_motion.rig import simulated_rig
 from so101_motion.tasks.teleop import LocalArm
 from so101_motion.viam.models import teleop as teleop_module
@@ -307,13 +307,3 @@ async def test_a_goal_that_misses_a_stop_is_refused():
         await refused(follower.move_through_joint_positions(goal, extra=known), Status.CANCELLED)
         with pytest.raises(GRPCError, match="stops"):
             await follower.move_through_joint_positions(goal, extra={"stops": "none"})
-
-
-def test_validation_names_what_it_needs():
-    def validated(attributes):
-        return So101Teleop.validate_config(config_of(GENERIC, TELEOP, attributes, "teleop"))
-
-    assert validated({**ARMS, **GRIPPERS})[0] == ["leader", "follower", "lg", "fg"]
-    for attributes in ({"leader_arm": "leader"}, {**ARMS, "rate_hz": -1.0}):
-        with pytest.raises(ConfigError):
-            validated(attributes)
