@@ -130,7 +130,7 @@ static void foresee(Goals *g, double dt, double *ways) {
         if (g->qdd[i] != 0.0) {
             const double turn = 2.0 * so101_servo_friction(s, weight, 1.0, 0.0) /
                                 so101_servo_stiffness(s);
-            ahead += (g->delay + s->goal_delay + EARLY * sqrt(turn / s->braking)) * g->qdd[i];
+            ahead += (g->delay + t->later + s->goal_delay + EARLY * sqrt(turn / s->braking)) * g->qdd[i];
         }
         if (fabs(ahead) > STANDS) ways[i] = within_change(copysign(1.0, ahead), t->ways[i], 2.0 * dt / FLIP);
         if (s->play > 0.0 && dt > 0.0 && (fabs(ahead) > STANDS || fabs(weight) > PRESSED)) {
@@ -161,6 +161,7 @@ int so101_goals_point(Goals *g, const double *given, const double *here, int has
         g->crossing[i] = 0.0;
     }
     g->is_told = has_qdd, g->follows_target = follows_target;
+    g->trim->is_planned = has_qdd && !follows_target;
     if (has_qd && has_qdd && !follows_target) foresee(g, dt < RECENT ? dt : g->limiter->slack, ways);
     g->has_qd = has_qd, g->t_point = now;
     for (int i = 0; i < SERVOS; i++) moved |= q[i] != g->trim->goal[i];
@@ -191,7 +192,7 @@ static double lead(Goals *g, int i, double dt) {
     Trim *t = g->trim;
     const Servo *s = t->servo[i];
     const double qd = g->qd[i], qdd = g->qdd[i], before = g->setpoint_qd[i], wanted = g->is_told;
-    const double late = g->delay + so101_servo_lag(s);
+    const double delay = g->delay + (t->is_planned != 0.0 ? t->later : 0.0), late = delay + so101_servo_lag(s);
     const double lag = g->lags[i] + (qd * dt - least(dt / late, 1.0) * g->lags[i]);
     double share = g->foreseen[i];
     g->lags[i] = lag;
@@ -210,10 +211,11 @@ static double lead(Goals *g, int i, double dt) {
         t->lags[i] = (1.0 - share) * lag;
     }
     const double low = before > 0.0 ? slower : faster, high = before > 0.0 ? faster : slower;
-    const double setpoint_qd = least(most(qd + share * qdd * late, before - low), before + high);
+    const double drift = qd != 0.0 && t->is_planned != 0.0 ? t->weight_rate[i] + t->push_rate[i] : 0.0;
+    const double setpoint_qd = least(most(qd + share * (qdd * late + drift), before - low), before + high);
     g->setpoint_qd[i] = setpoint_qd;
     /* A goal sent now acts later, when the joint has moved on and is faster or slower. */
-    const double later = g->delay + s->goal_delay, then = qd + qdd * later + g->crossing[i];
+    const double later = delay + s->goal_delay, then = qd + qdd * later + g->crossing[i];
     const double torque = t->torque[i] + (s->viscous * then + (s->armature + INERTIA[i]) * qdd);
     const double behind = so101_servo_distance(s, torque, then) - t->without_speed[i];
     double ahead = so101_stopping_distance(setpoint_qd, s->braking);
@@ -231,7 +233,7 @@ void so101_goals(Goals *g, uint32_t weak, double now, int *ticks) {
     for (int i = 0; i < SERVOS; i++) {
         if (g->has_qd == 0.0) g->setpoint_qd[i] = g->lags[i] = t->lags[i] = 0.0;
         else if (i < JAW) leads[i] = lead(g, i, dt);
-        offset[i] = t->known[i] + t->rest[i];
+        offset[i] = t->known[i] + t->rest[i] + t->push[i];
         if (g->compensates == 0.0) offset[i] *= most(1.0 - (now - g->t_begin) / GIVEN_UP, 0.0), leads[i] = 0.0;
         if (holds(weak, i)) offset[i] = leads[i] = 0.0;
         if (i < JAW) bound[i] = so101_servo_error_for(t->servo[i], g->largest_offset);

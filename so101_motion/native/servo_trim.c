@@ -23,6 +23,26 @@
 /* Where a kilogram adds this torque [N m], half of an error is taken for carried mass and half for something
  * else; less where it adds less. Chosen by trial: without that, errors near the upright looked like 0.2 kg. */
 #define DOUBT 2.0
+/* In a planned motion a goal gets this share of its joint's error on top, at most so much [rad], smoothed over so
+ * long [s]. Below 1 it cannot swing, however late the servo is. Chosen by trial. */
+#define PUSH 0.6
+#define LARGEST_PUSH (1.0 * DEG)
+#define SMOOTHING 0.04
+/* An error of a servo that drives with so much [N m] is half taken for a servo that is weaker than its type; more if
+ * it drives more. At most it is weaker by so much. Chosen by trial. */
+#define STRONG 0.3
+#define WEAKEST 0.3
+#define RECENT 0.05         /* rates are known over no more time than this [s] */
+/* How much later joints come is looked for in the errors of those faster than this [rad/s]. Other reasons cause
+ * errors of about so much [rad], and those of unknown mass; they last about so long [s]. What was found changes
+ * with heat and supply, by so much in a second [s]. A changed lead acts after so long [s]. Chosen. */
+#define MOVES 0.03
+#define OTHERWISE (0.5 * DEG)
+#define LASTS 0.1
+#define DRIFTS 0.002
+#define FELT_AFTER 0.06
+#define CATCHES_UP 0.4      /* after a silence of all servos, which may have missed goals [s]; chosen */
+#define LATEST 0.07         /* most that joints may come later [s]; chosen, the two types differ by 0.05 */
 #define STILL 0.06          /* how long the command must have stood still [s]: twice a servo's delay. Chosen. */
 #define AT_REST (4.0 * DEG) /* a faster joint moves [rad/s]; chosen, above the scatter of a resting one */
 #define CARRIES 0.3         /* unknown mass that the gripper may carry [kg]; chosen */
@@ -94,6 +114,7 @@ static void find(Trim *t, int i) {
         const double load = torque + t->rest[i] * so101_servo_stiffness(s);
         torque += t->ways[i] * so101_servo_friction(s, load, t->ways[i], t->qd[i]);
     }
+    torque *= 1.0 + t->weaker[i];
     t->torque[i] = torque;
     t->without_speed[i] = so101_servo_distance(s, torque, 0.0);
     t->known[i] = limited(t->without_speed[i], so101_servo_error_for(s, s->largest_load));
@@ -115,7 +136,7 @@ void so101_trim_start(Trim *t, const double *goal, const double *sag, const doub
     take_up(t, goal, own, per_kg, now);
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
-        t->ways[i] = t->rest[i] = 0.0;
+        t->ways[i] = t->rest[i] = t->push[i] = t->weight_rate[i] = t->push_rate[i] = 0.0;
         find(t, i);
         if (isnan(sag[i])) continue;
         const double off = limited(sag[i], so101_servo_error_for(s, s->largest_load));
@@ -130,13 +151,20 @@ void so101_trim_start(Trim *t, const double *goal, const double *sag, const doub
 
 void so101_trim_command(Trim *t, const double *goal, const double *qd, const double *way, const double *own,
                         const double *per_kg, double now) {
+    const double dt = now - t->since;
+    double before[JAW];
     for (int i = 0; i < JAW; i++) {
+        before[i] = t->weights[i];
         const double step = t->has_goal != 0.0 ? goal[i] - t->goal[i] : 0.0;
         t->ways[i] = isnan(way[i]) ? limited(t->ways[i] + step / t->engaging, 1.0) : way[i];
         if (step != 0.0) t->gives_way[i] = 0.0;
     }
     take_up(t, goal, own, per_kg, now);
     for (int i = 0; i < JAW; i++) {
+        const Servo *s = t->servo[i];
+        const double side = t->ways[i] * copysign(1.0, t->weights[i]); /* friction grows with the weight, too */
+        const double grows = (1.0 + t->weaker[i]) * (1.0 + side * (s->load_external + s->load_motor));
+        t->weight_rate[i] = 0.0 < dt && dt < RECENT ? grows * (t->weights[i] - before[i]) / so101_servo_stiffness(s) / dt : 0.0;
         t->qd[i] = qd[i];
         find(t, i);
     }
@@ -164,26 +192,47 @@ static void learn(Trim *t, const double *steps, int moving) {
         const double change = (t->carried - before) * t->per_kg[i], rest = t->rest[i];
         const double bound = so101_servo_error_for(s, t->largest_drive);
         t->weights[i] += change;
-        const double step = (steps[i] - change / so101_servo_stiffness(s)) * (moving && s->is_known != 0.0 ? REST_KNOWN : 1.0);
+        const double stiff = so101_servo_stiffness(s);
+        double step = (steps[i] - change / stiff) * (moving && s->is_known != 0.0 ? REST_KNOWN : 1.0);
+        if (s->is_known == 0.0 && t->torque[i] != 0.0) {
+            const double torque = t->torque[i] / (1.0 + t->weaker[i]), was = t->weaker[i];
+            const double share = torque / (torque * torque + STRONG * STRONG);
+            t->weaker[i] = limited(was + share * step * stiff, WEAKEST);
+            step -= (t->weaker[i] - was) * torque / stiff;
+        }
         /* One that began beyond its bound may only come back. */
         t->rest[i] = least(most(rest + step, least(rest, -bound)), most(rest, bound));
         find(t, i);
     }
 }
 
-static void learn_moving(Trim *t, const double *q, uint32_t fresh, double dt) {
-    double steps[JAW] = {0};
+static void learn_moving(Trim *t, const double *q, uint32_t fresh, double dt, double now) {
+    if (!fresh) t->missed = now;
+    const int follows_plan = t->is_planned != 0.0 && now - t->missed > CATCHES_UP;
+    double steps[JAW] = {0}, seen = 0.0, later = 0.0;
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
-        const double error = t->goal[i] - t->lags[i] - q[i];
-        if (!holds(fresh, i) || !(DEAD_BAND < fabs(error) && fabs(error) < MOVING_ERROR)) continue;
-        const double demand = so101_servo_distance(s, t->torque[i], t->qd[i]) + t->rest[i] + error;
+        const double error = t->goal[i] - t->lags[i] - q[i], qd = t->qd[i];
+        const int pushes = follows_plan && holds(fresh, i) && fabs(error) < MOVING_ERROR;
+        t->push_rate[i] = ((pushes ? limited(PUSH * error, LARGEST_PUSH) : 0.0) - t->push[i]) / SMOOTHING;
+        t->push[i] += t->push_rate[i] * least(dt, SMOOTHING);
+        if (!holds(fresh, i) || !(fabs(error) < MOVING_ERROR)) continue;
+        const double demand = so101_servo_distance(s, t->torque[i], qd) + t->rest[i] + error;
         /* It can do no more; what was learnt then would throw it past its goal. */
         if (demand * error > 0.0 && so101_servo_drive(s, demand) >= s->most_drive) continue;
+        if (follows_plan && fabs(qd) > MOVES) {
+            const double load = CARRIES * t->per_kg[i] / so101_servo_stiffness(s);
+            const double weight = dt / LASTS / (OTHERWISE * OTHERWISE + load * load);
+            seen += weight * qd * qd, later += weight * qd * (error + (t->later_felt - t->later) * qd);
+        }
+        if (fabs(error) <= DEAD_BAND) continue;
         const double bears = least(fabs(t->weights[i]) / BEARING, 1.0);
         steps[i] = bears * (s->is_known != 0.0 ? GAIN_KNOWN : GAIN_MOVING) * dt * error;
     }
     learn(t, steps, 1);
+    t->doubt = 1.0 / (1.0 / (t->doubt + DRIFTS * DRIFTS * dt) + seen);
+    t->later = limited(t->later + t->doubt * later, LATEST);
+    t->later_felt += (t->later - t->later_felt) * least(dt / FELT_AFTER, 1.0);
 }
 
 /* Turn the friction of joint i over; return what to learn once that is done [rad]. */
@@ -204,11 +253,12 @@ void so101_trim_measure(Trim *t, const double *q, const double *qd, uint32_t fre
     t->last = now;
     if (t->has_goal == 0.0) return;
     if (still < STILL) {
-        learn_moving(t, q, fresh, dt);
+        learn_moving(t, q, fresh, dt, now);
         return;
     }
     for (int i = 0; i < JAW; i++) {
         const double error = t->goal[i] - q[i];
+        t->rest[i] += t->push[i], t->push[i] = t->push_rate[i] = 0.0;
         double dead = DEAD_BAND;
         if (still >= LATE) {
             if (fabs(error) <= t->settle_position) t->arrived[i] = 1.0;

@@ -1,5 +1,6 @@
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.stale_replies import OVERDUE
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import SETTLE_POSITION, SETTLE_VELOCITY
+from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V
 
 # Beginning
 
@@ -204,3 +206,31 @@ def test_no_goal_is_sent_to_a_joint_outside_its_limits(make_stand, is_guided):
 
 
 # Health
+
+
+@pytest.mark.parametrize(
+    ("kind", "volts", "most_deg"),
+    [
+        (STS3215_12V, 12.0, 1.3),
+        (STS3215_12V, 7.4, 1.6),
+        (replace(STS3215_7V4, max_voltage_raw=140), 12.0, 1.6),
+    ],
+)
+def test_servos_taken_for_the_other_type_follow_a_plan_from_the_first_motion_on(
+    make_stand, kind, volts, most_deg
+):
+    stand = make_stand(kind=kind, volts=volts)
+    stand.connect()
+    stand.hold()
+    stand.follow(1.0)
+    turn, mean, errors = math.tau / 1.2, math.radians(43.0), []
+    for k in range(480):  # to and fro, at most 86 deg/s and 225 deg/s^2
+        angle, sides = turn * 0.01 * (k % 120), np.array([1.0, -1.0, 1.0, 1.0, -1.0])
+        way, begin = (1.0, 0.0) if k // 120 % 2 == 0 else (-1.0, 1.2 * mean)
+        q = sides * (begin + way * mean / turn * (angle - math.sin(angle)))
+        qd = sides * way * mean * (1.0 - math.cos(angle))
+        stand.arm.write(q, 0.0, qd, sides * way * mean * turn * math.sin(angle))
+        stand.arm.read()
+        stand.clock.advance(0.01)
+        errors.append(np.abs(stand.q[:5] - q).max())
+    assert math.degrees(max(errors)) < most_deg

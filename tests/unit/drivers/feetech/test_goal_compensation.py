@@ -56,7 +56,7 @@ def followed(*, behind_deg, seconds):
         at[LIFT] -= math.radians(behind_deg) * min(0.01 * k / 0.1, 1.0)
         rates[LIFT] = qd
         arm.joint.trim.measure(SIX(*at), SIX(*rates), 0b111111, 0.01 * k)
-    return math.degrees(arm.joint.trim.rest[LIFT])
+    return math.degrees(arm.joint.trim.learnt[LIFT])
 
 
 def test_what_a_joint_that_follows_a_target_lacks_beyond_its_lag_is_weight_and_its_lag_is_not():
@@ -194,19 +194,20 @@ def test_a_joint_crosses_its_play_where_its_load_changes_sides_and_not_where_it_
 
 
 RECORDED = {
-    (STS3215_12V, True, False): (2029533560, -0.04072284805311584, 0.02567616174555943,
-        0.014524996722625673, -0.02405572805620433, 0.0006401190278021939, -0.06795301252604875),
+    (STS3215_12V, True, False): (2029836418, -0.042145951213681504, 0.0248338199147446,
+        0.013678028605130189, -0.025160780389419594, -0.00046493330541307005, -0.06795301252604875),
     (STS3215_7V4, True, True): (2032994258, -0.04628765803477344, 0.04237214577487723,
         0.029163276795328666, -0.025314113029679095, 0.00040152732742078644, -0.09572717527968008),
     (STS3215_12V, False, True): (2020291484, -0.04072284805311584, -0.00010819552339469754,
         -0.00475577571072844, -0.05377904182149376, -0.0001183750924935253, -0.3872693829325798),
 }  # fmt: skip
 """By type, whether accelerations are told, and whether it follows a target: a sum of the goals, the
-offsets at the end [rad] and the mass carried [kg], as they were computed in Python."""
+offsets at the end [rad] and the mass carried [kg], of 30 November 2026. A change of what is learnt
+changes them; nothing else may."""
 
 
 @pytest.mark.parametrize(("kind", "told", "follows"), RECORDED)
-def test_goals_and_what_is_learnt_are_what_they_were_before_they_were_compiled(kind, told, follows):
+def test_goals_and_what_is_learnt_are_what_they_were_before(kind, told, follows):
     limiter = GoalLimiter(NAMES, speed=4.0, acceleration=20.0)
     arms = np.array([0.0, 1.9, 1.1, 0.4, 0.02, 0.0])
     own, per_kg = (lambda q: arms * np.cos(q)), (lambda q: 2.0 * arms * np.cos(q))

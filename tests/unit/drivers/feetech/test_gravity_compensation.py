@@ -153,7 +153,27 @@ def carried(figures, *, off):
     for k in range(20):
         command(trim, GOAL + 0.01 * k, 0.01 * k)
         trim.measure(SIX(*(GOAL + 0.01 * k - off)), SIX(), EACH, 0.01 * k)
-    return trim.carried, np.abs(trim.rest).max()
+    return trim.carried, np.abs(trim.learnt).max()
+
+
+@pytest.mark.parametrize(
+    ("is_planned", "off", "pushed"),
+    [(True, 0.01, 0.006), (True, 0.06, math.radians(1.0)), (False, 0.01, 0.0)],
+)
+def test_an_error_of_a_planned_motion_is_followed_and_partly_taken_for_a_weak_servo(
+    is_planned, off, pushed
+):
+    trim = Trim(lambda q: np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
+    start(trim, GOAL)
+    trim.is_planned = is_planned
+    for k in range(50):
+        command(trim, GOAL + 0.01 * k, 0.01 * k)
+        trim.measure(SIX(*(GOAL + 0.01 * k - off)), SIX(), EACH, 0.01 * k)
+    assert trim.push[1] == pytest.approx(pushed, abs=1e-4)
+    assert trim.weaker[1] > 0.02
+    assert trim.weaker[0] == 0.0, "it bears nothing"
+    hold(trim, GOAL + 0.5 - off, 0.3, 0.6)
+    assert not any(trim.push)
 
 
 def test_a_servo_at_its_torque_limit_learns_nothing_in_motion():
@@ -182,9 +202,10 @@ def test_servos_whose_figures_are_known_tell_a_load_faster_from_what_else_may_be
 @pytest.mark.parametrize(("arm_of_a_kg", "share"), [(2.8, 2.0 / 3.0), (0.5, 0.06)])
 def test_an_error_looks_like_a_mass_only_where_a_mass_would_make_one(arm_of_a_kg, share):
     trim = Trim(weightless, lambda q: np.array([0.0, arm_of_a_kg, 0.0, 0.0, 0.0, 0.0]))
+    trim.put(1, ServoModel(figures=ServoFigures(play=0.01)))  # so it is not taken for a weak servo
     start(trim, GOAL)
     hold(trim, GOAL - 0.01, 0.5)
-    total = trim.carried * arm_of_a_kg + trim.models[1].stiffness * trim.rest[1]
+    total = trim.carried * arm_of_a_kg + trim.models[1].stiffness * trim.learnt[1]
     assert trim.carried * arm_of_a_kg / total == pytest.approx(share, rel=0.05)
 
     mass, left = trim.taken_for_mass()
