@@ -349,10 +349,6 @@ class Bus:
         """Write each servo's bytes in ``data`` from address ``start``; without acknowledgement."""
         self.port.write(sync_write_packet(start, data))
 
-    def send(self, packet: bytes) -> None:
-        """Send a packet that no servo acknowledges."""
-        self.port.write(packet)
-
     # How
 
     def _once(
@@ -437,8 +433,7 @@ class Bus:
             return answers.received if late < len(answers.received) else b""
         for servo_id, answer in answers.found.items():
             counters[servo_id].heard(answer.faults)
-        if not answers.is_complete:
-            missing = answers.missing
+        if missing := answers.missing:
             self._stale_replies.missed(missing, count, sent)
             garbled = answers.skipped + answers.rest_count > late
             for servo_id in missing:

@@ -99,6 +99,7 @@ class Answers(ctypes.Structure):
         is_over: Whether the last one has.
         faults: All bits that are set in their status bytes.
         skipped: How many bytes belonged to no expected answer.
+        rest_count: How many bytes at the end are not (yet) an answer.
         received: All bytes since the question.
         ref: For C.
     """
@@ -146,10 +147,6 @@ class Answers(ctypes.Structure):
         return [servo_id for servo_id in self.servo_ids if self.at[servo_id] <= 0]
 
     @property
-    def is_complete(self) -> bool:
-        return self.found_count == self.asked
-
-    @property
     def found(self) -> dict[int, Answer]:
         """The answers so far, by servo id."""
         received, skip, found = self.received, self.skip + 1, {}
@@ -157,8 +154,3 @@ class Answers(ctypes.Structure):
             if (at := self.at[servo_id]) > 0:
                 found[servo_id] = Answer(received[at : at + self._wanted], received[at - skip])
         return found
-
-    @property
-    def rest(self) -> bytes:
-        """The bytes that have arrived and are not (yet) an answer."""
-        return self.received[len(self.received) - self.rest_count :]

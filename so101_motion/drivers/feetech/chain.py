@@ -217,7 +217,7 @@ class Chain:
             but = but.union(self.index[i] for i in silent)
         packet = self._compensation.packet(reg.GOAL_POSITION, now, but)
         if packet:
-            bus.send(packet)
+            bus.port.write(packet)
             if self.on_command is not None:
                 held = self._compensation.held
                 self._sent({s: Ticks(held[i]) for s, i in self.index.items() if i not in but})
