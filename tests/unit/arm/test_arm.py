@@ -54,21 +54,22 @@ def test_a_point_is_reached_with_the_joints_of_this_very_arm(arm):
     assert arm.model.frame(plan.q_goal).p == pytest.approx(p, abs=1e-4)
 
 
-def plan_in_vain(arm):
-    """Plan for a minute."""
-    search = Search(scene=endless_plan.SCENE, time_budget=60.0)
-    arm.plan(JointGoal(q=endless_plan.Q_GOAL), q_start=endless_plan.Q_START, search=search)
-
-
-def test_a_step_that_plans_in_vain_ends_with_its_motion(arm, clock):
+def plan_in_vain(arm, clock):
+    """A motion that has begun to plan for a minute."""
     planning = threading.Event()
+    search = Search(scene=endless_plan.SCENE, time_budget=60.0)
 
     def step(motion):
         planning.set()
-        plan_in_vain(arm)
+        arm.plan(JointGoal(q=endless_plan.Q_GOAL), q_start=endless_plan.Q_START, search=search)
 
     motion = arm.start_series([step])
     run_until(clock, planning.is_set)
+    return motion
+
+
+def test_a_step_that_plans_in_vain_ends_with_its_motion(arm, clock):
+    motion = plan_in_vain(arm, clock)
     in_time(clock, arm.stop)
     with pytest.raises(Interrupted, match="stop"):
         motion.result(10.0)
@@ -76,14 +77,7 @@ def test_a_step_that_plans_in_vain_ends_with_its_motion(arm, clock):
 
 def test_closing_an_arm_ends_what_it_plans_and_then_refuses_to_move(clock):
     with open_simulated(clock=clock) as rig:
-        planning = threading.Event()
-
-        def step(motion):
-            planning.set()
-            plan_in_vain(rig.arm)
-
-        motion = rig.arm.start_series([step])
-        run_until(clock, planning.is_set)
+        motion = plan_in_vain(rig.arm, clock)
     with pytest.raises(Interrupted, match="shutdown"):
         motion.result(0.0)
     with pytest.raises(MotionError, match="closed"):
