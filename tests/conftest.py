@@ -170,6 +170,13 @@ def clock():
     return ManualClock()
 
 
+@pytest.fixture
+def data(tmp_path, monkeypatch):
+    """The module's data directory."""
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    return tmp_path
+
+
 LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=5.0, jerk=50.0)
 STOP_LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=200.0)
 

@@ -13,7 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness.browser_user import HOME, LAPTOP, NO_PICTURES, PHONE, READY, Guest, move_to
+from harness.browser_user import (
+    HOME,
+    LAPTOP,
+    NO_PICTURES,
+    PHONE,
+    READY,
+    Guest,
+    crawl_aside,
+    move_to,
+)
 from harness.clocks import PacedClock
 from playwright.sync_api import sync_playwright
 from so101_viewer import Source, serve
@@ -186,3 +195,15 @@ def guest(own_windows, rig):
         guest.until(lambda: guest.button("Execute").is_disabled())  # no plan of before is left
         guest.until(lambda: guest.button("Plan").is_enabled())
         yield guest
+
+
+@pytest.fixture
+def crawl(guest, rig):
+    """Makes the arm move slowly; called once the windows are open, which takes its time."""
+
+    def begin():
+        crawl_aside(rig)
+        guest.until(lambda: rig.arm.is_moving and guest.says("Moving"))
+
+    yield begin
+    rig.arm.stop()

@@ -2,8 +2,7 @@
 and no tools for developers."""
 
 import numpy as np
-import pytest
-from harness.browser_user import ASIDE, LAPTOP, PHONE, crawl_aside
+from harness.browser_user import ASIDE, LAPTOP, PHONE
 
 from so101_motion.common.units import to_rad
 
@@ -60,17 +59,6 @@ UNREACHABLE = """() => [...document.querySelectorAll(
         && each.tabIndex < 0 && each.getAttribute('role') !== 'tab'
         && !each.matches('.mantine-NumberInput-control'))  // the arrow keys do the same
     .map((each) => each.getAttribute('aria-label') || each.outerHTML.slice(0, 120))"""
-
-
-@pytest.fixture
-def crawl(guest, rig):
-    """Makes the arm move slowly."""
-
-    def begin():
-        crawl_aside(rig)
-        guest.until(lambda: rig.arm.is_moving)
-
-    return begin
 
 
 def test_at_any_size_nothing_covers_stop_and_targets_fit_a_finger(guest, rig, crawl):

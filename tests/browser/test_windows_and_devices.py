@@ -3,25 +3,12 @@
 from functools import partial
 
 import numpy as np
-import pytest
-from harness.browser_user import ASIDE, HOME, LAPTOP, PHONE, crawl_aside
+from harness.browser_user import ASIDE, HOME, LAPTOP, PHONE
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 
 SMALL = (1120, 700)  # the least with panels on both sides
-
-
-@pytest.fixture
-def crawl(guest, rig):
-    """Makes the arm move slowly; called once the windows are open, which takes its time."""
-
-    def begin():
-        crawl_aside(rig)
-        guest.until(lambda: rig.arm.is_moving and guest.says("Moving"))
-
-    yield begin
-    rig.arm.stop()
 
 
 def at_rest(rig):

@@ -33,9 +33,8 @@ def options(options):
 
 
 @pytest.fixture
-def bench(models, tmp_path, monkeypatch):
+def bench(models, data):
     """A new kit without weight, with nothing but a sensor on it."""
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
     models.world.gravity = no_gravity
     return models
 

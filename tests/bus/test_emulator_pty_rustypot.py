@@ -6,9 +6,9 @@ their own.
 
 import subprocess
 import sys
-import time
 
 import pytest
+from harness.viam_machine import until_true
 
 pytestmark = pytest.mark.long  # it gives answers a few milliseconds, whatever the machine does
 rustypot = pytest.importorskip("rustypot")
@@ -18,29 +18,18 @@ EMULATE = "from so101_motion.cli import main; main()"
 
 
 @pytest.fixture(scope="module")
-def port():
+def servos():
     process = subprocess.Popen(
         [sys.executable, "-c", EMULATE, "emulate", "--realtime"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
-    yield process.stdout.readline().strip()
-    process.terminate()
-    process.communicate(timeout=60.0)
-
-
-@pytest.fixture
-def servos(port):
-    servos = rustypot.Sts3215PyController(port, 1_000_000, 2.0)
+    servos = rustypot.Sts3215PyController(process.stdout.readline().strip(), 1_000_000, 2.0)
     yield servos
     servos.close()
-
-
-def wait_for(check, seconds=60.0):
-    until = time.monotonic() + seconds
-    while not check():
-        assert time.monotonic() < until
+    process.terminate()
+    process.communicate(timeout=60.0)
 
 
 def test_rustypot_finds_all_servos_by_ping_and_by_broadcast(servos):
@@ -48,8 +37,8 @@ def test_rustypot_finds_all_servos_by_ping_and_by_broadcast(servos):
     assert not servos.ping(7)
     # Scans give the answers a short time of their own, which a busy computer may need for
     # something else.
-    wait_for(lambda: servos.scan(IDS) == dict.fromkeys(IDS, 777))
-    wait_for(lambda: servos.broadcast_scan(None) == dict.fromkeys(IDS, 777))
+    until_true(lambda: servos.scan(IDS) == dict.fromkeys(IDS, 777))
+    until_true(lambda: servos.broadcast_scan(None) == dict.fromkeys(IDS, 777))
 
 
 def test_rustypot_reads_what_the_servos_measure(servos):

@@ -52,17 +52,18 @@ async def test_servos_can_be_asked_after_in_every_way(models, client):
     status = await ask(client, models, command="controller_status")
     assert f"{models.port}@1000000(refs:2" in status["config"]
     assert (await ask(client, models, command="diagnose"))["servos_found"] == [1, 2, 3, 4, 5, 6]
-
-
-async def test_ping_names_the_servo_that_is_silent(models, client):
     models.world.disconnect("wrist_flex")
     await refused(ask(client, models, command="ping"), Status.UNAVAILABLE, "wrist_flex")
 
 
-async def test_what_is_only_worth_knowing_is_no_failure_of_diagnose(models, arm, client):
+async def test_a_port_that_is_gone_is_a_failure_of_diagnose_and_what_is_worth_knowing_is_none(
+    models, arm, client
+):
     arm.rig.servos.notes = ("the file was restored",)
     models.emulator.unplug()
     await models.pass_time(0.5)
+    answer = await ask(client, models, command="diagnose")
+    assert (answer["success"], "port" in answer["error"]) == (False, True)
     models.emulator.plug()
     await models.pass_time(3.0)
     answer = await ask(client, models, command="diagnose")
@@ -70,15 +71,6 @@ async def test_what_is_only_worth_knowing_is_no_failure_of_diagnose(models, arm,
     assert answer["findings"][0] == "the file was restored"
     assert "the port went away 1 times" in answer["findings"][-1]
     assert (answer["success"], answer["error"]) == (True, "")
-
-
-async def test_diagnose_without_a_port_says_so(models, client):
-    models.emulator.unplug()
-    await models.pass_time(0.5)
-    answer = await ask(client, models, command="diagnose")
-
-    assert answer["success"] is False
-    assert "port" in answer["error"]
 
 
 async def test_verify_config_compares_servos_and_calibration(models, client):

@@ -22,9 +22,8 @@ B = {"shoulder_pan": (900, 3000), "gripper": (1900, 3300)}
 
 
 @pytest.fixture
-def data(tmp_path, monkeypatch):
+def data(data):
     """The module's data directory, with two calibrations."""
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
     for name, ranges in (("a.json", A), ("b.json", B)):
         made = {
             joint: record.JointCalibration(
@@ -35,8 +34,8 @@ def data(tmp_path, monkeypatch):
             )
             for joint, (low, high) in ranges.items()
         }
-        store.save(tmp_path / name, made)
-    return tmp_path
+        store.save(data / name, made)
+    return data
 
 
 @pytest.fixture

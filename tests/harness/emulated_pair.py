@@ -16,7 +16,6 @@ from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Tele
 from so101_motion.tasks.teleop.pilot import Phase
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
-SERVOS = (1, 2, 3, 4, 5)
 PERIOD = 0.01
 """Of the setpoints [s]."""
 

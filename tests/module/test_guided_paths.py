@@ -13,12 +13,9 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.guided import files
 
+pytestmark = pytest.mark.usefixtures("data")
+
 CORNERS = ([20, -10, 10, 0, 0], [20, -40, 40, 10, -40])
-
-
-@pytest.fixture(autouse=True)
-def own_data(tmp_path, monkeypatch):
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
 
 
 async def lead(arm, client, *way_deg):

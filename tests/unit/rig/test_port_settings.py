@@ -110,8 +110,7 @@ SENSOR = replace(PORT, timeout=None, fallback_file=Path("/data/so101_calibration
 
 
 @pytest.fixture
-def data(tmp_path, monkeypatch):
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+def data(data, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     return tmp_path
 

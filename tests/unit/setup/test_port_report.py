@@ -11,10 +11,7 @@ PORT = FoundPort(name="/dev/serial/by-id/usb-58CD", device="/dev/ttyACM0", key="
 ALL = (*ARM_JOINTS, GRIPPER_JOINT)
 
 
-@pytest.fixture(autouse=True)
-def data(tmp_path, monkeypatch):
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
-    return tmp_path
+pytestmark = pytest.mark.usefixtures("data")
 
 
 def report(joints=ALL, **more):
