@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 from contextlib import closing
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ from so101_motion.cli.shared import (
 )
 from so101_motion.cli.sources import Source
 from so101_motion.common.attributes import SPEED_RANGE_DEG
-from so101_motion.common.errors import So101Error
+from so101_motion.common.errors import So101Error, in_series
 from so101_motion.common.units import to_rad
 
 if TYPE_CHECKING:
@@ -39,10 +40,11 @@ def arms(
     extra: tuple[str, ...] = FURTHER_PORTS,
     nudge: bool = flag("Move each jaw by 3 deg and back, to tell which is which; asks first."),
     cell: Path | None = option(
-        "Write them to this cell file: so101 view --cell shows all on one page.", OutFile(".json")
+        "Add them to this cell file, or make it: so101 view --cell shows all on one page.",
+        OutFile(".json"),
     ),
     max_speed: float | None = option(
-        "With --cell: no page or program moves them faster.",
+        "With --cell: no page or program moves an arm faster that is added.",
         Finite(*SPEED_RANGE_DEG), metavar="DEG/S",
     ),
     as_json: bool = JSON,
@@ -54,17 +56,20 @@ def arms(
     so101 arms --nudge
     so101 arms --cell class.json --max-speed 30    then: so101 view --cell class.json
     so101 cell run class.json wave.json --all      every arm runs the same program
+
+    A cell file that is there keeps all it says; it gets the arms on ports that it does not name.
     """  # noqa: D301
     from rich.console import Console
     from rich.table import Table
 
     from so101_motion.common.geometry import SE3
-    from so101_motion.files.cell_file import CellArm, CellFile, write_cell
-    from so101_motion.planning.collision.scene import Scene
+    from so101_motion.drivers.port.port_list import device_of
+    from so101_motion.files.cell_file import CellArm, add_arms, read_cell
     from so101_motion.setup.discovery import discover
 
     if max_speed is not None and cell is None:
         raise click.UsageError("--max-speed belongs to --cell")
+    known = read_cell(cell).arms if cell is not None and cell.exists() else ()
     with quietly(), busy_message("searching the serial ports"):
         reports = discover(extra).reports
         found = [report for report in reports if report.has_arm]
@@ -92,30 +97,37 @@ def arms(
     if not found:
         aside("no arm answers" + ("" if others else "; so101 ports tells why"))
         raise SystemExit(NO_DEVICE)
-    named = {f"arm {number}": report for number, report in enumerate(found, start=1)}
-    failed = False
-    if nudge:
-        default, named = named, {}
-        for name, report in default.items():
+    there = {device_of(each.port) for each in known if each.port}
+    new = [report for report in found if device_of(report.port.name) not in there]
+    taken, added = {each.name for each in known}, list[CellArm]()
+    y = max((float(each.T_cell_base.p[1]) + _APART for each in known), default=0.0)
+    for report in new:
+        name = next(name for k in count(1) if (name := f"arm {k}") not in taken)
+        if nudge:
             try:
-                named[_name_of(report, name, named)] = report
+                name = _name_of(report, name, taken)
             except So101Error as error:
-                failed = True
                 aside(f"{report.port.name} is left out: {error}")
-    if cell is not None and named:
-        made = [
+                continue
+        taken.add(name)
+        added.append(
             CellArm(
                 name=name,
-                T_cell_base=SE3.from_translation((0.0, _APART * number, 0.0)),
+                T_cell_base=SE3.from_translation((0.0, y + _APART * len(added), 0.0)),
                 port=report.port.name,
                 calibration_id="" if report.calibration is None else str(report.calibration),
                 max_speed=None if max_speed is None else to_rad(max_speed),
             )
-            for number, (name, report) in enumerate(named.items())
-        ]
-        write_cell(CellFile(arms=tuple(made), scene=Scene()), cell)
-        aside(f"written to {cell}; next: so101 view --cell {cell}")
-    if failed:
+        )
+    if cell is not None and (added or known):
+        if added:
+            add_arms(added, cell)
+        many = f"{len(added)} of {len(new)} arm{'' if len(new) == 1 else 's'}"
+        say = f"{many if new else 'no new arm'} written to {cell}"
+        if known:
+            say += f"; what it says of {in_series(each.name for each in known)} stays"
+        aside(f"{say}; next: so101 view --cell {cell}")
+    if len(added) < len(new):
         raise SystemExit(CHECK_FAILED)
 
 

@@ -12,6 +12,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -115,7 +116,18 @@ def read_cell(path: Path) -> CellFile:
 
 def write_cell(cell: CellFile, path: Path) -> None:
     """Write a cell file; ``ConfigError`` if it cannot be written."""
-    content = {"arms": [_entry(each) for each in cell.arms], "scene": scene_to(cell.scene)}
+    _save({"arms": [_entry(each) for each in cell.arms], "scene": scene_to(cell.scene)}, path)
+
+
+def add_arms(arms: Sequence[CellArm], path: Path) -> None:
+    """Add arms to a valid cell file, which keeps all that it says; makes one if there is none."""
+    if not path.exists():
+        return write_cell(CellFile(arms=tuple(arms), scene=Scene()), path)
+    content: Any = json_file.read_setting("cell", path, LARGEST_FILE)
+    _save({**content, "arms": [*content["arms"], *map(_entry, arms)]}, path)
+
+
+def _save(content: Mapping[str, object], path: Path) -> None:
     atomic.save("cell", path, (json.dumps(content, indent=2) + "\n").encode())
 
 

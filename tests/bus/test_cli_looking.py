@@ -96,7 +96,24 @@ def test_an_arm_that_cannot_be_nudged_is_left_out_of_the_cell_and_named(arm, tmp
         result = CliRunner().invoke(main, asked, input="y\ny\nanna\n")
     assert result.exit_code == 6, result.output
     assert f"{other.port} is left out" in " ".join(result.stderr.split())
+    assert "1 of 2 arms written" in result.stderr
     assert [each.name for each in read_cell(Path("class.json")).arms] == ["anna"]
+
+
+def test_a_cell_file_that_is_there_keeps_what_it_says_and_gets_the_new_arms(arm, tmp_path):
+    anna = {"name": "arm 1", "port": "/dev/gone", "max_speed_degs_per_sec": 20}
+    said = {"arms": [anna], "scene": {"floor_z_mm": -5}}
+    path = tmp_path / "class.json"
+    path.write_text(json.dumps(said))
+    asked = ("arms", "--port", arm.port, "--cell", str(path), "--max-speed", "30")
+    assert "1 of 1 arm written" in run(*asked).stderr
+    first, second = json.loads(path.read_text())["arms"]
+    assert first == anna
+    assert (second["name"], second["max_speed_degs_per_sec"]) == ("arm 2", 30)
+    before = path.read_bytes()
+    assert "no new arm written" in run(*asked).stderr
+    assert path.read_bytes() == before
+    assert read_cell(path).scene.floor_z == pytest.approx(-0.005)
 
 
 @pytest.mark.parametrize("verb", [("arms",), ("viam", "config")], ids=" ".join)
