@@ -22,6 +22,7 @@ from viam.proto.common import GeometriesInFrame, Geometry, Pose, WorldState
 from viam.proto.common import Mesh as ViamMesh
 from viam.proto.common import PointCloud as ViamCloud
 
+from harness.held_calibration import ISSUE_930
 from so101_motion.calib.motors import setup_view
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.record import record, store, zero
@@ -77,12 +78,6 @@ def _calibration(**changes):
     return {joint: {**entry, "id": i, **changes} for i, joint in enumerate(JOINTS, 1)}
 
 
-_LISTS = {  # as shown in LeRobot's issue 930
-    "homing_offset": [-2145, 4, -1401, -3126, 2970, -1769], "drive_mode": [0, 1, 0, 0, 1, 0],
-    "start_pos": [2085, 56, 1285, 3237, 3080, 1983],
-    "end_pos": [3169, 1020, 2425, 4150, -1946, 2793],
-    "calib_mode": ["DEGREE"] * 5 + ["LINEAR"], "motor_names": list(JOINTS),
-}  # fmt: skip
 _ZEROS = {"joints": {joint: {"by": "stops", "angle": 0.1} for joint in JOINTS}}
 _HELD = {joint: [5, 700, 3000] for joint in JOINTS}
 _JOURNAL = {
@@ -337,7 +332,9 @@ def _all_readers(folder):
     answers = b"".join(frame(i, 0, bytes((1, 2, 3, 255))) for i in (1, 2, 3))
     return (
         Reader("packets", _read_answers, (answers, answers[5:], b"\xff" * 9)),
-        Reader("calibration", of_file(_read_calibration), (_json(_calibration()), _json(_LISTS))),
+        Reader(
+            "calibration", of_file(_read_calibration), (_json(_calibration()), _json(ISSUE_930))
+        ),
         Reader("zeros", of_file(_read_zeros), (_json(_ZEROS),)),
         Reader("journal", of_file(lambda _: journal.read(at), journal_name), (_json(_JOURNAL),)),
         Reader(

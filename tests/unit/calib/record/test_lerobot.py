@@ -2,6 +2,7 @@ import json
 import math
 
 import pytest
+from harness.held_calibration import ISSUE_930
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -165,16 +166,6 @@ def test_the_lists_are_read_as_a_file_and_saving_makes_them_ours(tmp_path, monke
 
 
 # As shown in LeRobot's issue 930; the second servo counts below zero there.
-ISSUE_930 = {
-    "homing_offset": [-2145, 4, -1401, -3126, 2970, -1769],
-    "drive_mode": [0, 1, 0, 0, 1, 0],
-    "start_pos": [2085, 56, 1285, 3237, 3080, 1983],
-    "end_pos": [3169, 1020, 2425, 4150, -1946, 2793],
-    "calib_mode": ["DEGREE", "DEGREE", "DEGREE", "DEGREE", "DEGREE", "LINEAR"],
-    "motor_names": list(JOINTS),
-}
-
-
 def test_a_file_from_the_field_is_read():
     calibration, found, notes = lerobot.from_lists(ISSUE_930)
     zeros = [

@@ -1,8 +1,7 @@
 """A camera on a real socket of this machine, in its two usual forms."""
 
-import threading
-
 import pytest
+from harness.viam_machine import until_true
 from harness.web_camera import WebCamera, jpeg, web_camera
 from so101_viewer.panels.camera_panel import CameraFeed
 
@@ -15,34 +14,26 @@ def address():
         yield address
 
 
-def until(condition):
-    for _ in range(1000):
-        if condition():
-            return
-        threading.Event().wait(0.01)
-    pytest.fail("did not come true")
-
-
 @pytest.mark.parametrize("path", ["/picture", "/stream"])
 def test_pictures_come_one_after_the_other(address, path):
     feed = CameraFeed(address + path)
-    until(lambda: feed.picture is not None)
+    until_true(lambda: feed.picture is not None)
     first = feed.picture
     assert first is not None
     assert first.kind == "image/jpeg"
     assert first.data.endswith(b"\xff\xd9")
     assert first.as_url.startswith("data:image/jpeg;base64,/9j/")
     if path == "/picture":
-        until(lambda: feed.picture is not first)
+        until_true(lambda: feed.picture is not first)
     else:
-        until(lambda: feed.problem == "the stream has ended")
+        until_true(lambda: feed.problem == "the stream has ended")
     feed.close()
 
 
 @pytest.mark.parametrize(("path", "says"), [("/lost", "503"), ("/page", "no picture")])
 def test_what_is_wrong_is_reported(address, path, says):
     feed = CameraFeed(address + path)
-    until(lambda: says in feed.problem)
+    until_true(lambda: says in feed.problem)
     assert feed.picture is None
     feed.close()
 
@@ -50,7 +41,7 @@ def test_what_is_wrong_is_reported(address, path, says):
 def test_nothing_is_fetched_while_nobody_looks(address):
     before, asked = WebCamera.count, []
     feed = CameraFeed(f"{address}/picture", wanted=lambda: bool(asked.append(1)))
-    until(lambda: asked)
+    until_true(lambda: asked)
     feed.close()
     assert WebCamera.count == before
 
@@ -64,7 +55,7 @@ def test_a_machines_camera_is_asked_by_its_name_and_what_it_refuses_is_reported(
         return pictures.pop(0)
 
     feed = CameraFeed("top", ask=ask)
-    until(lambda: "the lens is closed" in feed.problem)
+    until_true(lambda: "the lens is closed" in feed.problem)
     assert feed.picture is not None
     assert not pictures
     feed.close()
