@@ -104,6 +104,8 @@ async def test_a_calibration_that_is_aborted_leaves_no_trace(bench, data, holds)
     assert held(bench) != before
     await do(sensor, "start")  # anew: what was held before the first is still known
     assert not any(bench.driven)
+    put(bench.world, 0.4)
+    await do(sensor, "set_homing")
     answer = await do(sensor, "abort")
 
     assert (answer["state"], answer["torque_enabled"]) == ("idle", holds)
