@@ -47,6 +47,7 @@ from so101_motion.common.errors import (
     BusError,
     ConfigError,
     MotorSetupError,
+    NoReply,
     PortUnavailable,
     So101Error,
 )
@@ -274,15 +275,14 @@ class MotorOperation(LocalOperation):
         new_id = motor.target_id
         if target_id not in (None, new_id):
             raise ConfigError("target_id", target_id, f"{motor_name} has the id {new_id}")
-        with self._attempt(motor_name, f"setting up the servo of {motor_name}") as tuner:
+        writing = f"{_WRITING} the motor of {motor_name}: do not unplug it yet"
+        with self._attempt(motor_name, writing) as tuner:
             hint = current_baudrate if current_baudrate in reg.BAUDS else motor.baud
-            facts = find_alone(tuner, motor_name, hint=hint, on_rate=self._show_rate)
+            facts = find_alone(tuner, motor_name, hint=hint)
             old_id, old_baud = facts.servo_id, tuner.baud
             self._admit(motor_name, old_id, current_id)
             require_alone(tuner, motor_name)
             self.checked = None
-            writing = f"{_WRITING} the motor of {motor_name}: do not unplug it yet"
-            self.state = replace(self.state, doing=writing)
             wanted = single_servo.settings(motor_name, facts, moved=old_id != new_id)
             # Settings first: with the new id it would look finished if this ended half-way.
             changed = tuner.call(lambda bus: single_servo.program(bus, old_id, wanted))
@@ -432,7 +432,7 @@ class MotorOperation(LocalOperation):
         with self._busy:
             self.state = replace(self.state, doing=doing)
             try:
-                with self._borrow() as access, Tuner(access) as tuner:
+                with self._borrow() as access, Tuner(access) as tuner, _only(joint):
                     yield tuner
             except So101Error as error:
                 self._fail(joint, error)
@@ -455,7 +455,7 @@ class MotorOperation(LocalOperation):
 
     def _find(self, joint: str) -> MotorView:
         with self._attempt(joint, f"looking for the servo of {joint}") as tuner:
-            facts = find_alone(tuner, joint, hint=None, on_rate=self._show_rate)
+            facts = find_alone(tuner, joint, on_rate=self._show_rate)
             found = replace(self._motor(joint).with_facts(facts, tuner.baud), state="found", fix="")
             sentence = (
                 f"found a servo with id {found.found_id} at {found.baud} baud"
@@ -490,6 +490,19 @@ class MotorOperation(LocalOperation):
                 f"unplug it and connect only the servo of {joint}; if it really is that of"
                 f" {joint}, reset the setup first",
             )
+
+
+@contextmanager
+def _only(joint: str | None) -> Iterator[None]:
+    """Blame silence on the motor of ``joint``: no other is connected, whatever its id."""
+    try:
+        yield
+    except NoReply as error:
+        if joint is None:
+            raise
+        reason = f"its motor did not answer (id {error.servo_id})"
+        fix = "check its cable, then write its id again"
+        raise MotorSetupError(joint, "no servo", reason, fix) from error
 
 
 def _once_more(setup: SetupView) -> tuple[Offer, ...]:

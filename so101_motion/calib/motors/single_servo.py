@@ -33,6 +33,7 @@ from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.errors import (
     CorruptReply,
     MotorSetupError,
+    NoReply,
     PortUnavailable,
     ServoFault,
     in_series,
@@ -211,7 +212,11 @@ _MORE = 3
 
 
 def find_alone(
-    tuner: Tuner, joint: str, *, hint: int | None, on_rate: Callable[[int], None]
+    tuner: Tuner,
+    joint: str,
+    *,
+    hint: int | None = None,
+    on_rate: Callable[[int], None] = lambda baud: None,
 ) -> ServoFacts:
     """Find the one connected servo, whatever its id and rate; the tuner stays at its rate."""
     facts = _read_only_one(tuner, joint, find_first_rate(tuner, hint=hint, on_rate=on_rate))
@@ -272,14 +277,15 @@ def read_back(tuner: Tuner, joint: str) -> ServoFacts:
 
 
 def _read_only_one(tuner: Tuner, joint: str, heard: RateAnswers | None) -> ServoFacts:
+    nobody = MotorSetupError(
+        joint,
+        "no servo",
+        "the adapter is connected, but no servo answers at any baud rate",
+        "switch the arm's power supply on (USB does not feed the servos) and plug the"
+        f" 3-pin cable of the servo of {joint} into the adapter",
+    )
     if heard is None:
-        raise MotorSetupError(
-            joint,
-            "no servo",
-            "the adapter is connected, but no servo answers at any baud rate",
-            "switch the arm's power supply on (USB does not feed the servos) and plug the"
-            f" 3-pin cable of the servo of {joint} into the adapter",
-        )
+        raise nobody
     if len(heard.ids) > 1:
         raise _several(joint, heard.ids)
     if heard.garbled or not heard.ids:
@@ -287,6 +293,8 @@ def _read_only_one(tuner: Tuner, joint: str, heard: RateAnswers | None) -> Servo
     servo_id = heard.ids[0]
     try:
         facts = tuner.call(lambda bus: read_facts(bus, servo_id))
+    except NoReply as error:  # it was unplugged just now
+        raise nobody from error
     except CorruptReply as error:
         raise _same_id(joint, heard.ids) from error
     if tuner.call(lambda bus: colliding(bus, heard.ids)):
