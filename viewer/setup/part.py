@@ -313,7 +313,8 @@ class SetupPart(Part):
     def refresh(self) -> bool:
         is_stale, self._is_stale = self._is_stale, False
         ended = self.setup.collect()
-        torque = self.setup.torque.look(self.setup.target, is_blind=self.setup.is_looking)
+        is_blind = self.setup.is_looking or self.setup.doing != ""
+        torque = self.setup.torque.look(self.setup.target, is_blind=is_blind)
         news = self._current is not None and self._current.refresh()
         asked = self._abort.refresh()
         before, self._wrong = self._wrong, self._look_for_alarm()

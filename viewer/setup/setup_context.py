@@ -226,9 +226,13 @@ class TorqueWatch:
         self._now, self._known_at = now, now()
 
     def look(self, target: SetupTarget | None, *, is_blind: bool) -> bool:
-        """Read the torque again, unless motors are searched for; return whether it changed."""
+        """Read the torque again; what it was stands while motors are searched for or written to.
+
+        Returns whether it changed.
+        """
         seen, before, t = torque(target), self.shown, self._now()
-        is_lost = target is not None and seen.is_on is None and before.is_on is not None
+        is_kept = before.is_on is not None or (is_blind and before != torque(None))
+        is_lost = target is not None and seen.is_on is None and is_kept
         if is_blind or not is_lost:
             self._known_at = t
         if not is_lost or t - self._known_at >= SETTLED:

@@ -137,6 +137,7 @@ def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     assert watch.shown == torque(lost)
     watch = TorqueWatch(lambda: 0.0)  # of a new bench, shown at once as is its end
     assert watch.look(bench(holds=None), is_blind=True)
+    assert not watch.look(lost, is_blind=True)  # which is so only while it is written to
     assert watch.shown == torque(bench(holds=None))
     assert watch.look(None, is_blind=False)
     assert watch.shown == torque(None)
