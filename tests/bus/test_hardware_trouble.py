@@ -44,6 +44,12 @@ def test_servos_that_answer_again_are_not_said_to_be_silent_any_more(bench):
     assert (rig.arm.state.mode, rig.arm.state.fault) == (Mode.FAULT, ANSWERS_AGAIN)
     bench.finish(rig.executor.hold())
     assert rig.arm.state.fault is None
+    bench.emulator.bus.faults.loss = 1.0
+    bench.advance(1.0)
+    bench.world.disconnect("elbow_flex")
+    bench.emulator.bus.faults.loss = 0.0
+    bench.advance(1.0)
+    assert "no reply from servo 3 (elbow_flex)" in rig.arm.state.fault
 
 
 class Weight:

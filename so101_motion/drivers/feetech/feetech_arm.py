@@ -408,6 +408,8 @@ class FeetechArm:
             raise missing_servos(bus, fallen or tuple(self._index), found, doubted)
         if back:
             self._take_back(bus, back)
+            if presence.silent and not compensation.is_set:  # what was told of more servos is over
+                raise missing_servos(bus, sorted(presence.silent), found, doubted)
         return False
 
     def _take_vitals(self, found: Mapping[int, Answer], now: float) -> None:
