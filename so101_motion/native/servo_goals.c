@@ -211,7 +211,7 @@ static double lead(Goals *g, int i, double dt) {
         t->lags[i] = (1.0 - share) * lag;
     }
     const double low = before > 0.0 ? slower : faster, high = before > 0.0 ? faster : slower;
-    const double drift = qd != 0.0 && t->is_planned != 0.0 ? t->weight_rate[i] + t->push_rate[i] : 0.0;
+    const double drift = qd != 0.0 && t->is_planned != 0.0 ? t->weight_rate[i] : 0.0;
     const double setpoint_qd = least(most(qd + share * (qdd * late + drift), before - low), before + high);
     g->setpoint_qd[i] = setpoint_qd;
     /* A goal sent now acts later, when the joint has moved on and is faster or slower. */
@@ -233,7 +233,7 @@ void so101_goals(Goals *g, uint32_t weak, double now, int *ticks) {
     for (int i = 0; i < SERVOS; i++) {
         if (g->has_qd == 0.0) g->setpoint_qd[i] = g->lags[i] = t->lags[i] = 0.0;
         else if (i < JAW) leads[i] = lead(g, i, dt);
-        offset[i] = t->known[i] + t->rest[i] + t->push[i];
+        offset[i] = t->known[i] + t->rest[i];
         if (g->compensates == 0.0) offset[i] *= most(1.0 - (now - g->t_begin) / GIVEN_UP, 0.0), leads[i] = 0.0;
         if (holds(weak, i)) offset[i] = leads[i] = 0.0;
         if (i < JAW) bound[i] = so101_servo_error_for(t->servo[i], g->largest_offset);

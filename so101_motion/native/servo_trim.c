@@ -23,11 +23,6 @@
 /* Where a kilogram adds this torque [N m], half of an error is taken for carried mass and half for something
  * else; less where it adds less. Chosen by trial: without that, errors near the upright looked like 0.2 kg. */
 #define DOUBT 2.0
-/* In a planned motion a goal gets this share of its joint's error on top, at most so much [rad], smoothed over so
- * long [s]. Below 1 it cannot swing, however late the servo is. Chosen by trial. */
-#define PUSH 0.6
-#define LARGEST_PUSH (1.0 * DEG)
-#define SMOOTHING 0.04
 /* An error of a servo that drives with so much [N m] is half taken for a servo that is weaker than its type; more if
  * it drives more. At most it is weaker by so much. Chosen by trial. */
 #define STRONG 0.3
@@ -43,6 +38,7 @@
 #define FELT_AFTER 0.06
 #define CATCHES_UP 0.4      /* after a silence of all servos, which may have missed goals [s]; chosen */
 #define LATEST 0.07         /* most that joints may come later [s]; chosen, the two types differ by 0.05 */
+#define GENTLY 0.03         /* a changed lead makes joints faster than planned by this share at most; chosen */
 #define STILL 0.06          /* how long the command must have stood still [s]: twice a servo's delay. Chosen. */
 #define AT_REST (4.0 * DEG) /* a faster joint moves [rad/s]; chosen, above the scatter of a resting one */
 #define CARRIES 0.3         /* unknown mass that the gripper may carry [kg]; chosen */
@@ -136,7 +132,7 @@ void so101_trim_start(Trim *t, const double *goal, const double *sag, const doub
     take_up(t, goal, own, per_kg, now);
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
-        t->ways[i] = t->rest[i] = t->push[i] = t->weight_rate[i] = t->push_rate[i] = 0.0;
+        t->ways[i] = t->rest[i] = t->weight_rate[i] = 0.0;
         find(t, i);
         if (isnan(sag[i])) continue;
         const double off = limited(sag[i], so101_servo_error_for(s, s->largest_load));
@@ -213,9 +209,6 @@ static void learn_moving(Trim *t, const double *q, uint32_t fresh, double dt, do
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
         const double error = t->goal[i] - t->lags[i] - q[i], qd = t->qd[i];
-        const int pushes = follows_plan && holds(fresh, i) && fabs(error) < MOVING_ERROR;
-        t->push_rate[i] = ((pushes ? limited(PUSH * error, LARGEST_PUSH) : 0.0) - t->push[i]) / SMOOTHING;
-        t->push[i] += t->push_rate[i] * least(dt, SMOOTHING);
         if (!holds(fresh, i) || !(fabs(error) < MOVING_ERROR)) continue;
         const double demand = so101_servo_distance(s, t->torque[i], qd) + t->rest[i] + error;
         /* It can do no more; what was learnt then would throw it past its goal. */
@@ -223,7 +216,7 @@ static void learn_moving(Trim *t, const double *q, uint32_t fresh, double dt, do
         if (follows_plan && fabs(qd) > MOVES) {
             const double load = CARRIES * t->per_kg[i] / so101_servo_stiffness(s);
             const double weight = dt / LASTS / (OTHERWISE * OTHERWISE + load * load);
-            seen += weight * qd * qd, later += weight * qd * (error + (t->later_felt - t->later) * qd);
+            seen += weight * qd * qd, later += weight * qd * (error + (t->later_felt - t->later_seen) * qd);
         }
         if (fabs(error) <= DEAD_BAND) continue;
         const double bears = least(fabs(t->weights[i]) / BEARING, 1.0);
@@ -231,7 +224,8 @@ static void learn_moving(Trim *t, const double *q, uint32_t fresh, double dt, do
     }
     learn(t, steps, 1);
     t->doubt = 1.0 / (1.0 / (t->doubt + DRIFTS * DRIFTS * dt) + seen);
-    t->later = limited(t->later + t->doubt * later, LATEST);
+    t->later_seen = limited(t->later_seen + t->doubt * later, LATEST);
+    t->later += limited(t->later_seen - t->later, GENTLY * dt);
     t->later_felt += (t->later - t->later_felt) * least(dt / FELT_AFTER, 1.0);
 }
 
@@ -258,7 +252,6 @@ void so101_trim_measure(Trim *t, const double *q, const double *qd, uint32_t fre
     }
     for (int i = 0; i < JAW; i++) {
         const double error = t->goal[i] - q[i];
-        t->rest[i] += t->push[i], t->push[i] = t->push_rate[i] = 0.0;
         double dead = DEAD_BAND;
         if (still >= LATE) {
             if (fabs(error) <= t->settle_position) t->arrived[i] = 1.0;

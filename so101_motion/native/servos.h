@@ -31,8 +31,8 @@ typedef struct {
     double carried, since, last, has_goal;
     double lags[SERVOS], per_kg[SERVOS], weights[SERVOS], ways[SERVOS], torque[SERVOS];
     double without_speed[SERVOS], known[SERVOS], rest[SERVOS], goal[SERVOS], qd[SERVOS];
-    double arrived[SERVOS], gives_way[SERVOS], push[SERVOS], weight_rate[SERVOS], push_rate[SERVOS];
-    double weaker[SERVOS], is_planned, later, later_felt, doubt, missed;
+    double arrived[SERVOS], gives_way[SERVOS], weight_rate[SERVOS];
+    double weaker[SERVOS], is_planned, later, later_seen, later_felt, doubt, missed;
     const Servo *servo[SERVOS];
     const Weight *arm; /* 0 if its torques are given */
 } Trim;

@@ -16,15 +16,11 @@ less is added where it bears less. While the command moves it learns slowly, fro
 the uncompensated lag: when that lag was taken for weight, a joint that followed a target at 50
 deg/s went up to 3 deg past the place where it was stopped.
 
-In planned motions two things more follow the error:
-
-*A share of it* is added, a degree at most: a soft servo that turns round would otherwise stand
-until it has overcome a friction that is not quite known.
-
-*How much later the joints come* than servos of their types would is found from all of them at once,
-by least squares, each counted by how well its error is known otherwise. Servos of one type that are
-taken for the other come 0.05 s later or sooner, 5 deg at 90 deg/s; after a quarter of a second of
-the first motion most of that is known. It counts in the lead (``servo_goals.c``).
+In planned motions *how much later the joints come* than servos of their types would is found from
+all of them at once, by least squares, each counted by how well its error is known otherwise. Servos
+of one type that are taken for the other come 0.05 s later or sooner, 5 deg at 90 deg/s. It counts
+in the lead (``servo_goals.c``), but grows so slowly that no joint gets more than 3 % faster than
+planned by it: answers of the servos that come late look the same.
 
 An error too large for the arm's weight is not droop: the joint is held fast or still moving, and
 nothing is learnt. The integral is bounded by the torque it can cause. Errors of a tick or two are
@@ -100,7 +96,6 @@ class Trim(ctypes.Structure):
         ways: Which way and how fully friction is overcome, -1 to 1.
         weaker: By what share each servo seems to be weaker than its model.
         rest: The part of ``offset`` that weight, friction and ``weaker`` do not explain [rad].
-        push: What follows the error of a planned motion [rad].
         later: By how much the joints come later than servos of their types would [s].
         models: The servos; ``put`` replaces one.
         at: Its address, for C.
@@ -113,10 +108,9 @@ class Trim(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("carried", "since", "last", "has_goal")),
         *((name, SIX) for name in ("lags", "added_per_kg", "weights", "ways", "torque")),
         *((name, SIX) for name in ("without_speed", "known", "rest", "goal", "qd")),
-        *((name, SIX) for name in ("arrived", "gives_way", "push", "weight_rate", "push_rate")),
-        ("weaker", SIX),
-        *((name, ctypes.c_double) for name in ("is_planned", "later", "later_felt", "doubt")),
-        ("missed", ctypes.c_double),
+        *((name, SIX) for name in ("arrived", "gives_way", "weight_rate", "weaker")),
+        *((name, ctypes.c_double) for name in ("is_planned", "later", "later_seen", "later_felt")),
+        *((name, ctypes.c_double) for name in ("doubt", "missed")),
         ("servo", ctypes.POINTER(ServoModel) * 6),
         ("arm", ctypes.POINTER(ArmWeight)),
     ]
@@ -126,7 +120,6 @@ class Trim(ctypes.Structure):
     ways: Six
     rest: Six
     known: Six
-    push: Six
     torque: Six
     weaker: Six
     later: float
@@ -147,7 +140,8 @@ class Trim(ctypes.Structure):
 
     def put(self, i: int, model: ServoModel) -> None:
         self.models[i], self.servo[i] = model, ctypes.pointer(model)
-        self.weaker[i], self.later, self.later_felt, self.doubt = 0.0, 0.0, 0.0, DOUBT**2
+        self.weaker[i], self.doubt = 0.0, DOUBT**2
+        self.later = self.later_seen = self.later_felt = 0.0
 
     @property
     def full_drive_errors(self) -> list[float]:
@@ -224,7 +218,7 @@ class Trim(ctypes.Structure):
     @property
     def offset(self) -> list[float]:
         """The offsets to add to the six commanded positions [rad]."""
-        return [sum(parts) for parts in zip(self.known, self.rest, self.push, strict=True)]
+        return [known + rest for known, rest in zip(self.known, self.rest, strict=True)]
 
     def start(self, goal: list[float], now: float, sag: Sequence[float | None]) -> None:
         """Start with the six joints at rest at ``goal`` [rad] at ``now`` [s].
