@@ -3,7 +3,8 @@
 Exit codes: 0 ok, 1 unexpected, 2 wrong usage, 3 no device, no port or no machine, 4 bus or servo
 fault, 5 unreachable or no plan, 6 not calibrated or a check failed, 7 stopped, 130 Ctrl-C.
 
-An error is printed on stderr in up to three lines: what, why, and what to try. With ``--json`` the
+An error is printed on stderr in up to four lines: what, why, what an arm does now that the verb had
+opened, and what to try. With ``--json`` the
 same is printed as one object on stdout, unless the verb has printed its own object already.
 
 ``parted`` splits an error message into what went wrong, why, and what to try.
@@ -51,6 +52,7 @@ class ErrorText(NamedTuple):
     what: str  # what went wrong
     why: str = ""  # the reason; empty if ``what`` includes it
     advice: str = ""  # what to try; empty without any
+    now: str = ""  # what the arms do now that the verb had opened
 
 
 def parted(error: So101Error) -> ErrorText:
@@ -68,7 +70,11 @@ def _parted(error: So101Error) -> ErrorText:
         given = "" if error.value is None else f" = {quoted(error.value)}"
         return ErrorText(f'"{clipped(error.key, LONGEST_QUOTE)}"{given}', *_split(error.reason))
     if isinstance(error, errors.PortUnavailable):
-        return ErrorText(error.port, *_split(error.reason))
+        why, advice = _split(error.reason)
+        if why == "the port went away":
+            seen = "the computer no longer sees the arm's USB adapter"
+            return ErrorText(f"the port {error.port} went away", seen, advice)
+        return ErrorText(error.port, why, advice)
     if isinstance(error, errors.MachineUnavailable):
         return ErrorText(f"machine {error.address}", *_split(error.reason))
     if isinstance(error, errors.MachineRefused):
@@ -137,7 +143,10 @@ def _tell(error: BaseException, *, as_json: bool) -> None:
     """Print an error, unless click or the verb does; ``SystemExit`` with the code of ours."""
     if isinstance(error, So101Error):
         code = next((code for kind, code in _EXIT_CODES if isinstance(error, kind)), 1)
-        _print_error(parted(error), code, as_json=as_json, name=type(error).__name__)
+        text = parted(error)
+        if code in (3, 4):
+            text = text._replace(now=state_of_opened_arms())
+        _print_error(text, code, as_json=as_json, name=type(error).__name__)
         raise SystemExit(code) from error
     if isinstance(error, SystemExit):  # the verb has printed why
         if isinstance(error.code, int) and error.code:
@@ -169,6 +178,8 @@ def _print_error(text: ErrorText, code: int, *, as_json: bool, name: str) -> Non
     echo(f"error: {text.what}", err=True)
     if text.why:
         echo(f"why: {text.why}", indent="  ", err=True)
+    if text.now:
+        echo(f"now: {text.now}", indent="  ", err=True)
     if text.advice:
         echo(f"try: {text.advice}", indent="  ", err=True)
     _print_for_programs(text, code, as_json=as_json, name=name)
@@ -179,6 +190,7 @@ def _print_for_programs(text: ErrorText, code: int, *, as_json: bool, name: str 
         return
     kind, _ = KINDS.get(code, KINDS[1])
     words = {"what": text.what, "why": text.why, "try": text.advice}
+    words |= {"now": text.now} if text.now else {}
     with suppress(OSError):  # stdout itself may fail; the error is on stderr already
         print_json("error", {"kind": kind, "exit_code": code, "error": name, **words})
 

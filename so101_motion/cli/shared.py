@@ -249,12 +249,14 @@ def _state_of(what: str, rig: RigLike) -> str:
     except Exception as error:
         return f"what the {what} does is not known: {error}"
     if state.mode is Mode.FAULT:
-        return f"the {what} is in a fault and may not hold: {state.fault}"
+        why = f": {state.fault}" if interrupts.first() else ""  # otherwise an error has said it
+        return f"servos of the {what} that have power hold where they are, others sink{why}"
     if state.mode is Mode.LIMP and isinstance(rig, HardwareRig) and rig.held is None:
         return f"the {what} is as it was found"
     gone = next(iter(sorted(state.reading.let_go)), None)
     if gone is not None and state.mode in HELD:
-        return f"{gone} of the {what} has let go: {state.reading.alarms[gone]}"
+        why = f": {state.reading.alarms[gone]}" if interrupts.first() else ""
+        return f"{gone} of the {what} has let go and may sink, the others hold{why}"
     return f"the {what} {state.torque or _DOES[state.mode]}"
 
 

@@ -146,7 +146,10 @@ def test_an_error_is_printed_as_what_why_and_what_to_try():
         "/dev/a", "in use by another program", "end it first",
     )  # fmt: skip
     gone = PortUnavailable("/dev/a", "the port went away; plug it in").about("anna").about("step 2")
-    assert parted(gone) == ("step 2: anna: /dev/a", "the port went away", "plug it in")
+    assert parted(gone).what == "step 2: anna: the port /dev/a went away"
+    assert (parted(gone).why, parted(gone).advice) == (
+        "the computer no longer sees the arm's USB adapter", "plug it in",
+    )  # fmt: skip
     touch = {"first": "jaw", "second": "floor", "where": "start"}
     parts = parted(InCollision("it touches; guide it by hand", **touch, can_back_out=True))
     assert parts.advice == "guide it by hand; so101 move --leave-contact backs it out"
