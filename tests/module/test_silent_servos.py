@@ -120,6 +120,7 @@ async def test_a_stop_of_another_arm_does_not_wait_for_silent_servos(
     async with emulated_port(tmp_path_factory.mktemp("healthy")) as healthy:
         slow = {"port": healthy.port, "speed_degs_per_sec": 3.0}  # under way for AT_ONCE
         arm = await module.add(ARM, HARDWARE_ARM, slow, "arm")
+        await until(lambda: works(arm.get_joint_positions))
         start = list((await arm.get_joint_positions()).values)
         goal = JointPositions(values=[start[0] + 90.0, *start[1:]])
         move = asyncio.ensure_future(arm.move_to_joint_positions(goal))

@@ -195,6 +195,7 @@ async def what_is_found_can_be_added(module, port):
     assert frame(found[HARDWARE_ARM]) == {"parent": "world"}
     assert frame(found[HARDWARE_GRIPPER]) == {"parent": "so101-arm-arm"}
     arm = await module.add(ARM, HARDWARE_ARM, attributes(found[HARDWARE_ARM]), "left")
+    await until(lambda: works(arm.get_joint_positions))
     assert len((await arm.get_joint_positions()).values) == 5
 
     # Beside the arm that is in use now
