@@ -8,7 +8,14 @@ import click
 
 from so101_motion.cli.options import JSON, YES, argument, verb
 from so101_motion.cli.plan_move import planned_move
-from so101_motion.cli.shared import answer, have_agreed, quietly, stops_on_ctrl_c
+from so101_motion.cli.shared import (
+    answer,
+    aside,
+    have_agreed,
+    quietly,
+    state_of_opened_arms,
+    stops_on_ctrl_c,
+)
 from so101_motion.cli.sources import ANY_SOURCE, SOURCE, AnySource, Source, paced
 
 
@@ -55,6 +62,11 @@ def jog(source: Source = paced(SOURCE)) -> None:
     It keeps clear of itself and the table. The arm holds while this runs, and after q or Ctrl-C.
 
     \b
+    w s   ahead, back     a d   left, right     r f   up, down
+    o c   open the jaw, close it                Enter   the next size of step
+    x     stop the motion                       q   quit
+
+    \b
     so101 jog --port /dev/ttyACM0
     so101 jog --sim
     """  # noqa: D301
@@ -72,3 +84,4 @@ def jog(source: Source = paced(SOURCE)) -> None:
             suppress(Quit),
         ):
             OperationTerminal(operation, terminal).go()
+    aside(state_of_opened_arms())

@@ -138,7 +138,7 @@ class OperationTerminal:
                 for offer, keys in _keys(view)
                 if offer.why_not is None
             }
-            quits = "stop" if view.cancel is None else view.cancel.title
+            quits = "quit" if view.cancel is None else view.cancel.title
             lines.append(keys_line(**keys, q=quits))
         return Group(*lines)
 

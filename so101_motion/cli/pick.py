@@ -33,6 +33,7 @@ def pick(
         "Where to put it: middle of its underside [mm], and how far to turn it [deg]; or on what.",
         str,
         "",
+        show_default=False,
         metavar="X,Y,Z[,TURN]|NAME",
     ),
     approach: str = option("Approach it from there only.", click.Choice(["above", "side"])),

@@ -263,7 +263,7 @@ def plan_table(plan: Plan) -> str:
     ]
     for i, joint in enumerate(ARM_JOINTS):
         lines.append(
-            f"{joint:<14}{travel_deg[i]:>6.1f} deg{peak_deg[i]:>7.1f} deg/s   "
+            f"{joint:<14}{travel_deg[i]:>z6.1f} deg{peak_deg[i]:>7.1f} deg/s   "
             + _sparkline(np.abs(trajectory.qd[:, i]), float(np.max(plan.limits.velocity)), width)
         )
     return "\n".join(line.rstrip() for line in lines)

@@ -367,11 +367,15 @@ def paced(source: Any) -> Any:
     return together(
         with_caps,
         source=source,
-        speed_deg=option("Joint speed cap.", speeds, name="--speed", metavar="DEG/S"),
-        acceleration_deg=option(
-            "Joint acceleration cap.", accelerations, name="--acceleration", metavar="DEG/S2"
+        speed_deg=option(
+            "Joint speed cap.", speeds, name="--speed", metavar="DEG/S",
+            show_default="50, with --sim 90, or the machine's",
         ),
-    )
+        acceleration_deg=option(
+            "Joint acceleration cap.", accelerations, name="--acceleration", metavar="DEG/S2",
+            show_default="100, or the machine's",
+        ),
+    )  # fmt: skip
 
 
 _PARAMETERS = {"--sim": "sim", "--port": "port", "--machine": "address", "--cell": "cell"}

@@ -156,7 +156,7 @@ def _print_state(seen: dict[str, Any]) -> None:
             continue
         lower, upper = map(to_rad, seen["range_deg"][joint])
         between = range_deg(lower, upper, 0)
-        click.echo(f"  {joint:<14}{seen['q_deg'][joint]:>8.1f} deg   {between}")
+        click.echo(f"  {joint:<14}{seen['q_deg'][joint]:>z8.1f} deg   {between}")
     if seen["jaw_percent"] is None:
         click.echo(f"  {'jaw':<14}does not answer")
     else:

@@ -48,9 +48,12 @@ class JogOperation(LocalOperation):
             is_up = rig.connection.is_up
             self._was_lost |= not is_up
             is_back = self._was_lost and is_up
+            text = f"the arm is {'back' if is_back else 'not held'}; let it hold to go on"
+            if not is_up:
+                text = "the arm is lost; servos that have power hold where they are"
             return View(
                 state="loose",
-                text=f"the arm is {'back' if is_back else 'not held'}; let it hold to go on",
+                text=text,
                 rows=rows,
                 trouble="" if is_back else state.fault or "",
                 offers=(hold,),
@@ -65,7 +68,7 @@ class JogOperation(LocalOperation):
             rows=rows,
             trouble=trouble,
             offers=(
-                Offer(command="step", title="another step"),
+                Offer(command="step", title=f"steps of {STEPS_MM[self._next]:g} mm"),
                 *(
                     Offer(command="go", title=word, arguments={axis: sign * size}, key=key)
                     for axis, (less, down, more, up) in _AXES.items()
@@ -73,7 +76,7 @@ class JogOperation(LocalOperation):
                 ),
                 Offer(command="jaw", title="open the jaw", arguments={"opens": True}, key="o"),
                 Offer(command="jaw", title="close it", arguments={"opens": False}, key="c"),
-                Offer(command="stop", title="stop", key="x"),
+                Offer(command="stop", title="stop the motion", key="x"),
             ),
         )
 
@@ -82,7 +85,11 @@ class JogOperation(LocalOperation):
             self._jog.close().result()
 
     def _next_step(self) -> None:
-        self._step = (self._step + 1) % len(STEPS_MM)
+        self._step = self._next
+
+    @property
+    def _next(self) -> int:
+        return (self._step + 1) % len(STEPS_MM)
 
     def _go(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mapping[str, Any]:
         """Move the tool by so much [mm] in the base frame; from where it is held, if it is."""

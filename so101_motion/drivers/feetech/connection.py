@@ -64,7 +64,7 @@ class Connection:
                 self._postpone(error)
                 raise
             if self._why is not None:
-                _log.info("%s is back", port.name)
+                _log.warning("%s is back", port.name)
             self.open_bus = Bus(
                 port, names=self._names, counters=self.counters, reply_timeout=self._reply_timeout
             )
