@@ -127,7 +127,8 @@ def blocked(state: JointState) -> Sentence | None:
         fixes = {text.rpartition("; ")[2] for text in alarms.values()}
         is_all = len(alarms) == len(_JOINTS) and len(fixes) == 1  # they may differ by 0.1 V
         reason = f"{'Every joint' if is_all else alarmed}: {alarms[alarmed]}."
-    return None if reason is None else Sentence(reason, Tone.BAD)
+    is_wrong = state.mode not in (Mode.LIMP, Mode.GUIDING)  # a start and guiding are usual
+    return None if reason is None else Sentence(reason, Tone.BAD if is_wrong else Tone.WARM)
 
 
 def named(arm: str, sentence: Sentence) -> Sentence:

@@ -181,11 +181,11 @@ class Alarm:
 
 def servo_alarms(servos: Collection[JointHealth]) -> tuple[Alarm, ...]:
     """What is wrong with servos, one alarm a cause, of the joint that suffers most."""
-    found: dict[str, list[tuple[str, str, Tone]]] = {}
+    found: dict[str, list[tuple[JointHealth, str, Tone]]] = {}
     for servo in servos:
         if servo.is_silent:
             text = "its servo does not answer; check its plugs and its power"
-            found.setdefault(SILENCE, []).append((servo.joint, text, Tone.BAD))
+            found.setdefault(SILENCE, []).append((servo, text, Tone.BAD))
             continue
         for trouble in judge(
             volts=servo.volts,
@@ -196,7 +196,7 @@ def servo_alarms(servos: Collection[JointHealth]) -> tuple[Alarm, ...]:
         ):
             tone = Tone.BAD if trouble.level == "stop" else Tone.WARM
             text = str(trouble)
-            found.setdefault(trouble.kind, []).append((servo.joint, text, tone))
+            found.setdefault(trouble.kind, []).append((servo, text, tone))
     return tuple(
         _alarm(cause, cases, is_all=1 < len(servos) == len(cases)) for cause, cases in found.items()
     )
@@ -283,15 +283,17 @@ class LateCycles:
         return (_warm("late", (), text),)
 
 
-def _alarm(cause: str, cases: list[tuple[str, str, Tone]], *, is_all: bool) -> Alarm:
+def _alarm(cause: str, cases: list[tuple[JointHealth, str, Tone]], *, is_all: bool) -> Alarm:
     worst = next((case for case in cases if case[2] is Tone.BAD), cases[0])
-    joint, text, tone = worst
-    others = tuple(each for each, _, _ in cases if each != joint)
-    more = f" (also {_listed(others)})" if others else ""
+    servo, text, tone = worst
+    others = [each for each, _, _ in cases if each is not servo]
+    is_heat = cause == "temperature"
+    named = (f"{o.joint} at {o.temperature_c:.0f} °C" if is_heat else o.joint for o in others)
+    whose = f"{servo.joint} (also {_listed(tuple(named))})" if others else servo.joint
     return Alarm(
         cause=cause,
-        joints=(joint, *others),
-        sentence=Sentence(f"{'Every joint' if is_all else joint + more}: {text}.", tone=tone),
+        joints=(servo.joint, *(each.joint for each in others)),
+        sentence=Sentence(f"{'Every joint' if is_all else whose}: {text}.", tone=tone),
     )
 
 

@@ -17,7 +17,10 @@ from so101_motion.drivers.bus.registers import LET_GO
 from so101_motion.drivers.feetech.health import JointHealth
 
 HOT_C = 65
-"""At this temperature a joint is not moved any more [degC]; the servo switches off at 70 (FT)."""
+"""At this temperature a joint is not moved any more [degC]."""
+
+OFF_C = 70
+"""At this temperature a servo switches itself off [degC] (FT)."""
 
 WARM_C = 55
 """Above this temperature motions get slower [degC]. Chosen."""
@@ -85,11 +88,14 @@ def judge(
     if "overheated" in reported or celsius >= WARM_C:
         is_off = "overheated" in reported
         how = "too hot and has let go" if is_off else "too hot" if celsius >= HOT_C else "hot"
+        sentence = f"its servo is {how} ({celsius} °C, it switches off at {OFF_C})"
+        if is_off and celsius < OFF_C:
+            sentence = f"its servo was too hot and has let go (now {celsius} °C)"
         found.append(
             ServoTrouble(
                 kind="temperature",
                 level="stop" if celsius >= HOT_C or is_off else "note",
-                sentence=f"its servo is {how} ({celsius} °C, it switches off at 70)",
+                sentence=sentence,
                 fix=f"{support}let it cool below {WARM_C} °C, and do not let it press or hold up a"
                 " load for long",
             )

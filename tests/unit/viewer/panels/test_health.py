@@ -127,6 +127,7 @@ def test_figures_are_rounded_names_escaped_and_a_silent_servo_has_none():
     [
         ({"temperature_c": 57}, Tone.WARM, "elbow_flex: its servo is hot (57 °C"),
         ({"temperature_c": 67}, Tone.BAD, "let it cool"),
+        ({"temperature_c": 67, "faults": ("overheated",)}, Tone.BAD, "has let go (now 67 °C)"),
         ({"volts": 5.8}, Tone.WARM, "use a stronger supply"),
         ({"volts": 4.9}, Tone.BAD, "switch the arm's power supply on"),
         ({"faults": ("overload",)}, Tone.BAD, "free the joint"),
@@ -149,6 +150,12 @@ def test_one_supply_is_one_alarm_for_all_its_servos_and_a_silent_servo_is_said_o
         "shoulder_pan (also shoulder_lift and elbow_flex): it gets only 5.1 V; "
         in alarm.sentence.text
     )
+    heat = [
+        replace(WELL, joint=joint, temperature_c=c)
+        for joint, c in zip(joints, (57, 67, 30), strict=True)
+    ]
+    (hot,) = servo_alarms(heat)
+    assert hot.sentence.text.startswith("shoulder_lift (also shoulder_pan at 57 °C): ")
     (of_all,) = servo_alarms(weak)
     assert of_all.sentence.text.startswith("Every joint: it gets only 5.1 V; ")
     assert "Also" not in of_all.sentence.text
