@@ -178,7 +178,7 @@ class Judge:
                 if session.testsfailed > len(failed):  # it cannot be watched
                     failed.append(item.nodeid)
                     continue
-                for code in seen:
+                for code in seen.copy():  # other threads go on
                     entered[f"{code.co_filename} {code.co_qualname.split('.<')[0]}"].add(i)
             told = {key: sorted(tests) for key, tests in entered.items()}
             with os.fdopen(write, "w") as pipe:
