@@ -438,17 +438,20 @@ def _picture(now: Situation, seen: PoseEstimate, rows: tuple[Row, ...]) -> Pictu
     state = now.view.state
     ghost: tuple[float, ...] = ()
     lit: tuple[str, ...] = ()
+    notes = []
     if state is State.STARTED:
+        notes.append("The blue ghost shows the pose.")
         ghost = tuple(HOMING_POSE[joint] for joint in JOINTS)
         lit = tuple(row.label for row in rows if row.tone == "warm")
     elif state is State.COMPLETED:
+        notes.append("The arm need not match the blue ghost, which has room for the test to come.")
         ghost = (*map(float, OPEN_POSE), seen.q_jaw)
     elif state is State.RECORDING:
         lit = summary.left(now.joints)
-    is_moved = state in (State.STARTED, State.RECORDING)
-    note = summary.picture_note(seen, now.joints) if is_moved else ""
+    if state in (State.STARTED, State.RECORDING):
+        notes.append(summary.picture_note(seen, now.joints))
     q = tuple(float(seen.angles[joint]) for joint in JOINTS)
-    return Picture(q=q, ghost=ghost, lit=lit, note=note)
+    return Picture(q=q, ghost=ghost, lit=lit, note=" ".join(filter(None, notes)))
 
 
 def _meanings(stored: Stored, *, is_first: bool) -> tuple[str, ...]:

@@ -215,7 +215,6 @@ class OperationPanel(Part):
         html = cards.note(view.note) + cards.note(self._news)
         if view.picture is not None:
             html += cards.note(view.picture.note)
-            html += cards.note("The blue ghost shows the pose." if view.picture.ghost else "")
         says_it = self._own is None or any(each.cancels for each in view.offers)
         doing = view.doing or ("" if says_it else self._worker.doing)
         if doing:  # the page that has the worker shows what it does

@@ -151,8 +151,10 @@ def _travel(view: JointView, rests: bool) -> Row:
     begin, end, at = _on_bar(view)
     is_short = rests and view.verdict is Verdict.TOO_SHORT
     is_plain = view.verdict in _PLAIN and (view.joint != ROLL or view.is_done) and not is_short
-    tone = "bad" if view.ticks is None else TONES[view.verdict]
-    mark = "!" if tone == "warm" else "✓"  # no tick for a travel that can be saved but is short
+    is_unswept = view.verdict is Verdict.FULL_TURN and view.travel < TICKS_PER_TURN - 1
+    tone = "bad" if view.ticks is None else "dim" if is_unswept else TONES[view.verdict]
+    # no tick for a travel that can be saved but is short or was not recorded
+    mark = "!" if tone == "warm" else "–" if is_unswept else "✓"
     return Row(
         label=view.joint,
         bar=(begin, end),
@@ -174,6 +176,10 @@ def _advice(view: JointView) -> str:
 def _figures(view: JointView) -> str:
     if view.verdict is Verdict.FULL_TURN:
         return "full turn"
+    if view.verdict is Verdict.NOT_SEEN:
+        return "not all seen"
+    if view.verdict is Verdict.COMPLETE:  # its stops yield a little
+        return f"{min(view.travel_deg, view.expected_deg):.0f} of {view.expected_deg:.0f}°"
     return f"{view.travel_deg:.0f} of {view.expected_deg:.0f}°"
 
 

@@ -230,7 +230,7 @@ def assess(
     if arc is not None and arc.hole > MISTAKEN * (TICKS_PER_TURN - expected):
         return _not_usable(
             Verdict.NOT_SEEN,
-            f"{_deg(arc.hole)}° of its way were not seen; move it through all of its way again",
+            f"readings missed {_deg(arc.hole)}° of its way; move it slowly through all of it again",
         )
     if joint == ROLL and not is_swept(travel, expected):
         return _assess_unswept_roll(arc, home, moved)

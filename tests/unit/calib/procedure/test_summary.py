@@ -127,7 +127,10 @@ def test_joints_that_were_never_calibrated_are_matched_by_eye_and_silent_ones_na
 
 
 def test_bars_turn_complete_by_themselves(recorded, arm):
-    assert summary.left(recorded.view.joints) == tuple(j for j in JOINTS if j != "wrist_roll")
+    joints = recorded.view.joints
+    assert summary.left(joints) == tuple(j for j in JOINTS if j != "wrist_roll")
+    roll = {row.label: (row.mark, row.tone) for row in summary.travels(joints)}["wrist_roll"]
+    assert roll == ("–", "dim"), "it can be saved, but was not moved"
     arm.sweep_all()
     bars = summary.travels(recorded.view.joints)
     assert summary.left(recorded.view.joints) == ()

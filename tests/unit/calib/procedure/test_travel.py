@@ -212,7 +212,7 @@ def test_a_hole_that_may_be_taken_for_the_part_out_of_reach_is_passed_again_firs
     assert sweep.arc is not None
     said = assess("wrist_roll", sweep.arc, expected=ROLL, home=MIDDLE)
     assert (said.verdict, said.is_usable) == (Verdict.NOT_SEEN, False)
-    assert "° of its way were not seen; move it through all of its way" in said.sentence
+    assert "° of its way; move it slowly through all of it again" in said.sentence
     assert not can_be_accepted(said.verdict, sweep.arc.travel)
     assert sweep.arc.hole >= 0.9 * out_of_reach  # it was the other way round
 
