@@ -136,7 +136,7 @@ class OperationTerminal:
             keys = {
                 "Enter" if keys[0] == ENTER else keys[0]: offer.title
                 for offer, keys in _keys(view)
-                if offer.why_not is None
+                if offer.why_not is None and offer.due_in != 0.0 and not view.doing
             }
             quits = "quit" if view.cancel is None else view.cancel.title
             lines.append(keys_line(**keys, q=quits))

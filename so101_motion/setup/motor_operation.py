@@ -201,6 +201,11 @@ class MotorOperation(LocalOperation):
             return ""
         if doubt := _doubt(setup, motor):
             return doubt
+        if owner := _owner(setup, motor):
+            return (
+                f"Id {motor.found_id} answers, that of {owner}. If another motor is on the cable"
+                ' now, choose "No, this is already the next motor".'
+            )
         if self._is_ready(setup, motor):
             first = "" if self.writes else "Nothing is written until you press the button. "
             return f"{first}The motor does not move."
@@ -549,9 +554,9 @@ def _row(setup: SetupView, motor: MotorView, *, is_next: bool) -> Row:
     identity = f"id {motor.found_id}"
     if motor.state == "skipped":
         identity = "skipped"
-    elif motor.found_id is None or motor.state == "todo" or is_another:
+    elif motor.found_id is None or motor.state in ("todo", "failed") or is_another:
         identity = f"gets id {motor.target_id}"
-    elif motor.state in ("found", "failed") and motor.found_id != motor.target_id:
+    elif motor.state == "found" and motor.found_id != motor.target_id:
         identity += f" → {motor.target_id}"
     if motor.baud is not None and identity.startswith("id"):
         baud = motor.baud

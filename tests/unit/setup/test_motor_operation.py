@@ -73,6 +73,7 @@ def test_a_motor_that_is_found_alone_can_be_written_to():
 def test_the_motor_that_was_just_set_up_is_not_taken_for_the_next():
     asked = operation(writes=True, gripper=DONE, wrist_roll={**NEW, "found_id": 6})
     assert not can_write(asked.view)
+    assert asked.view.note.startswith("Id 6 answers, that of gripper. If another motor")
     assert asked.view.text.startswith(
         "unplug the motor of gripper and write 6 on it, then connect only the motor of wrist_roll"
     )
@@ -132,6 +133,8 @@ def test_a_motor_that_is_done_can_be_set_up_again_and_rows_name_the_ids():
     assert rows["gripper"] == "skipped"
     assert rows["wrist_roll"] == "id 6 → 5, 1 Mbaud"
     assert rows["wrist_flex"] == "gets id 4"
+    several = operation(gripper={**TWO, "found_id": 3}).view.rows[0]
+    assert several.cells == ("gets id 6",), "which of them would get it is not known"
     is_plugged_in = operation(gripper=DONE, wrist_roll={**NEW, "found_id": 6}).view.rows[1]
     assert is_plugged_in.cells == ("gets id 5",), "the gripper's motor is not changed"
 
