@@ -73,10 +73,17 @@ def calibrate(
 
     report = port_choice.find_arm(port)
     path = port_choice.calibration_file(file, report)
-    opened = Calibrator.open(report.port.name, path, joints or JOINTS, baudrate=report.baudrate)
-    with quietly(), closing(opened) as calibrator:
+    with (
+        quietly(),
+        closing(
+            Calibrator.open(report.port.name, path, joints or JOINTS, baudrate=report.baudrate)
+        ) as calibrator,
+    ):
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"arm on {report.port.name}; the calibration will be saved to {path}")
+            for note in calibrator.situation.notes:
+                if "calibrate the arm" not in note:
+                    terminal.say(f"note: {note}")
             operation = CalibrationOperation(
                 calibrator, accept=accept, by_itself=True, is_attended=terminal.is_manned
             )

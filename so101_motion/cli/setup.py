@@ -96,8 +96,8 @@ def setup(
     progress = SetupProgress(user_storage.folder() / PROGRESS_FILE, name)
     if start_over:
         progress.clear()
-    opened = Calibrator.open(name, port_choice.calibration_file(None, report))
-    with quietly(), leaving(opened) as calibrator:
+    path = port_choice.calibration_file(None, report)
+    with quietly(), leaving(Calibrator.open(name, path)) as calibrator:
         motors = calibrator.motors
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"motors on {name}", port=name)

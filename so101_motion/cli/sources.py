@@ -271,7 +271,7 @@ def open_arms(file: CellFile) -> CellRigs:
     with interrupts.held():
         opened = open_cell(file)
         for name, rig in opened.rigs.items():
-            note_opened(f"arm {name}", rig)
+            note_opened(f'arm "{name}"', rig)
             if isinstance(rig, HardwareRig):
                 if all(each.source != "file" for each in rig.servos.setups.values()):
                     aside(f"{name}: {_NO_FILE}")

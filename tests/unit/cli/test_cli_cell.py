@@ -164,7 +164,7 @@ def test_ctrl_c_stops_all_arms_and_says_so(so101, cell, monkeypatch, flags):
     monkeypatch.setattr(Cell, "stop", stop)
     result = so101(f"cell move {cell(LEFT, FAR)} --joints left 60,0,0,0,0 --yes {flags}")
     assert result.exit_code == 130
-    assert "the arm left holds; the arm right holds" in result.stderr
+    assert 'the arm "left" holds; the arm "right" holds' in result.stderr
     assert stopped == [[False, False]]
     if flags:
         assert json.loads(result.stdout)["kind"] == "interrupted"
