@@ -104,7 +104,7 @@ def emulate(
         hand=hand.read() if hand is not None else "",
     )
     if sys.stdin is not None and sys.stdin.isatty():
-        aside(run.TYPED)
+        aside("help lists the faults and actions that can be typed; Ctrl-C ends this")
     run.run_emulator(
         options,
         announce=click.echo,

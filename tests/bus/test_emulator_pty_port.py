@@ -3,11 +3,13 @@
 import fcntl
 import os
 import queue
+import re
 import select
 import struct
 import termios
 import threading
 from contextlib import contextmanager
+from typing import get_args
 
 import pytest
 import serial
@@ -20,9 +22,9 @@ from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.codec import BROADCAST, Code, frame
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.emulator.faults import parse_fault
+from so101_motion.drivers.emulator.faults import FaultKind, parse_fault
 from so101_motion.drivers.emulator.pty_port import Pacing
-from so101_motion.drivers.emulator.run import run_emulator
+from so101_motion.drivers.emulator.run import TYPED, run_emulator
 from so101_motion.rig.things import things_in
 
 PING = frame(1, Code.PING)
@@ -147,6 +149,14 @@ def test_client_that_never_reads_blocks_nobody(make_emulator):
             deaf.write(SYNC_READ * 10)
     with open_port(emulator, timeout=0.05) as port:
         assert any(PONG in ask(port, PING, 4096) for _ in range(1000))
+
+
+def test_help_has_every_kind_of_fault_and_examples_that_can_be_typed():
+    examples = re.findall(r"^  (?:end )?([a-z_]\S*)", TYPED, re.MULTILINE)
+    kinds = {parse_fault(each, ends=True).kind for each in examples}
+    assert {*get_args(FaultKind)} == kinds | {"request_loss", "corrupt", "duplicate", "late"}
+    assert all(each in TYPED for each in get_args(FaultKind))
+    assert max(map(len, TYPED.splitlines())) < 79
 
 
 @pytest.mark.parametrize("text", ["request_loss=1", "twin:1=9"])

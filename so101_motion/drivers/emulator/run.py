@@ -19,11 +19,27 @@ from so101_motion.drivers.things import Things
 _LOOK_EVERY = 0.05  # [s], how often it looks whether it should stop, and lets physics catch up
 
 
-TYPED = (
-    "type a fault: hot:gripper=68, dead:elbow_flex, brownout=5, unplug+3, loss=0.1, object=0.02;"
-    " or what a person does: only:gripper, chain, pose, sweep, and with --scene take:cube."
-    ' "end hot:gripper" ends one. Ctrl-C ends the emulator'
-)
+TYPED = """\
+faults:
+  dead:elbow_flex   its cable is pulled
+  reboot:gripper    this servo starts anew
+  hot:gripper=68    degrees Celsius
+  brownout=5        volts of the supply
+  unplug+3          the USB cable, for 3 s
+  twin:2=3          this servo takes the id of servo 3
+  loss=0.1          share of replies lost; likewise request_loss,
+                    corrupt, duplicate, late
+what a person does:
+  only:gripper      plugs in this servo alone
+  chain             plugs in all servos
+  pose              holds the arm up
+  sweep             moves each joint to its stops
+  object=0.02       puts this much between the jaws [m]
+  take:cube         takes a thing of --scene away
+when:
+  unplug@5+3        in 5 s, for 3 s
+  end hot:gripper   ends one
+Ctrl-C ends the emulator"""
 
 
 class _Timetable:
