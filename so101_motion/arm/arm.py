@@ -72,14 +72,6 @@ START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
 
 
-_SHOWN = (
-    "T_base T_base_links T_base_tool acceleration ceiling compliance follow home "
-    "is_movable_by_hand is_moving jog limits model move newest plan q range retarget scene "
-    "set_acceleration set_load set_manual set_payload set_speed set_tool set_torque speed state "
-    "stop stream touching"
-)  # what ``dir`` shows: the names for programs of users
-
-
 class Arm(CappedJoints):
     """Five joints that can be planned for, moved and stopped.
 
@@ -102,6 +94,13 @@ class Arm(CappedJoints):
         stops: How many stops were asked for, also while the arm was at rest.
         on_scene: Called with the scene before and the new one when it is set; None for nobody.
     """
+
+    _shown = (
+        "T_base T_base_links T_base_tool acceleration ceiling compliance follow home "
+        "is_movable_by_hand is_moving jog limits model move newest plan q range retarget scene "
+        "set_acceleration set_load set_manual set_payload set_speed set_tool set_torque speed "
+        "state stop stream touching"
+    )
 
     def __init__(
         self,
@@ -133,9 +132,6 @@ class Arm(CappedJoints):
         self.compliance = Compliance()
         self._open_ended = OpenEndedMotions(self.model, self._executor)
         self._motions = MotionQueue(self._come_to_rest)
-
-    def __dir__(self) -> list[str]:
-        return _SHOWN.split()
 
     def __repr__(self) -> str:
         now = "closed" if self._motions.is_closed else self.state.mode.value

@@ -26,6 +26,7 @@ from so101_motion.arm.motion_queue import wait_here
 from so101_motion.arm.team_motion import TeamSeries, TeamStep, end_together, handover_steps
 from so101_motion.common.errors import ConfigError, MotionError, in_series
 from so101_motion.common.geometry import SE3, pose
+from so101_motion.common.public import Complete
 from so101_motion.planning.among import crosses, crossing
 from so101_motion.planning.cell.team_requests import (
     Handover,
@@ -54,7 +55,7 @@ def with_item(scene: Scene, name: str, item: Obstacle | None, T_base_other: SE3)
     return scene if is_known else replace(scene, obstacles=(*others, here))
 
 
-class Cell:
+class Cell(Complete):
     """The arms of one process that share a space. Any thread may call any method.
 
     In all methods ``scenes``, ``limits`` and ``stands`` say, by the arms' names, what is around

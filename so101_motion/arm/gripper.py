@@ -35,6 +35,7 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import is_finite
 from so101_motion.common.modes import HELD
+from so101_motion.common.public import Complete
 from so101_motion.common.state import GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Channel, Executor
@@ -240,7 +241,7 @@ class Jaw(Protocol):
     def grab(self, aperture: float = ..., *, wait: bool = ...) -> Motion: ...
 
 
-class JawVerbs:
+class JawVerbs(Complete):
     """What every jaw can be told in one word."""
 
     def open(self: Jaw, *, wait: bool = True) -> Motion:
@@ -269,12 +270,6 @@ def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
         raise
 
 
-_SHOWN = (
-    "aperture close feels follow force grab is_holding is_moving is_silent is_there limits "
-    "move open set_force stop"
-)  # what ``dir`` shows: the names for programs of users
-
-
 class Gripper(JawVerbs):
     """One jaw that opens and closes. A new motion takes over from the one under way.
 
@@ -290,6 +285,11 @@ class Gripper(JawVerbs):
         is_there: Whether its servo was found when the arm was opened.
     """
 
+    _shown = (
+        "aperture close feels follow force grab is_holding is_moving is_silent is_there limits "
+        "move open set_force stop"
+    )
+
     def __init__(self, executor: Executor) -> None:
         self.closed, self.opened, self.limits = JAW_CLOSED, JAW_OPEN, JAW_LIMITS
         self._executor = executor
@@ -299,9 +299,6 @@ class Gripper(JawVerbs):
         self._stopped = 0  # the number of the newest stop
         self._force = 1.0
         self.feels = self.is_there = True
-
-    def __dir__(self) -> list[str]:
-        return _SHOWN.split()
 
     def __repr__(self) -> str:
         return f"<Gripper {self.aperture:.0%} open{', holds a thing' * self.is_holding}>"

@@ -12,6 +12,7 @@ import numpy as np
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, checked_kind
 from so101_motion.common.errors import ConfigError, OutsideLimits
 from so101_motion.common.geometry import Array, frozen_array, in_radians
+from so101_motion.common.public import Complete
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import range_deg, to_deg, to_rad
 from so101_motion.planning.timing.limits import MotionLimits, checked_limits
@@ -67,7 +68,7 @@ FOLLOWING_ACCELERATION = 0.92
 is not known beforehand when they must brake, so servos begin late and then have to brake harder."""
 
 
-class CappedJoints:
+class CappedJoints(Complete):
     """The caps of one arm: its own, and the ceiling that no motion may exceed.
 
     Attributes:

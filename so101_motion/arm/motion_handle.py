@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from so101_motion.common.errors import Interrupted, So101Error
+from so101_motion.common.public import Public
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.control.request_queue import running_future
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-class Motion:
+class Motion(Public):
     """A motion that is being planned, is under way, or is over.
 
     Attributes:
@@ -33,6 +34,8 @@ class Motion:
         halt: Ends its movement, and only that, for the reason given; None before it moves.
     """
 
+    _shown = "future interrupt plan result"
+
     def __init__(self) -> None:
         self.future: Future[None] = running_future()  # a motion ends by being interrupted
         self.plan: Plan | None = None
@@ -42,13 +45,10 @@ class Motion:
         self._wake = threading.Event()  # set when it is interrupted
         self.halt: Callable[[str], object] | None = None
 
-    def __dir__(self) -> list[str]:
-        return ["future", "interrupt", "plan", "result"]
-
     def __repr__(self) -> str:
         if not self.future.done():
             return "<Motion under way>"
-        return f"<Motion {self.future.exception() or 'arrived'}>"
+        return f"<Motion over: {self.future.exception() or 'it arrived'}>"
 
     def result(self, timeout: float | None = None) -> None:
         """Wait until the arm has arrived, for ``timeout`` on the wall clock [s] at most.

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from so101_motion.common.errors import ConfigError
+from so101_motion.common.public import Public
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ def freeze(value: object, **shapes: tuple[int, ...]) -> None:
         object.__setattr__(value, name, frozen_array(given, shape))
 
 
-class Brief:
+class Brief(Public):
     """Base of dataclasses with ``repr=False``: shown without what is as by default."""
 
     __slots__ = ()
@@ -65,6 +66,8 @@ class Brief:
             if isinstance(given, np.ndarray):
                 few = given.size <= _FEW
                 return str((given.round(4) + 0.0).tolist()) if few else f"array of {given.shape}"
+            if isinstance(given, float):
+                return f"{given:.4g}"
             return repr(given.value if isinstance(given, Enum) else given)
 
         said = []
@@ -194,7 +197,7 @@ def _place(given: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SE3:
+class SE3(Public):
     """A rigid transform.
 
     Attributes:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from so101_motion.common.errors import ServoAlarm, in_series
 from so101_motion.common.geometry import Array, Brief, freeze
 from so101_motion.common.modes import Mode
+from so101_motion.common.public import Public
 from so101_motion.common.units import angles_deg
 
 ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
@@ -80,7 +81,7 @@ class JointReading(Brief):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class JointState:
+class JointState(Public):
     """State of the arm at one instant, measured and commanded.
 
     Attributes:

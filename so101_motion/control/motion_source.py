@@ -15,6 +15,7 @@ import numpy as np
 
 from so101_motion.common.errors import MotionError
 from so101_motion.common.geometry import Array
+from so101_motion.common.public import Public
 from so101_motion.control.request_queue import running_future
 from so101_motion.planning.collision.course import stop_along
 from so101_motion.planning.timing import online
@@ -191,7 +192,7 @@ class PlannedMotion:
         return online.stop(now.q, now.qd, now.qdd, limits, dt)
 
 
-class EndsWithBlock(ABC):
+class EndsWithBlock(Public, ABC):
     """Ends a motion where its ``with`` block ends, waits, and raises why it ended early."""
 
     future: Future[None]

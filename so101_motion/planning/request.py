@@ -11,6 +11,8 @@ import numpy as np
 from so101_motion.common.attributes import ABOVE_ZERO, checked_kind, checked_number
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, Brief, angle, freeze, joint_angles, pose
+from so101_motion.common.public import Public
+from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.collision.course import OtherArm
 from so101_motion.planning.collision.scene import Scene, checked_scene
 from so101_motion.planning.goals import Goal
@@ -119,9 +121,12 @@ class PathDeviation(NamedTuple):
     position: float
     angle: float
 
+    def __repr__(self) -> str:
+        return f"{to_mm(self.position):.2f} mm, {to_deg(self.angle):.2f} deg"
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlanReport:
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class PlanReport(Brief):
     """Figures on how a plan was made.
 
     Attributes:
@@ -140,7 +145,7 @@ class PlanReport:
             time.
     """
 
-    stages_ms: Mapping[str, float]
+    stages_ms: Mapping[str, float] = field(repr=False)
     straight: bool
     departure: bool
     clearance: float
@@ -163,7 +168,7 @@ class PlanReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Plan:
+class Plan(Public):
     """A verified motion with its path, limits and report.
 
     Attributes:

@@ -21,6 +21,7 @@ from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
 from so101_motion.common.geometry import point
+from so101_motion.common.public import Complete
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.control.joint_group import JointDriver
@@ -55,12 +56,7 @@ JAW_HARD_STOP = MotionLimits.uniform(
 _numbers = itertools.count(1)
 
 
-_SHOWN = (
-    "arm at_end clock close connection gripper pick picker place planner warm_up"  # for ``dir``
-)
-
-
-class Rig:
+class Rig(Complete):
     """An arm and a gripper on one driver, with their clock and their I/O thread.
 
     Use it in a ``with`` block or call ``close``.
@@ -76,6 +72,7 @@ class Rig:
         on_left: Told why the arm holds although it was to go somewhere; the log by default.
     """
 
+    _shown = "arm at_end clock close connection gripper pick picker place planner warm_up"
     at_end = "hold"
     on_left: Callable[[str], None] = staticmethod(_log.warning)
     leave = leave_as_asked
@@ -123,9 +120,6 @@ class Rig:
             driver.close()
             release_worker()
             raise
-
-    def __dir__(self) -> list[str]:
-        return _SHOWN.split()
 
     def __repr__(self) -> str:
         now = "closed" if self._closed else self.arm.state.mode.value

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from so101_motion.common.attributes import ABOVE_ZERO, checked_kind, checked_number, suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, Brief, freeze, given_array, in_metres, pose
+from so101_motion.common.public import Public
 
 FLOOR = "floor"  # the name of the floor in messages
 
@@ -305,7 +306,7 @@ TCP_FRAME = "tcp"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Tool:
+class Tool(Public):
     """What is fixed to the gripper for good: a camera on its mount, a pen, a longer finger.
 
     Attributes:

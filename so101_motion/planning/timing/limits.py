@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from so101_motion.common.attributes import ABOVE_ZERO, checked_kind, checked_number
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, given_array, in_metres, in_radians
+from so101_motion.common.public import Public
 
 ToolSpeed = Callable[[Array, Array], Array]
 """From joint angles (m, n) and their rates (m, n) to the speed of the tool point, (m,)."""
@@ -21,7 +22,7 @@ _MOST = {"velocity": (20.0, "/s"), "acceleration": (100.0, "/s^2")}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MotionLimits:
+class MotionLimits(Public):
     """Velocity, acceleration and jerk caps per joint, all positive and finite.
 
     Attributes:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.common.geometry import Array, freeze
+from so101_motion.common.public import Public
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,7 +39,7 @@ class Setpoint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(Public):
     """Joint motion over time, at rest at the end and usually at the start.
 
     Attributes:

@@ -23,6 +23,7 @@ from viam.robot.client import RobotClient
 from so101_motion.common.attributes import suggest
 from so101_motion.common.clock import MonotonicClock
 from so101_motion.common.errors import ConfigError, MachineRefused
+from so101_motion.common.public import Complete
 from so101_motion.rig.protocols import ArmConnection
 from so101_motion.viam.client.link import PATIENCE, Access, Link
 
@@ -42,7 +43,7 @@ class Resource:
     api: str
 
 
-class Machine:
+class Machine(Complete):
     """A connection to a machine. ``connect`` makes it; close it after use."""
 
     def __init__(self, access: Access) -> None:

@@ -212,11 +212,6 @@ _RANGE_KEYS = ("joint_min_deg", "joint_max_deg")
 _CAPS = ("current_speed_degs_per_sec", "current_acceleration_degs_per_sec_per_sec")
 _MOST = ("max_speed_degs_per_sec", "max_acceleration_degs_per_sec_per_sec")
 
-_SHOWN = (
-    "arm arm_name clock close connect connection do_command gripper has_gripper refresh "
-    "resources start_request state status"
-)  # what ``dir`` shows: the names for programs of users
-
 
 class MachineRig(Machine):
     """An arm and gripper of a running machine. ``connect`` makes it; close it after use.
@@ -227,6 +222,10 @@ class MachineRig(Machine):
         status: The arm's newest status, such as ``health`` and ``notes`` of its servos.
     """
 
+    _shown = (
+        "arm arm_name at_end clock close connect connection do_command gripper has_gripper refresh "
+        "resources start_request state status"
+    )
     at_end = "hold"
     on_left: Callable[[str], None] = staticmethod(_log.warning)
 
@@ -278,9 +277,6 @@ class MachineRig(Machine):
         """
         access = Access(address=address, api_key_id=api_key_id, api_key=api_key)
         return cls(access, arm=arm, gripper=gripper)
-
-    def __dir__(self) -> list[str]:
-        return _SHOWN.split()
 
     def _new_arm(self, speed: float, acceleration: float, planner: Any) -> MachineArm:
         arm = MachineArm(

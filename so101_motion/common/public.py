@@ -1,0 +1,39 @@
+"""What objects that users hold have in common: a short ``dir``, and no misspelt attributes."""
+
+from __future__ import annotations
+
+from abc import ABCMeta
+from typing import Any, ClassVar
+
+from so101_motion.common.attributes import nearest
+
+
+class Public:
+    """``dir`` lists the names for programs of users: ``_shown``, or all without an underscore."""
+
+    __slots__ = ()
+    _shown: ClassVar[str] = ""
+
+    def __dir__(self) -> list[str]:
+        return self._shown.split() or [n for n in object.__dir__(self) if not n.startswith("_")]
+
+
+class _MakesComplete(ABCMeta):
+    def __call__(cls, *args: Any, **options: Any) -> Any:
+        made = super().__call__(*args, **options)
+        made._is_complete = True
+        return made
+
+
+class Complete(Public, metaclass=_MakesComplete):
+    """Once made, it takes no new public attribute, which would be a misspelt one."""
+
+    _is_complete = False
+
+    def __setattr__(self, name: str, value: object) -> None:
+        is_known = name.startswith("_") or name in self.__dict__ or hasattr(type(self), name)
+        if self._is_complete and not is_known:
+            near = nearest(name, dir(self))
+            hint = f'; did you mean "{near}"?' if near else ""
+            raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}", name=name)
+        super().__setattr__(name, value)
