@@ -29,6 +29,7 @@ from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import (
     SUPERSEDED,
+    ArmClosed,
     ConfigError,
     InCollision,
     Interrupted,
@@ -75,8 +76,8 @@ START_TOLERANCE = 1e-4
 class Arm(CappedJoints):
     """Five joints that can be planned for, moved and stopped.
 
-    In all methods ``limits`` are the caps of that motion, by default the arm's own, and
-    ``guard=None`` keeps off nothing.
+    ``limits`` are always the caps of that motion, by default the arm's own. What ``follow``,
+    ``stream`` and ``retarget`` begin keeps off nothing with ``guard=None``.
 
     Args:
         model: Kinematics and limits.
@@ -134,8 +135,10 @@ class Arm(CappedJoints):
         self._motions = MotionQueue(self._come_to_rest)
 
     def __repr__(self) -> str:
-        now = "closed" if self._motions.is_closed else self.state.mode.value
-        return f"<Arm {now} at {angles_deg(self.q)}, tool {in_mm(self.T_base_tool.p)}>"
+        if self._motions.is_closed:
+            return "<Arm closed>"
+        tool = in_mm(self.T_base_tool.p)
+        return f"<Arm {self.state.mode.value} at {angles_deg(self.q)}, tool {tool}>"
 
     @property
     def newest_motion(self) -> Motion:
@@ -188,6 +191,13 @@ class Arm(CappedJoints):
         return self._executor.state
 
     @property
+    def _open_state(self) -> JointState:
+        """``state`` of an arm that is open; ``ArmClosed`` for the last one of a closed arm."""
+        if self._motions.is_closed:
+            raise ArmClosed
+        return self.state
+
+    @property
     def is_moving(self) -> bool:
         """Whether the arm moves or comes to rest."""
         return self.state.arm_moving
@@ -199,8 +209,8 @@ class Arm(CappedJoints):
 
     @property
     def q(self) -> Array:
-        """Where the joints are, measured, shape (5,), [rad]."""
-        return self.state.q
+        """Where the joints are, measured, shape (5,), [rad]; ``ArmClosed`` of a closed arm."""
+        return self._open_state.q
 
     @property
     def T_base_tool(self) -> SE3:
@@ -286,7 +296,8 @@ class Arm(CappedJoints):
 
         Raises:
             PlanningError: Why there is no trajectory, with figures.
-            WorkerError: The planning process died, or was closed.
+            WorkerError: The planning process died.
+            ArmClosed: The arm has been closed.
             Interrupted: The motion whose step called this was interrupted.
         """
         request = self.request(
@@ -647,7 +658,10 @@ class Arm(CappedJoints):
     ) -> PlanRequest:
         """The request that ``plan`` sends to the planner; arguments as there."""
         how = f"a {Search.__module__}.Search(...)"
-        state, search = self.state, checked_kind("search", search, Search | None, how) or Search()
+        state, search = (
+            self._open_state,
+            checked_kind("search", search, Search | None, how) or Search(),
+        )
         lower, upper = self._range.with_tolerance()
         return PlanRequest(
             q_start=state.q_ref if q_start is None else q_start,

@@ -29,7 +29,6 @@ from so101_motion.common.errors import (
     ConfigError,
     FollowingError,
     Interrupted,
-    MotionError,
     NotHolding,
     So101Error,
 )
@@ -58,6 +57,8 @@ class JawFollowing(EndsWithBlock):
     Attributes:
         future: Completes when the jaw is at rest after ``close``, or raises why it ended earlier.
     """
+
+    _name = "following"
 
     def __init__(
         self,
@@ -164,8 +165,8 @@ class JawFollowing(EndsWithBlock):
             if done is not self._following.future:
                 return
             error, wanted = done.exception(), self._wanted
-            closes = wanted is not None and wanted < self._gripper.aperture + LET_GO
-            if isinstance(error, FollowingError) and closes and not self._closing:
+            is_late = isinstance(error, FollowingError) and not self._closing
+            if is_late and wanted is not None and wanted < self._gripper.aperture + LET_GO:
                 self._grip = self._gripper.press()
             else:
                 self._end(error)
@@ -177,14 +178,6 @@ class JawFollowing(EndsWithBlock):
             self.future.set_result(None)
         else:
             self.future.set_exception(error)
-
-    def _refuse_if_over(self) -> None:
-        if self.future.done():
-            error = self.future.exception()
-            if error is not None:
-                raise error.with_traceback(None)  # else it grows with each call
-        if self._closing or self.future.done():
-            raise MotionError("the following has been closed; open a new one")
 
 
 _CLOSED_TO_OPEN: tuple[float, float] = so101_description.ROBOT.limits[GRIPPER_JOINT]

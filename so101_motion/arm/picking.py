@@ -22,7 +22,7 @@ from so101_motion.arm.gripper import Gripper, move_jaw
 from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.common.attributes import checked_kind, checked_number
-from so101_motion.common.errors import MotionError, So101Error
+from so101_motion.common.errors import ConfigError, MotionError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import JointState
 from so101_motion.common.units import in_mm, to_deg, to_rad
@@ -218,6 +218,8 @@ class PickRun:
 
     def told(self, error: So101Error) -> So101Error:
         """What ended it, in its own words."""
+        if isinstance(error, ConfigError):
+            return error  # what was asked for is wrong, whatever is being done
         doing = DOING[self.stage].format(self.name)
         if self.is_lost:
             at = self._lose()

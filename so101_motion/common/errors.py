@@ -285,6 +285,9 @@ class MotionError(So101Error):
 SUPERSEDED = "a newer motion"
 """``Interrupted.by`` of a motion that a newer one replaced; any other value is a stop."""
 
+SHUTDOWN = "shutdown"
+"""``Interrupted.by`` of a motion that ended because its arm was closed."""
+
 CLOSED = "this arm has been closed; open it again"
 
 
@@ -311,7 +314,7 @@ class ArmClosed(Interrupted):
     """The arm had been closed before the request was made."""
 
     def __init__(self) -> None:
-        super().__init__("shutdown")
+        super().__init__(SHUTDOWN)
         self.args = (CLOSED,)
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
-from so101_motion.common.errors import MotionError
+from so101_motion.common.errors import SHUTDOWN, ArmClosed, Interrupted, MotionError
 from so101_motion.common.geometry import Array
 from so101_motion.common.public import Public
 from so101_motion.control.request_queue import running_future
@@ -196,6 +196,8 @@ class EndsWithBlock(Public, ABC):
     """Ends a motion where its ``with`` block ends, waits, and raises why it ended early."""
 
     future: Future[None]
+    _name: str  # what messages call it
+    _closing: bool
 
     @abstractmethod
     def close(self) -> Future[None]: ...
@@ -210,6 +212,18 @@ class EndsWithBlock(Public, ABC):
     @property
     def _doing(self) -> str:
         return "under way"
+
+    def _refuse_if_over(self) -> None:
+        """Raise why it has ended, if it has."""
+        if self.future.done():
+            error = self.future.exception()
+            if isinstance(error, Interrupted) and error.by == SHUTDOWN:
+                raise ArmClosed
+            if error is not None:
+                raise error.with_traceback(None)  # else it grows with each call
+            raise MotionError(f"the {self._name} is over; open a new one")
+        if self._closing:
+            raise MotionError(f"the {self._name} has been closed; open a new one")
 
     def __enter__(self) -> Self:
         return self
@@ -244,13 +258,3 @@ class OpenEndedMotion(EndsWithBlock):
         """Slow to rest and end; may be called again."""
         self._closing = True
         return self.future
-
-    def _refuse_if_over(self) -> None:
-        """Raise why it has ended, if it has."""
-        if self.future.done():
-            error = self.future.exception()
-            if error is not None:
-                raise error.with_traceback(None)  # else it grows with each call
-            raise MotionError(f"the {self._name} is over; open a new one")
-        if self._closing:
-            raise MotionError(f"the {self._name} has been closed; open a new one")

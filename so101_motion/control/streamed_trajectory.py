@@ -97,6 +97,8 @@ class Stream(EndsWithBlock):
 
     can_wait = False
 
+    _name = "stream"
+
     def __init__(
         self,
         *,
@@ -114,7 +116,7 @@ class Stream(EndsWithBlock):
         self._leads_into: tuple[str, str] | None = None  # the bodies for which it stops
         self._lock = threading.Lock()  # one push at a time
         self._knots: tuple[Array, Array] = (np.empty(0), np.empty((0, len(q_start))))
-        self._finished = False
+        self._closing = False
         self._kernel: Array | None = None  # of both averages, newest first; set when primed
         self._window = 0  # ticks of the first average
         self._t_played = self._t_before = 0.0  # on the stream's clock: of the last two samples
@@ -180,12 +182,12 @@ class Stream(EndsWithBlock):
             if len(self._knots[0]) == 0:
                 raise MotionError("the stream holds no points; push some before finishing it")
             self._prime()
-            self._finished = True
+            self._closing = True
         return self.future
 
     def close(self) -> Future[None]:
         """Finish it if that is not done yet; without points the arm stays where it is."""
-        if self.future.done() or self._finished:
+        if self.future.done() or self._closing:
             return self.future
         if not len(self._knots[0]):
             self.push([TimedPoint(t=0.0, q=self._q_start)])
@@ -269,7 +271,7 @@ class Stream(EndsWithBlock):
         stop = ahead[: needed + 1] if stays else self._to_rest(self._now, self._stop_limits).q
         if len(stop) < 2:
             return
-        if met is None and self._finished:  # it goes to the last point in any case
+        if met is None and self._closing:  # it goes to the last point in any case
             met = guard.contact(stop)
             if met is None:
                 return
@@ -301,7 +303,7 @@ class Stream(EndsWithBlock):
 
     def _to_rest(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
         """To the last point if it is known, which is near then; else each joint stops by itself."""
-        if self._finished and self._leads_into is None:
+        if self._closing and self._leads_into is None:
             q_last = self._knots[1][-1]
             return online.from_state(now.q, now.qd, now.qdd, q_last, self.limits, self._dt)
         return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
@@ -321,7 +323,7 @@ class Stream(EndsWithBlock):
         if self._tail is None and t <= self.t_last:
             return self.at(t)
         if self._tail is None:
-            if not self._finished:
+            if not self._closing:
                 raise MotionError(
                     f"the stream ran dry: its last point was for {self.t_last:.3f} s and no newer"
                     " one came in time; send points further ahead, or finish the stream"
@@ -397,13 +399,6 @@ class Stream(EndsWithBlock):
         q = np.column_stack([np.interp(t, t_all, q_all[:, i]) for i in range(q_all.shape[1])])
         qd = np.diff(q, axis=0) / self._dt
         return np.asarray(np.max(np.abs(qd[m:] - qd[:-m]), axis=0) / (m * self._dt))
-
-    def _refuse_if_over(self) -> None:
-        if self.future.done():
-            error = self.future.exception()
-            raise error if error is not None else MotionError("the stream is over; open a new one")
-        if self._finished:
-            raise MotionError("the stream has been finished; open a new one")
 
     def _refuse_far_start(self, t: float, q: Array) -> None:
         if t != 0.0:

@@ -121,7 +121,7 @@ class PoseGoal(Brief):
     Attributes:
         T_base_tool: Goal pose of ``frame`` in the base frame.
         metric: How much of the pose counts.
-        frame: ``"tool"`` or ``"jaw_tip"``.
+        frame: ``"tool"``, ``"jaw_tip"``, or a frame of the arm's tool, such as ``"tcp"``.
         position_tolerance: Largest position error that counts as arrived [m].
         approach_tolerance: Largest angle between wanted and reached approach axis [rad]; for
             ``FULL_POSE`` the largest rotation error.
@@ -183,7 +183,7 @@ class LineGoal(Brief):
         T_base_tool: The end of the line.
         metric: How much of the pose counts along the path and at the end. The orientation, as far
             as it counts, turns steadily from the start's to the goal's.
-        frame: ``"tool"`` or ``"jaw_tip"``.
+        frame: ``"tool"``, ``"jaw_tip"``, or a frame of the arm's tool, such as ``"tcp"``.
         tolerance: How far the tool point may leave the line [m].
         orientation_tolerance: Largest deviation of the orientation anywhere on the line [rad]: of
             the approach axis, or for ``FULL_POSE`` of the whole orientation. It is kept as small as
@@ -243,7 +243,7 @@ class ToolPathGoal(Brief):
         blend: Distance from each corner within which it is rounded [m], at most half a segment. 0
             for sharp corners, at which the arm stops.
         metric: As for :class:`LineGoal`.
-        frame: ``"tool"`` or ``"jaw_tip"``.
+        frame: ``"tool"``, ``"jaw_tip"``, or a frame of the arm's tool, such as ``"tcp"``.
         tolerance: How far the tool point may leave the rounded path [m].
         orientation_tolerance: As for :class:`LineGoal`.
     """
@@ -276,7 +276,7 @@ class ApproachGoal(Brief):
         T_base_tool: Goal pose of ``frame``.
         hover: Start of the line relative to the goal, shape (3,), in the base frame [m].
         metric: How much of the pose counts, at the beginning, along the line and at the end.
-        frame: ``"tool"`` or ``"jaw_tip"``.
+        frame: ``"tool"``, ``"jaw_tip"``, or a frame of the arm's tool, such as ``"tcp"``.
         approach_tolerance: How far the tool may be turned off at the start of the line [rad].
         tolerance: How far the tool point may leave the line [m].
         orientation_tolerance: How far the tool may be turned off along it [rad].

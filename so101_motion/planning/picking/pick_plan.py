@@ -207,7 +207,7 @@ class _Planning:
             names = " and ".join(f"'{name}'" for name in others)
             raise ConfigError("item", self._name, f"cannot be picked: {names} is in the gripper")
         if not self._scene.obstacles:
-            reason = 'the scene is empty; add an obstacle with a mass ("mass_kg") to it'
+            reason = "the scene is empty; add an obstacle to it that has a mass in kg"
             raise ConfigError("item", self._name, reason)
         item = one_named(self._name, self._scene.obstacles)
         if item.keep_out:

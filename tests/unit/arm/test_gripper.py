@@ -185,7 +185,7 @@ def test_the_jaw_follows_apertures_and_rests_when_they_cease(rig, gripper):
     rig.clock.advance(2.0)
     assert gripper.aperture > 0.1, "nobody repeated it"
     rig.after(0.5, jaw.close())
-    with pytest.raises(MotionError, match="closed"):
+    with pytest.raises(MotionError, match="is over"):
         jaw.aim(0.5)
 
 

@@ -94,7 +94,7 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
             [0] * 5, limits=caps(velocity=1, acceleration=1, jerk=9, n=6)
         ),
         "in this cell already": lambda: cell.add("b", rig, np.eye(4)),
-        "scene is empty; add an obstacle": lambda: rig.pick("mug"),
+        "^.item. = .mug.: the scene is empty; .* a mass in kg": lambda: rig.pick("mug"),
         "must be .*Wishes": lambda: rig.pick("mug", wishes="above"),
         "must be PlanRequests": lambda: so101.PlanningWorker().plan_many([3]),
         "what so101.open returns": lambda: so101.middles_of(arm),
@@ -191,8 +191,42 @@ def test_a_prompt_shows_what_there_is(rig):
         following.aim([0.0, 0.0, 0.0, 0.0, 0.1])
         assert repr(following) == "<Following to (0.0, 0.0, 0.0, 0.0, 5.7) deg>"
     assert repr(following) == "<Following over>"
+    assert repr(plan.report).startswith("PlanReport(straight=True, departure=False, clearance=0.0")
+    for shown in (plan, plan.trajectory, plan.report, rig, rig.arm, rig.gripper):
+        assert not [name for name in dir(shown) if name.startswith("_")]
+
+
+def test_a_misspelt_attribute_is_refused_with_the_name_that_was_meant(rig):
+    rig.arm.scene = so101.Scene()
+    for held, name, meant in (
+        (rig.arm, "sceen", "scene"),
+        (rig.gripper, "limit", "limits"),
+        (rig, "at_ends", "at_end"),
+        (so101.Cell(), "member", "members"),
+    ):
+        with pytest.raises(AttributeError, match=f'no .{name}.; did you mean "{meant}"'):
+            setattr(held, name, None)
+
+
+def test_a_closed_arm_says_so_whatever_it_is_asked(rig):
+    arm, jaw, following, jaw_following = (
+        rig.arm,
+        rig.gripper,
+        rig.arm.follow(),
+        rig.gripper.follow(),
+    )
     rig.close()
-    assert repr(rig.arm).startswith("<Arm closed at (0.0,")
+    for ask in (
+        lambda: arm.plan([0.1] * 5),
+        lambda: arm.move([0.1] * 5),
+        lambda: arm.q,
+        lambda: following.aim([0.0] * 5),
+        lambda: jaw.open(),
+        lambda: jaw_following.aim(0.5),
+    ):
+        with pytest.raises(so101.errors.ArmClosed, match="open it again"):
+            ask()
+    assert repr(arm) == "<Arm closed>"
 
 
 @pytest.mark.parametrize("opened", ["follow", "jog", "stream"])

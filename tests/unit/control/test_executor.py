@@ -915,7 +915,7 @@ def test_an_empty_stream_cannot_be_finished_and_a_finished_one_takes_no_more():
     left.close()
     np.testing.assert_allclose(left.at(5.0).q, HOME)
     for ask in (lambda: stream.push(points([1.0], [HOME])), stream.finish):
-        with pytest.raises(MotionError, match="has been finished"):
+        with pytest.raises(MotionError, match="has been closed"):
             ask()
 
 
