@@ -26,9 +26,9 @@ class HeardPort(SerialPort):
     def __init__(self, name, baud, *, terminal):
         self._terminal, self._taken = terminal, terminal.delivered
         super().__init__(name, baud)
+        terminal.leave_to_client(left=True)
         super().discard()  # what was left for others
         self._taken = terminal.delivered
-        terminal.leave_to_client(left=True)
 
     def write(self, data):
         sent = self._terminal.received + len(data)

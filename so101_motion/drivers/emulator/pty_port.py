@@ -184,8 +184,12 @@ class PtyPort:
         self._wake()
 
     def leave_to_client(self, *, left: bool) -> None:
-        """Let a client of this process call ``serve_now``, or the thread serve clients again."""
-        self._is_left_to_client = left
+        """Let a client of this process call ``serve_now``, or the thread serve clients again.
+
+        Returns once ``delivered`` counts all that former clients were handed.
+        """
+        with self._lock:
+            self._is_left_to_client = left
         self._wake()
 
     def serve_now(self) -> float:
