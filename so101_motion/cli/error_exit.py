@@ -70,11 +70,7 @@ def _parted(error: So101Error) -> ErrorText:
         given = "" if error.value is None else f" = {quoted(error.value)}"
         return ErrorText(f'"{clipped(error.key, LONGEST_QUOTE)}"{given}', *_split(error.reason))
     if isinstance(error, errors.PortUnavailable):
-        why, advice = _split(error.reason)
-        if why == "the port went away":
-            seen = "the computer no longer sees the arm's USB adapter"
-            return ErrorText(f"the port {error.port} went away", seen, advice)
-        return ErrorText(error.port, why, advice)
+        return ErrorText(f"the port {error.port} cannot be used", *_split(error.reason))
     if isinstance(error, errors.MachineUnavailable):
         return ErrorText(f"machine {error.address}", *_split(error.reason))
     if isinstance(error, errors.MachineRefused):

@@ -179,7 +179,7 @@ def given_array(key: str, given: ArrayLike, shape: tuple[int, ...], what: str) -
     try:
         return frozen_array(given, shape)
     except (TypeError, ValueError, OverflowError):
-        count = {(): "a ", (-1,): ""}.get(shape, f"{shape[-1:][0] if shape else ''} ")
+        count = "a " if not shape else "" if shape == (-1,) else f"{shape[-1]} "
         wanted = f"{'rows of ' if len(shape) == 2 else ''}{count}{what}"
         try:
             there = " x ".join(map(str, np.shape(given)))

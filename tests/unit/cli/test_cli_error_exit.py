@@ -143,13 +143,11 @@ def test_a_full_disk_or_a_reader_who_closes_the_pipe_is_no_defect(capsys):
 def test_an_error_is_printed_as_what_why_and_what_to_try():
     parts = parted(PortUnavailable("/dev/a", "in use by another program; end it first"))
     assert (parts.what, parts.why, parts.advice) == (
-        "/dev/a", "in use by another program", "end it first",
+        "the port /dev/a cannot be used", "in use by another program", "end it first",
     )  # fmt: skip
     gone = PortUnavailable("/dev/a", "the port went away; plug it in").about("anna").about("step 2")
-    assert parted(gone).what == "step 2: anna: the port /dev/a went away"
-    assert (parted(gone).why, parted(gone).advice) == (
-        "the computer no longer sees the arm's USB adapter", "plug it in",
-    )  # fmt: skip
+    assert parted(gone).what == "step 2: anna: the port /dev/a cannot be used"
+    assert (parted(gone).why, parted(gone).advice) == ("the port went away", "plug it in")
     touch = {"first": "jaw", "second": "floor", "where": "start"}
     parts = parted(InCollision("it touches; guide it by hand", **touch, can_back_out=True))
     assert parts.advice == "guide it by hand; so101 move --leave-contact backs it out"
