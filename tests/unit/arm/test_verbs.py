@@ -144,16 +144,27 @@ def test_keys_move_the_tool_in_steps(rig):
     assert [each.arguments["x"] for each in jogging.view.offers if each.title == "ahead"] == [10.0]
     jogging.ask("step")
     assert [each.arguments["x"] for each in jogging.view.offers if each.title == "back"] == [-50.0]
-    x, y, z = rig.arm.T_base_tool.p
-    jogging.ask("go", z=-50.0)
-    while rig.arm.T_base_tool.p[2] > z - 0.005:
-        assert not jogging.view.trouble
-    jogging.ask("stop")
-    while rig.arm.is_moving and np.abs(rig.arm.state.qd).max() > 1e-3:
-        pass
-    assert rig.arm.T_base_tool.p[2] > z - 0.045  # not where it was sent
     jogging.close()
     assert not rig.arm.is_moving
+
+
+def test_a_key_stops_the_tool_on_its_way(monkeypatch):
+    clock = ManualClock()  # passes only where this test says so
+    with so101.open_simulated(clock=clock) as rig, ThreadPoolExecutor(1) as beside:
+        start_stop = rig.arm.start_stop
+
+        def time_passes_from_then_on():
+            stopped = start_stop()
+            beside.submit(clock.advance, 1.0)
+            return stopped
+
+        monkeypatch.setattr(rig.arm, "start_stop", time_passes_from_then_on)
+        jogging, z = JogOperation(rig), rig.arm.T_base_tool.p[2]
+        jogging.ask("go", z=-50.0)
+        while rig.arm.T_base_tool.p[2] > z - 0.005:
+            clock.advance(0.02)
+        jogging.ask("stop")
+        assert z - 0.045 < rig.arm.T_base_tool.p[2] < z - 0.005  # not where it was sent
 
 
 def test_keys_go_on_after_the_arm_let_go_or_another_motion_took_over(rig):
