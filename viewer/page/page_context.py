@@ -49,16 +49,19 @@ class FrontTab:
     rehearses: bool = False
     _rehearsed: tuple[object, ...] = field(default=(), repr=False)
     _targets: tuple[object, ...] = field(default=(), repr=False)
+    _seen: tuple[object, ...] = field(default=(), repr=False)
 
     def note(
         self, rehearsal: object | None, t: float, targets: tuple[object, ...], *, runs: bool
     ) -> bool:
         """Give the ghost to the rehearsal at ``t`` [s] or to the targets, whichever changed last.
 
-        Return whether it changed hands.
+        To the targets where both changed since the last look; a rehearsal that plays changes
+        again. Return whether it changed hands.
         """
+        seen, self._seen = self._seen, targets
         if (rehearsal, t) != self._rehearsed:
-            self._rehearsed, self._targets = (rehearsal, t), targets
+            self._rehearsed, self._targets = (rehearsal, t), seen or targets
         are_old = all(one is other for one, other in zip(targets, self._targets, strict=True))
         before, self.rehearses = self.rehearses, runs or (rehearsal is not None and are_old)
         return self.rehearses is not before
