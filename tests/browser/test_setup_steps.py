@@ -131,8 +131,8 @@ def calibrate(hand, kit, middle, begin="Let go of the joints"):
     """From the page of the homing pose to the summary; the pose is a share of each travel."""
     kit.put(middle)
 
-    def is_begun():  # a question expires, which a busy machine may not have seen
-        for button in (begin, "Start the calibration", "Press again: the joints go limp"):
+    def is_begun():  # on a busy machine a question expires, and answers come too late: "Start"
+        for button in (begin, "Start the calibration", "Press again: the joints go limp", "Start"):
             if hand.can(button):
                 hand.press(button)
         return hand.says("The blue ghost shows the pose")
