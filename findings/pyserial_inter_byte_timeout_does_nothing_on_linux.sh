@@ -4,8 +4,7 @@
 # Expected: read(100) of a reply of 8 bytes ends when nothing has followed for inter_byte_timeout (20 ms); that is
 # what it is for where the length of a reply is not known.
 # Seen: it is accepted, stored and set in the terminal's VTIME, but read() waits with select() until it has all bytes or
-# until timeout: 0.5 s, as without it. With timeout=None, read() never returns. A bus of servos that is polled in this way
-# runs at 2 Hz.
+# until timeout: 0.5 s, as without it. A bus of servos that is polled in this way runs at 2 Hz.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
