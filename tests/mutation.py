@@ -225,7 +225,7 @@ def main() -> None:
     sys.path.insert(0, str(ROOT))
     result = json.loads(asked.out.read_text()) if asked.out.exists() else {}
     before = json.loads(asked.again.read_text()) if asked.again else {}
-    for room in asked.room or ROOMS:
+    for room in asked.room or before or ROOMS:
         there = mutants_of(room)
         was = {k: v for k, v in before.get(room, {}).items() if k in there}
         keys = [k for k in was if there[k][3] == was[k]["function"]]
@@ -235,6 +235,7 @@ def main() -> None:
             keys = random.Random(asked.seed).sample(sorted(there), min(asked.each, len(there)))
         tests = ROOMS[room].split(" - ")[asked.wide].split()
         part = asked.out.with_suffix(f".{room.replace('/', '-')}.json").absolute()
+        part.write_text("{}")  # of a room where nothing is left to be tried
         if (child := os.fork()) == 0:
             plugin = Judge({key: there[key] for key in keys}, part)
             how = [
