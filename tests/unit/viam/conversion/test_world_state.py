@@ -23,11 +23,12 @@ from viam.proto.service.motion import CollisionSpecification
 
 from so101_motion.common.errors import ConfigError, MachineUnavailable
 from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision import scene as scenes
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.viam.conversion import frames as frames_module
 from so101_motion.viam.conversion.frames import Frames, parents, set_machine
-from so101_motion.viam.conversion.geometries import from_geometry
+from so101_motion.viam.conversion.geometries import from_geometry, pcd
 from so101_motion.viam.conversion.world_state import (
     MOST_THINGS,
     allowing,
@@ -98,6 +99,53 @@ def test_point_clouds_come_as_pcd(kind):
         body = b"".join(row.tobytes() + b"\x00\x00\xff\x00" for row in points)
     cloud = read_shape(from_geometry(Geometry(pointcloud=PointCloud(point_cloud=head + body))))
     np.testing.assert_allclose(cloud.points, points, atol=1e-6)
+
+
+def cube_points(around_mm):
+    """A cube of 60 mm of points, 10 mm apart, shape (n, 3), [m]."""
+    edge = np.arange(-30.0, 31.0, 10.0)
+    grid = np.stack(np.meshgrid(edge, edge, edge, indexing="ij"), axis=-1).reshape(-1, 3)
+    return (grid + around_mm) / 1000.0
+
+
+async def cloud_seen(around_mm, center):
+    """Where the points of such a cube are that is sent with this centre, shape (n, 3), [m]."""
+    data = pcd(scenes.PointCloud(points=cube_points(around_mm)))
+    seen = Geometry(label="seen", center=center, pointcloud=PointCloud(point_cloud=data))
+    world = obstacles("arm_origin", seen)
+    (obstacle,) = (await scene_with(Scene(), world, Frames("arm", None))).obstacles
+    T = obstacle.T_base_obstacle
+    return read_shape(obstacle.shape).points @ T.R.T + T.p
+
+
+CUBE_AT_MM = np.array([230.0, 50.0, 140.0])
+MIDDLE = Pose(x=230.0, y=50.0, z=140.0, o_z=1.0)
+
+
+@pytest.mark.parametrize(
+    ("around_mm", "center"),
+    [
+        (CUBE_AT_MM, None),
+        (CUBE_AT_MM, Pose(o_z=1.0)),
+        (0.0, MIDDLE),
+        # As viam-server forwards any cloud, which loses its centre and gets the middle of its
+        # points when it is parsed and serialised again: seen with RDK b0d2f62e93 of 2026-08-21.
+        (CUBE_AT_MM, MIDDLE),
+    ],
+)
+async def test_a_cloud_stands_where_its_points_are_also_after_viam_server_moved_its_centre(
+    around_mm, center
+):
+    np.testing.assert_allclose(
+        await cloud_seen(around_mm, center), cube_points(CUBE_AT_MM), atol=1e-6
+    )
+
+
+async def test_a_turned_centre_turns_the_points_of_a_cloud():
+    turned = Pose(x=230.0, y=50.0, z=140.0, o_z=1.0, theta=90.0)
+    points = await cloud_seen(np.array([10.0, 0.0, 0.0]), turned)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    np.testing.assert_allclose(middle, (0.230, 0.060, 0.140), atol=1e-6)
 
 
 @pytest.mark.parametrize(
