@@ -13,7 +13,7 @@ from typing import get_args
 
 import pytest
 import serial
-from harness.heard_port import HeardEmulator
+from harness.heard_port import open_heard
 from harness.things_around import around, cube
 
 from so101_motion.common.errors import NoReply, PortUnavailable
@@ -224,8 +224,8 @@ def test_program_in_the_background_leaves_what_is_typed_to_the_shell(link, monke
 
 
 def test_a_client_that_serves_its_port_waits_for_late_answers_and_for_nobody_else(link, clock):
-    with HeardEmulator(EmulatorOptions(link=link), now=clock.now) as emulator:
-        bus = Bus(emulator.opener()(), reply_timeout=600.0)
+    with Emulator(EmulatorOptions(link=link), now=clock.now) as emulator:
+        bus = Bus(open_heard(str(link)), reply_timeout=600.0)
         assert bus.ping_all().ids == (1, 2, 3, 4, 5, 6)
         with pytest.raises(NoReply):
             bus.ping(9)
@@ -236,7 +236,7 @@ def test_a_client_that_serves_its_port_waits_for_late_answers_and_for_nobody_els
             bus.ping(1)
         emulator.plug()
         emulator.bus.faults.late = 0.0
-        bus = Bus(emulator.opener()(), reply_timeout=600.0)
+        bus = Bus(open_heard(str(link)), reply_timeout=600.0)
         assert bus.answering((1, 2, 9)) == [1, 2]
         bus.close()
         with open_port(emulator) as other:  # anybody else is served as ever

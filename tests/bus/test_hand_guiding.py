@@ -131,8 +131,6 @@ NUDGE = """
 1.0 shoulder_pan release
 """
 
-PATIENT = pytest.mark.emulated(is_heard=False, reply_timeout=2.0)
-
 
 def finish(bench, motion):
     """Let time pass until ``motion`` is over, and its own thread do what it does between legs."""
@@ -152,7 +150,7 @@ def taught(bench):
     return rig
 
 
-@PATIENT
+@pytest.mark.emulated(reply_timeout=2.0)
 def test_the_arm_replays_a_taught_path_and_the_jaw_grips(bench, taught):
     bench.finish(taught.gripper.move(0.7, wait=False))
     recorder = PathRecorder(taught.executor, taught.gripper)

@@ -16,7 +16,7 @@ from referee.command import STOP_JERK, CommandCaps
 from referee.official import Caps, match_of
 from viam.proto.app.robot import ComponentConfig
 
-from harness.heard_port import HeardEmulator
+from harness.heard_port import opener_of
 from harness.in_process_module import arm_client as arm_client
 from harness.in_process_module import gripper_client as gripper_client
 from so101_motion.common.attributes import LoadConfig
@@ -26,7 +26,7 @@ from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.defaults import TIMEOUT
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.drivers.emulator.emulator import EmulatorOptions
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
@@ -86,7 +86,6 @@ class HardwareBench(PortBench):
         folder: For the port.
         reply_timeout: How long an answer is waited for, on the wall clock [s].
         held_kg: What the jaws hold, unknown to the rigs.
-        is_heard: Whether the rigs know when no servo will answer, see ``heard_port``.
         name: Of the port.
         options: What else is emulated.
     """
@@ -98,15 +97,13 @@ class HardwareBench(PortBench):
         reply_timeout=PATIENCE,
         held_kg=0.0,
         clock=None,
-        is_heard=True,
         name="arm",
         **options,
     ):
         self.clock, self.reply_timeout = clock or ManualClock(), reply_timeout
-        self._is_heard = is_heard
         super().__init__(folder / name)
         weight = loaded(held_kg).gravity_torque
-        self.emulator = HeardEmulator(
+        self.emulator = Emulator(
             EmulatorOptions(link=self.port, **options), now=self.clock.now, gravity=weight
         )
         self._match = match_of(self.emulator)
@@ -164,12 +161,11 @@ class HardwareBench(PortBench):
 
     def open(self, **changes):
         settings = self.settings(**changes)
-        is_heard = self._is_heard and settings.port == str(self.port)
         rig = open_hardware(
             settings,
             clock=self.clock,
             reply_timeout=self.reply_timeout,
-            open_port=self.emulator.opener(settings.baudrate) if is_heard else None,
+            open_port=opener_of(self.emulator, settings.baudrate),
         )
         self._rigs.append(rig)
         self._record(rig)

@@ -11,9 +11,7 @@ import time
 import weakref
 from functools import partial
 
-from so101_motion.drivers.emulator.emulator import Emulator
 from so101_motion.drivers.emulator.pty_port import PtyPort
-from so101_motion.drivers.emulator.world import no_gravity
 from so101_motion.drivers.port.serial_port import PortOpener, SerialPort
 from so101_motion.setup.discovery import discover
 
@@ -90,19 +88,6 @@ def hear_terminals_of_this_process(patch):
     patch.setitem(discover.__kwdefaults__, "open_port", open_heard)
 
 
-class HeardEmulator(Emulator):
-    """An emulator for clients of this process; opened by ``opener()``, its port is a ``HeardPort``.
-
-    Anybody else may open its port, too, in the usual way.
-    """
-
-    def __init__(self, options, *, now, gravity=no_gravity):
-        def serve(bus):
-            self.terminal = PtyPort(bus, now, pacing=options.pacing, link=options.link)
-            return self.terminal
-
-        super().__init__(options, now=now, gravity=gravity, serve=serve)
-
-    def opener(self, baud=1_000_000):
-        """Opens the port again and again, wherever it is plugged in."""
-        return PortOpener(self.port, baud, partial(HeardPort, terminal=self.terminal))
+def opener_of(emulator, baud=1_000_000):
+    """Opens an emulator's port as a ``HeardPort``, wherever it is plugged in."""
+    return PortOpener(emulator.port, baud, partial(HeardPort, terminal=emulator._port))

@@ -114,6 +114,7 @@ def test_a_gripper_is_links_alone_with_the_tool_centre_point_as_leaf(model, kind
     links = document["links"]
 
     assert document["joints"] == []
+    assert ("gripper_body_1" in {label for label, *_ in parts}) == (kind == "leader"), "its servo"
     assert len({link["id"] for link in links}) == len(links)
     assert {link["id"] for link in links} - {link["parent"] for link in links} == {"tcp"}
     expected = (6.835, 0.0, 99.9) if kind == "follower" else (0.0, 0.0, 0.0)
