@@ -53,11 +53,6 @@ def arm_tab(guest, name):
     return tabs.get_by_role("tab", name=name, exact=True).filter(visible=True)
 
 
-def push(rig, q):
-    """What a hand does with a soft arm."""
-    rig.executor.call(lambda driver: driver.push(q))
-
-
 def test_a_common_motion_is_planned_executed_and_stopped(guest, arms):
     rigs = list(arms.rigs.values())
     guest.until(lambda: guest.button("Plan").is_enabled())
@@ -104,7 +99,7 @@ def test_each_arm_is_jogged_by_itself(guest, arms):
     assert guest.problems == []
 
 
-def test_a_program_is_recorded_from_targets_and_by_hand_repeated_in_a_loop_and_planned(guest, arms):
+def test_a_program_is_recorded_from_targets_and_from_an_arm_and_planned(guest, arms):
     page, (first, second) = guest.page, arms.rigs.values()
     guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in (first, second)))
     page.get_by_role("tab", name="Program", exact=True).click()
@@ -115,33 +110,18 @@ def test_a_program_is_recorded_from_targets_and_by_hand_repeated_in_a_loop_and_p
     page.locator(".so101-steps:visible button").first.click()
     guest.press("delete")
     guest.until(lambda: guest.says("Press Plan program"))
-    guest.press("Guide by hand")
-    guest.until(lambda: guest.says("Record keeps where arm 1 and arm 2 stand now."))
-    q = second.arm.state.q + np.radians([15.0, 0.0, 0.0, 0.0, 0.0])
-    push(second, q)
-    guest.until(lambda: np.allclose(second.arm.state.q, q, atol=to_rad(0.5)))
     record(guest, "Record arm", "arm 2")
     rows = page.locator(".so101-steps span")
     guest.comes_to(["arm 1, arm 2", "arm 2"], rows.all_inner_texts)
-    guest.press("Hold")
-    guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in (first, second)))
     page.locator(".so101-steps:visible button").first.click()
     arm_tab(guest, "arm 1").click()
     guest.press("leave out")
     guest.comes_to(["arm 2"] * 2, rows.all_inner_texts)
-    page.get_by_text("Loops").filter(visible=True).click()
-    for label, value in (("From", "1"), ("To", "2"), ("Times", "3")):
-        guest.fields(label).fill(value)
-        guest.fields(label).press("Enter")
-        page.wait_for_timeout(80)
-    guest.press("repeat")
-    guest.until(lambda: guest.says("1 to 2 run 3×"))
     stood = [rig.arm.state.q for rig in (first, second)]
     guest.until(lambda: guest.button("Plan program").is_enabled())
     guest.press("Plan program")
     guest.until(lambda: guest.button("Run program").is_enabled())
     line, ghost = page.locator(".so101-timeline:visible"), "/arms/1/program/ghost/gripper_link"
-    guest.comes_to(["3×"], line.locator("i.span").all_inner_texts)
     guest.comes_to([], guest.barriers)  # names come a moment later
     guest.until(lambda: guest.says("mm between arms"))
     at = line.bounding_box()

@@ -99,19 +99,6 @@ async def test_the_configuration_and_the_request_say_how_it_yields(models):
         assert not await client.get_manual_mode()
 
 
-async def test_after_the_cable_was_out_manual_mode_works_again(models):
-    arm = models.new_arm()
-    await models.pass_time(1.0)
-    async with arm_client(arm) as client:
-        models.emulator.unplug()
-        await models.pass_time(0.5)
-        models.emulator.plug()
-        await models.pass_time(3.0)
-        assert (await client.get_status())["state"] == "fault"
-        await models.in_time(client.set_manual_mode(True))
-        assert (await client.get_status())["state"] == "guiding"
-
-
 # A path is taught and replayed
 
 GUIDED = """

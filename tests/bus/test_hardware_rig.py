@@ -7,14 +7,13 @@ import pytest
 from harness.emulated_rig import rad
 from harness.held_calibration import filed, hold_calibration
 
-from so101_motion.calib.record import record, store
+from so101_motion.calib.record import lerobot, record, store
 from so101_motion.common.errors import (
     ConfigError,
     NoReply,
     OtherCalibration,
 )
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as emu
@@ -232,24 +231,9 @@ def test_an_arm_is_opened_by_the_name_that_lerobot_gave_it(bench, tmp_path, monk
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
     with pytest.raises(ConfigError, match="mine"):
         open_so101(str(bench.port), "mine", clock=bench.clock)
-    file = tmp_path / "robots" / "so_follower" / "mine.json"
-    file.parent.mkdir(parents=True)
-    joints = (*ARM_JOINTS, GRIPPER_JOINT)
-    file.write_text(
-        json.dumps(
-            {
-                joint: {
-                    "id": i,
-                    "drive_mode": 0,
-                    "homing_offset": 0,
-                    "range_min": 1100 if i == 1 else 900,
-                    "range_max": 3000,
-                }
-                for i, joint in enumerate(joints, start=1)
-            }
-        )
-    )
-    hold_calibration(bench.world, store.load(file).calibration)
+    calibration = store.load(filed(bench, shoulder_pan=(1100, 3000))).calibration
+    lerobot.export(calibration, lerobot.path_for("mine"))
+    hold_calibration(bench.world, calibration)
     with open_so101(str(bench.port), "mine", clock=bench.clock) as rig:
         assert rig.servos.calibration["shoulder_pan"].range_min == 1100
         assert middles_of(rig).shape == (5,)

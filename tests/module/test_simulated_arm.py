@@ -121,21 +121,6 @@ async def test_a_refused_request_has_changed_nothing(client):
         assert params["current_speed_degs_per_sec"] == 90.0
 
 
-async def test_an_unknown_request_is_answered_with_the_known_ones(client):
-    for request_, says in [
-        ({"command": "get_motion_parms"}, 'did you mean "get_motion_params"?'),
-        ({"command": "set_speed", "speed": 3.0}, "is a key, not a command"),
-        ({"command": "advance_time", "second": 1.0}, 'did you mean "seconds"?'),
-        ({"command": 3.0}, "known: "),
-        ({"set_sped": 3.0}, 'did you mean "set_speed"?'),
-        ({"advance_time": 3.0}, 'is a command, not a key: send {"command": "advance_time", ...}'),
-        ({}, "known: "),
-    ]:
-        error = await refused(client.do_command(request_), Status.INVALID_ARGUMENT, says)
-        listed = error.message.partition("known: ")[2].split(", ")
-        assert len(set(listed)) == len(listed), "no word twice"
-
-
 async def test_geometries_and_models_go_together_and_follow_the_joints(client):
     await in_time(client, client.move_to_joint_positions(joints(*HOME)))
     before = {g.label: g.center for g in await client.get_geometries()}

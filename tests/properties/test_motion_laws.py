@@ -1,7 +1,6 @@
 """Laws of what the executor sends, whatever is asked of it and whenever."""
 
 import numpy as np
-from harness.retarget import retarget
 from harness.setpoints import TapedArm, shares
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -36,31 +35,3 @@ def test_a_stop_at_any_instant_is_smooth_and_ends_at_rest_on_the_path(goal, when
         for q in arm.goals:
             share = q @ goal / max(goal @ goal, 1e-12)
             np.testing.assert_allclose(q, share * goal, atol=1e-6)
-
-
-requests = st.lists(
-    st.tuples(st.sampled_from(["retarget", "stop", "interrupt"]), goals, st.floats(0.0, 0.6)),
-    min_size=1,
-    max_size=8,
-)
-
-
-@settings(max_examples=20)
-@given(requests=requests)
-def test_whatever_is_asked_nothing_jumps_and_every_future_ends(requests):
-    clock = ManualClock()
-    arm = TapedArm(clock)
-    with Executor(arm, clock, dt=DT, stop_limits=STOP_LIMITS) as executor:
-        futures = []
-        for what, goal, pause in requests:
-            if what == "retarget":
-                futures.append(retarget(executor, goal, LIMITS))
-            elif what == "stop":
-                futures.append(executor.stop())
-            elif futures:
-                futures.append(executor.interrupt(futures[-1], "cancelled"))
-            clock.advance(pause)
-        clock.advance(10.0)
-        assert all(future.done() for future in futures)
-        assert executor.state.mode is Mode.HOLDING
-        assert max(shares(arm.goals, DT, STOP_LIMITS)) <= 1.02

@@ -80,11 +80,19 @@ def test_the_seam_is_a_place_like_any_other(seam):
     assert judge(belief, (seam - 3) % 4096, 0.02)
 
 
-def test_a_hand_that_accelerates_hard_and_stops_dead_is_believed_throughout(belief):
+@pytest.mark.parametrize(
+    "speeds",
+    [
+        (0, 110, 220, 330, 350, 350, 0, 0, -110, -220, -330, 0),  # a hand stops dead
+        (0, 120, 240, 360, 480, 600, 674, 674, 0, 0),  # a fall onto the table
+    ],
+)
+def test_a_joint_that_accelerates_hard_and_stops_dead_is_believed_throughout(belief, speeds):
     q, t = 1000.0, 0.0
-    for speed in (0, 110, 220, 330, 350, 350, 0, 0, -110, -220, -330, 0):  # deg/s
+    for speed in speeds:  # [deg/s], every 10 ms
         q, t = q + 0.01 * speed * DEG, t + 0.01
         assert judge(belief, q, t)
+    assert belief.is_sure
 
 
 def test_an_answer_that_may_be_late_is_given_the_time_it_took(belief):

@@ -7,7 +7,6 @@ by ``files/atomic.py`` the guided path stands for all.
 
 import contextlib
 import itertools
-import json
 import os
 import re
 import sys
@@ -19,13 +18,11 @@ import numpy as np
 import pytest
 from harness.dying import Death, no_room_beyond
 
-from so101_motion.calib.motors.setup_view import SetupProgress
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.record import lerobot, store
+from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, HeldCalibration, JointCalibration
 from so101_motion.calib.record.zero import Zero
 from so101_motion.common.errors import So101Error
-from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.guided import GuidedPath
 from so101_motion.tasks.guided import files as guided_files
 
@@ -108,18 +105,6 @@ def _read_journal(folder):
     return _one({each.homing_offset for each in held.values()})
 
 
-def _reach(folder, n):
-    SetupProgress(folder / "progress.json", "port").reach("motors", f"step {n}")
-
-
-def _reached(folder):
-    return int(SetupProgress(folder / "progress.json", None).step.split()[-1])
-
-
-def _save_pose(folder, n):
-    SavedPoses(folder / "poses.json").save("mine", np.full(5, 0.01 * n))
-
-
 def _number(q):
     return _one({round(100 * float(each)) for each in q})
 
@@ -136,25 +121,12 @@ def _read_guided(folder):
     return _one({_number(each) for each in read.q})
 
 
-def _exported_for_lerobot(folder):
-    read = json.loads((folder / "lerobot.json").read_text())
-    assert len(read) == 6
-    return _one({each["homing_offset"] for each in read.values()})
-
-
 KINDS = (
     Kept("calibration", _save_calibration, _load_calibration),
     Kept("restored calibration", _restore_calibration, _load_calibration),
     Kept("deleted calibration", _lose_and_load_calibration, _load_calibration, is_silent=True),
     Kept("journal", _write_journal, _read_journal),
-    Kept("setup progress", _reach, _reached, is_silent=True),
-    Kept("poses", _save_pose, lambda at: _number(SavedPoses(at / "poses.json").own()[0].q)),
     Kept("guided path", _write_guided, _read_guided),
-    Kept(
-        "calibration for LeRobot",
-        lambda folder, n: lerobot.export(_calibration(n), folder / "lerobot.json"),
-        _exported_for_lerobot,
-    ),
 )
 each_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 

@@ -77,17 +77,6 @@ def test_a_joint_that_makes_no_sense_does_not_cost_the_others(file, pan):
     assert len(kept) == (pan is not None)
 
 
-def test_a_joint_that_makes_no_sense_is_left_out_when_the_file_is_read(file):
-    wide = {**ELBOW.to_json(), "range_min": 10, "range_max": 4090}
-    put(file, json.dumps({"shoulder_pan": PAN.to_json(), "elbow_flex": wide}))
-    for found in (store.read(file), store.load(file)):
-        assert found.calibration == {"shoulder_pan": PAN}
-        assert "more than the joint can turn" in found.refused["elbow_flex"]
-        (note,) = found.notes
-        assert "elbow_flex is not taken from the calibration" in note
-        assert str(file) in note
-
-
 def test_a_version_with_a_joint_that_makes_no_sense_is_not_restored(file):
     store.save(file, {"shoulder_pan": PAN})
     store.save(file, {"gripper": JAW})

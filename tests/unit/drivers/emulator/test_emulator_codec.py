@@ -58,8 +58,3 @@ def test_listener_follows_its_table_however_bytes_are_cut(data, state, events, c
     assert [(i.servo_id, i.code, i.params) for i in heard] == [
         (servo_id, code, bytes.fromhex(params)) for servo_id, code, params in events
     ]
-
-
-def test_instruction_knows_where_in_the_chunk_it_ended():
-    ends = [i.end for i in Listener().hear(b"\x00" + frame(1, 1) + frame(2, 1))]
-    assert ends == [7, 13]

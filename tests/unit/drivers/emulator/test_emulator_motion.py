@@ -41,17 +41,6 @@ def test_short_profile_is_a_triangle(profile):
     assert len(run(profile)) * DT == pytest.approx(2 * math.sqrt(100 / 5000), abs=0.02)
 
 
-def test_new_goal_is_planned_from_the_velocity_of_the_moment(profile):
-    profile.target = 4000.0
-    for _ in range(300):
-        profile.step()
-    before = profile.velocity
-    profile.target = 3500.0
-    profile.step()
-    assert before == pytest.approx(1000.0)
-    assert abs(profile.velocity - before) <= profile.acceleration * DT + 1e-9
-
-
 def test_goal_behind_is_reached_by_braking_first(profile):
     profile.target = 4000.0
     for _ in range(300):

@@ -24,15 +24,6 @@ def test_lifted_shoulder_hangs_below_its_goal(make_bench, raised_arm, p, least, 
     assert bench.read(2, reg.MOVING) == 0  # and it thinks it has arrived
 
 
-@pytest.mark.parametrize("p", [16, 32, 48])
-def test_unloaded_joint_arrives_within_its_dead_zone(bench, p):
-    bench.write(1, reg.P_GAIN, p)
-    bench.write(1, reg.GOAL_VELOCITY, 800)
-    bench.write(1, reg.GOAL_POSITION, 2900)
-    bench.advance(3.0)
-    assert abs(bench.read(1, reg.PRESENT_POSITION) - 2900) <= 2
-
-
 def test_top_speed_is_that_of_the_motor_whatever_is_asked(bench):
     bench.write(1, reg.GOAL_POSITION, 3400)
     fastest = 0

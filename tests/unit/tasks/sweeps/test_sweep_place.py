@@ -78,12 +78,6 @@ def test_no_base_of_the_first_round_is_better(found):
     assert np.all(bounds <= times + 1e-6)
 
 
-def test_the_same_search_goes_on_and_finds_the_same(found):
-    placement, folder = found
-    (folder / "02-place" / "shards" / "000000.npz").unlink()
-    assert find_bases(SMALL, folder).sha256 == placement.sha256
-
-
 def test_a_task_out_of_reach_says_which_pose_is_missed(tmp_path):
     far = replace(REGION, x=(-0.9, -0.9))
     with pytest.raises(PlanningError, match=r"miss pose 1 \(left\)"):

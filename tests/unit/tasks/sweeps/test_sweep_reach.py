@@ -13,7 +13,7 @@ from so101_motion.planning.goals import GoalMetric, PoseGoal
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.sweeps import Atlas, ReachSweep, run_sweep, scene_text
-from so101_motion.tasks.sweeps.atlas_view import FIGURES, Shown, shades, voxels
+from so101_motion.tasks.sweeps.atlas_view import Shown, voxels
 
 COARSE = ReachSweep(spacing=0.08)
 WALL = Obstacle(
@@ -132,11 +132,3 @@ def test_a_slice_and_a_threshold_take_away(atlas):
     strong = voxels(atlas, Shown(axis="y", at_least=0.6))
     assert 0 < strong.total < cut.total
     assert np.all(atlas.rows["torque_left"][strong.rows] >= 0.6)
-
-
-@pytest.mark.parametrize("figure", FIGURES)
-def test_colours_go_from_violet_to_yellow(atlas, figure):
-    of = FIGURES[figure]
-    bad, good = shades(figure, np.array([of.low - 1.0, of.high + 1.0])).tolist()
-    assert (bad, good) == ([68, 1, 84], [253, 231, 37])
-    assert len(voxels(atlas, Shown(figure=figure)).colours) > 50
