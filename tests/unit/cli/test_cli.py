@@ -12,6 +12,11 @@ import time
 import pytest
 from harness.command_line import refused
 
+from so101_motion.calib.record import servo_file
+from so101_motion.calib.record.servo_file import ServoRecord
+from so101_motion.drivers.emulator import run
+from so101_motion.drivers.servo_types import STS3215_7V4, ServoFigures
+
 SO101 = [sys.executable, "-m", "so101_motion.cli"]
 
 
@@ -80,6 +85,15 @@ def test_ctrl_c_ends_it_without_a_traceback_while_it_is_being_imported():
 )
 def test_an_emulation_that_cannot_be_is_refused_in_a_sentence(so101, option, says):
     assert says in refused(so101(f"emulate {option}"))
+
+
+def test_a_twin_has_the_type_of_its_supply_and_the_servos_of_the_file(so101, tmp_path, monkeypatch):
+    stiff, emulated = {"wrist_roll": ServoFigures(torque=1.0, friction=3.0)}, []
+    found = ServoRecord(at="2026-03-05", volts=7.4, servos=stiff)
+    file = servo_file.save(tmp_path / "my_arm.json", found)
+    monkeypatch.setattr(run, "run_emulator", lambda options, **_: emulated.append(options))
+    assert so101(f"emulate --volts 7.4 --like {file}").exit_code == 0
+    assert (emulated[0].kind, emulated[0].figures) == (STS3215_7V4, stiff)
 
 
 def test_the_emulator_prints_its_port_and_ends_on_sigterm(tmp_path):
