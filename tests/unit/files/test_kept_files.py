@@ -18,9 +18,8 @@ import numpy as np
 import pytest
 from harness.dying import Death, no_room_beyond
 
-from so101_motion.calib.procedure import journal
 from so101_motion.calib.record import store
-from so101_motion.calib.record.record import JOINTS, HeldCalibration, JointCalibration
+from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.zero import Zero
 from so101_motion.common.errors import So101Error
 from so101_motion.tasks.guided import GuidedPath
@@ -90,21 +89,6 @@ def _one(numbers):
     return number
 
 
-def _held(n):
-    return {
-        joint: HeldCalibration(homing_offset=n, range_min=700, range_max=3000) for joint in JOINTS
-    }
-
-
-def _write_journal(folder, n):
-    journal.write(folder / "arm.json", journal.Journal(before=_held(0), meanwhile=_held(n)))
-
-
-def _read_journal(folder):
-    held = journal.read(folder / "arm.json").meanwhile
-    return _one({each.homing_offset for each in held.values()})
-
-
 def _number(q):
     return _one({round(100 * float(each)) for each in q})
 
@@ -125,7 +109,6 @@ KINDS = (
     Kept("calibration", _save_calibration, _load_calibration),
     Kept("restored calibration", _restore_calibration, _load_calibration),
     Kept("deleted calibration", _lose_and_load_calibration, _load_calibration, is_silent=True),
-    Kept("journal", _write_journal, _read_journal),
     Kept("guided path", _write_guided, _read_guided),
 )
 each_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)

@@ -7,6 +7,8 @@ from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.bus import TURNAROUND
 from so101_motion.drivers.emulator.codec import BROADCAST, Code, frame
 from so101_motion.drivers.emulator.joint_figures import SO101
+from so101_motion.drivers.emulator.memory import Memory
+from so101_motion.drivers.emulator.registers import REGISTERS
 
 BYTE = 10e-6  # one byte on the wire at 1 Mbaud [s]
 
@@ -173,3 +175,95 @@ def test_a_goal_switches_torque_on_unless_told_otherwise(make_bench):
         assert bench.read(1, reg.PRESENT_POSITION) == (
             pytest.approx(2300, abs=3) if is_firmware else 2048
         )
+
+
+ROLL = 5  # turns freely through most of a turn
+
+
+def in_mode(bench, mode):
+    bench.write(ROLL, reg.LOCK, 0)
+    bench.write(ROLL, reg.MODE, mode)
+
+
+def position(bench):
+    return bench.read(ROLL, reg.PRESENT_POSITION)
+
+
+@pytest.mark.parametrize("speed", [400, -400])
+def test_in_speed_mode_it_turns_as_fast_as_it_is_told_and_stops(bench, speed):
+    in_mode(bench, reg.SPEED_MODE)
+    bench.write(ROLL, reg.ACCELERATION, 50)
+    bench.write(ROLL, reg.GOAL_VELOCITY, speed)
+    assert bench.read(ROLL, reg.TORQUE_ENABLE) == 1
+    bench.advance(1.0)
+    begin = position(bench)
+    assert bench.read(ROLL, reg.PRESENT_VELOCITY) == pytest.approx(speed, abs=50)
+    assert bench.read(ROLL, reg.MOVING) == 1
+    bench.advance(1.0)
+    assert position(bench) - begin == pytest.approx(speed, rel=0.05)
+    bench.write(ROLL, reg.GOAL_VELOCITY, 0)
+    bench.advance(1.0)
+    stopped = position(bench)
+    bench.advance(1.0)
+    assert position(bench) == pytest.approx(stopped, abs=1)
+    assert bench.read(ROLL, reg.MOVING) == 0
+
+
+def test_in_step_mode_a_goal_is_so_much_farther(bench):
+    in_mode(bench, reg.STEP_MODE)
+    begin = position(bench)
+    for _ in range(2):
+        bench.write(ROLL, reg.GOAL_POSITION, 100)
+        bench.advance(1.0)
+    assert position(bench) - begin == pytest.approx(200, abs=10)
+    bench.write(ROLL, reg.MAX_POSITION, begin + 250)
+    bench.write(ROLL, reg.GOAL_POSITION, 100)
+    bench.advance(1.0)
+    assert position(bench) - begin == pytest.approx(250, abs=10), "clamped like any goal"
+
+
+def test_rows_do_not_overlap_stay_inside_the_map_and_have_defaults_in_their_range():
+    rows = sorted(REGISTERS.values(), key=lambda row: row.address)
+    assert all(a.address + a.size <= b.address for a, b in pairwise(rows))
+    assert rows[-1].address + rows[-1].size == reg.SIZE
+    for name, row in REGISTERS.items():
+        assert row.lower <= row.decode(row.default) <= row.upper, name
+
+
+@pytest.mark.parametrize(
+    ("offset", "raw"), [(0, 0), (85, 85), (-85, 0x855), (2047, 0x7FF), (-2047, 0xFFF),
+                        (2048, 0x1000), (-2048, 0x1800), (4095, 0x17FF), (-4095, 0x1FFF)],
+)  # fmt: skip
+def test_homing_offset_has_a_sign_and_one_extra_bit(offset, raw):
+    assert reg.encode_offset(offset) == raw
+    assert reg.decode_offset(raw) == offset
+
+
+def test_writes_with_lock_open_survive_a_reboot_and_others_do_not():
+    memory = Memory()
+    memory.write(reg.P_GAIN.address, bytes((16,)))  # locked: effective, not kept
+    assert memory.value(reg.P_GAIN) == 16
+    memory.boot()
+    assert memory.value(reg.P_GAIN) == 32
+    memory.write(reg.LOCK.address, b"\0")
+    memory.write(reg.P_GAIN.address, bytes((16,)))
+    memory.boot()
+    assert memory.value(reg.P_GAIN) == 16
+    assert memory.value(reg.LOCK) == 1
+
+
+def test_measured_bytes_inside_a_written_span_are_skipped():
+    memory = Memory()
+    before = memory.read(56, 15)
+    memory.write(55, bytes(16))
+    assert memory.read(56, 15) == before
+    assert memory.value(reg.LOCK) == 0
+
+
+def test_torque_limit_follows_its_maximum_at_power_up_only():
+    memory = Memory()
+    memory.write(reg.LOCK.address, b"\0")
+    memory.write(reg.MAX_TORQUE.address, (500).to_bytes(2, "little"))
+    assert memory.value(reg.TORQUE_LIMIT) == 1000
+    memory.boot()
+    assert memory.value(reg.TORQUE_LIMIT) == 500
