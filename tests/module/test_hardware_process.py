@@ -79,7 +79,8 @@ async def test_a_killed_module_leaves_the_arm_holding(bench):
 
 async def test_a_terminated_module_stops_the_arm_and_leaves_it_holding(emulated):
     async with running_module() as (module, _, _):
-        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        slow = {"port": emulated.port, "speed_degs_per_sec": 10}  # it is under way for 8 s
+        arm = await module.add(ARM, HARDWARE_ARM, slow, "arm")
         await until(lambda: works(arm.get_geometries))
         start = await joints(arm)
         goal = JointPositions(values=[start[0] + 80.0, *start[1:]])

@@ -192,7 +192,7 @@ async def test_the_gripper_of_an_arm_holds_what_the_arm_has_picked_until_it_open
         assert (await client.is_holding_something()).is_holding_something
         (held,) = (await arm.do_command({"command": "list_items"}))["held"]
         await client.open()
-        for _ in range(500):
+        for _ in range(6000):
             await asyncio.sleep(0.01)
             if not (items := await arm.do_command({"command": "list_items"}))["held"]:
                 break

@@ -35,7 +35,7 @@ import time
 from so101_motion.drivers.port.serial_port import SerialPort
 port = SerialPort(sys.argv[1])
 port.write(bytes.fromhex("ffff010201fb"))
-print(port.read(time.monotonic() + 5.0).hex(), port.read(0.0))
+print(port.read(time.monotonic() + 60.0).hex(), port.read(0.0))
 port.close()
 """
 
