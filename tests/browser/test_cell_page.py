@@ -36,7 +36,7 @@ def guest(visit, page):
     guest.until(lambda: guest.button("Plan").count() == 1)
     guest.page.wait_for_function(
         "() => window.__viserSceneTree && '/arms/1/live/gripper_link' in "
-        "window.__viserSceneTree.getState()",
+        "window.__viserSceneTree.getState()"
     )
     return guest
 

@@ -8,11 +8,7 @@ from harness.emulated_rig import rad
 from harness.held_calibration import filed, hold_calibration
 
 from so101_motion.calib.record import lerobot, record, store
-from so101_motion.common.errors import (
-    ConfigError,
-    NoReply,
-    OtherCalibration,
-)
+from so101_motion.common.errors import ConfigError, NoReply, OtherCalibration
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus

@@ -94,10 +94,7 @@ def test_one_that_is_pushed_inside_by_hand_is_held_when_it_is_asked_for(bench):
 
 @pytest.mark.parametrize(
     ("driven", "joint", "ends"),
-    [
-        (True, "shoulder_lift", (1100, 1960)),
-        (False, "elbow_flex", (1100, 1960)),
-    ],
+    [(True, "shoulder_lift", (1100, 1960)), (False, "elbow_flex", (1100, 1960))],
 )
 def test_a_move_brings_it_in_slowly_and_arrives(bench, driven, joint, ends):
     if driven:
@@ -202,11 +199,7 @@ def test_a_servo_that_restarts_outside_its_limits_is_not_made_to_leap_inside(ben
 
 
 @pytest.mark.parametrize(
-    ("joint", "lets_go", "ending"),
-    [
-        ("elbow_flex", True, "stop"),
-        ("shoulder_pan", False, "hold"),
-    ],
+    ("joint", "lets_go", "ending"), [("elbow_flex", True, "stop"), ("shoulder_pan", False, "hold")]
 )
 def test_a_joint_that_a_hand_guided_outside_stays_there_when_it_is_held(
     bench, joint, lets_go, ending

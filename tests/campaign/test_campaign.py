@@ -12,15 +12,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from campaign import (
-    interleavings,
-    sessions,
-    signals,
-    spoilt_arms,
-    targets,
-    torn_answers,
-    verdicts,
-)
+from campaign import interleavings, sessions, signals, spoilt_arms, targets, torn_answers, verdicts
 from so101_motion.planning.kinematics.model import RobotModel
 
 SWUNG = 12

@@ -102,7 +102,7 @@ class Guest:
     def see_the_arm(self):
         self.page.wait_for_function(
             "() => window.__viserSceneTree && '/live/gripper_link' in "
-            "window.__viserSceneTree.getState()",
+            "window.__viserSceneTree.getState()"
         )
         self.until(lambda: self.button("Plan").count() == 1)
 

@@ -91,14 +91,7 @@ class HardwareBench(PortBench):
     """
 
     def __init__(
-        self,
-        folder,
-        *,
-        reply_timeout=PATIENCE,
-        held_kg=0.0,
-        clock=None,
-        name="arm",
-        **options,
+        self, folder, *, reply_timeout=PATIENCE, held_kg=0.0, clock=None, name="arm", **options
     ):
         self.clock, self.reply_timeout = clock or ManualClock(), reply_timeout
         super().__init__(folder / name)

@@ -275,12 +275,7 @@ def angles_off(metric, wanted, reached):
     return [0.0]
 
 
-@given(
-    seed=seeds,
-    length=st.floats(0.005, 0.15),
-    metric=metrics,
-    turn=st.sampled_from([0.0, 0.3]),
-)
+@given(seed=seeds, length=st.floats(0.005, 0.15), metric=metrics, turn=st.sampled_from([0.0, 0.3]))
 @example(
     seed=155735, length=0.03125, metric=POSITION, turn=0.0
 )  # the curve left a limit in between

@@ -32,10 +32,7 @@ CAPS = [
     )
     for velocity, acceleration in ((90.0, 100.0), (180.0, 500.0), (30.0, 300.0))
 ]
-SCENES = [
-    Scene(),
-    Scene(obstacles=(obstacle("ball", Sphere(radius=0.05), (0.3, 0.0, 0.25)),)),
-]
+SCENES = [Scene(), Scene(obstacles=(obstacle("ball", Sphere(radius=0.05), (0.3, 0.0, 0.25)),))]
 
 
 class Arm:

@@ -435,9 +435,7 @@ def pair_up_close(pair_of, clock):
     return pair
 
 
-def test_an_arm_that_came_up_to_another_backs_out_slowly_and_goes_where_it_is_sent(
-    pair_up_close,
-):
+def test_an_arm_that_came_up_to_another_backs_out_slowly_and_goes_where_it_is_sent(pair_up_close):
     pair = pair_up_close
     begin = pair.gap()
     motion = pair.left.move(JointGoal(q=np.radians([-60.0, -40.0, 50.0, 40.0, 0.0])), wait=False)

@@ -11,12 +11,7 @@ from click.testing import CliRunner
 
 from so101_motion.cli.error_exit import KINDS, parted, reports_errors
 from so101_motion.cli.shared import DEBUG, in_lines, print_json
-from so101_motion.common.errors import (
-    CalibrationError,
-    ConfigError,
-    InCollision,
-    PortUnavailable,
-)
+from so101_motion.common.errors import CalibrationError, ConfigError, InCollision, PortUnavailable
 
 
 def reported(result):

@@ -62,11 +62,7 @@ def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(run, file):
 
 @pytest.mark.parametrize(
     ("given", "says"),
-    [
-        ("{", "is not JSON"),
-        ("[" * 100_000, "is not JSON"),
-        ("[1]", "nothing to migrate"),
-    ],
+    [("{", "is not JSON"), ("[" * 100_000, "is not JSON"), ("[1]", "nothing to migrate")],
 )
 def test_an_invalid_configuration_is_refused_with_a_sentence(run, given, says):
     assert says in refused(run("-", given=given))

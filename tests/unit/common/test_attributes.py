@@ -5,10 +5,7 @@ import pytest
 
 from so101_motion.common.attributes import LoadConfig, suggest
 from so101_motion.common.errors import ConfigError
-from so101_motion.viam.component_config import (
-    HardwareArmConfig,
-    SimulatedArmConfig,
-)
+from so101_motion.viam.component_config import HardwareArmConfig, SimulatedArmConfig
 
 
 def hardware(attributes):

@@ -428,9 +428,7 @@ def test_joints_that_are_told_to_brake_while_they_speed_up_keep_their_speed_cap(
 
 DT = 0.01
 TOLERANCES = Tolerances(
-    following_lag=0.15,
-    contact_distance=np.radians(1.6),
-    pressed_stray=np.radians(0.5),
+    following_lag=0.15, contact_distance=np.radians(1.6), pressed_stray=np.radians(0.5)
 )
 
 

@@ -80,10 +80,7 @@ def test_there_is_an_end_to_how_many_there_may_be(book, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "reason"),
-    [
-        ("[", "is not JSON"),
-        (KIND + ', "poses": [], "poses": []}', "has poses twice"),
-    ],
+    [("[", "is not JSON"), (KIND + ', "poses": [], "poses": []}', "has poses twice")],
 )
 def test_a_broken_file_says_what_is_wrong_and_is_left_alone(tmp_path, text, reason):
     file = tmp_path / "poses.json"

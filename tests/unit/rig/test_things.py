@@ -75,9 +75,7 @@ def test_it_goes_with_the_gripper_and_lies_where_it_is_let_go():
 
 
 @pytest.mark.parametrize(
-    ("torque", "friction", "mass"),
-    [(FIRM, 0.1, 0.5), (0.02, 0.5, 0.4)],
-    ids=["slippery", "heavy"],
+    ("torque", "friction", "mass"), [(FIRM, 0.1, 0.5), (0.02, 0.5, 0.4)], ids=["slippery", "heavy"]
 )
 def test_what_friction_does_not_hold_stays_behind(torque, friction, mass):
     scene = around(replace(cube(), mass=mass))

@@ -8,12 +8,7 @@ from hypothesis import strategies as st
 from so101_motion.calib.motors import single_servo
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.record.record import SERVO_IDS
-from so101_motion.common.errors import (
-    BusError,
-    MotorSetupError,
-    PortUnavailable,
-    So101Error,
-)
+from so101_motion.common.errors import BusError, MotorSetupError, PortUnavailable, So101Error
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
 from so101_motion.drivers.servo_types import STS3215_7V4

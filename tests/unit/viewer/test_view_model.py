@@ -50,11 +50,7 @@ def inputs():
 @pytest.fixture
 def page(arm, gripper, inputs):
     page = ViewModel(
-        arm=arm,
-        gripper=gripper,
-        load_solver=inputs.load_solver,
-        submit=run_at_once,
-        now=inputs.now,
+        arm=arm, gripper=gripper, load_solver=inputs.load_solver, submit=run_at_once, now=inputs.now
     )
     return OnePage(page, inputs)
 

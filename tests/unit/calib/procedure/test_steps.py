@@ -5,14 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from so101_motion.calib.procedure.steps import (
-    INSTRUCTIONS,
-    OFFERED,
-    TABLE,
-    Command,
-    State,
-    step,
-)
+from so101_motion.calib.procedure.steps import INSTRUCTIONS, OFFERED, TABLE, Command, State, step
 
 DOCS = Path(__file__).resolve().parents[4] / "docs"
 

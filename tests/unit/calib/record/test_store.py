@@ -151,10 +151,7 @@ def test_writers_at_the_same_time_lose_nothing(file):
 def test_a_writer_that_hangs_is_not_waited_for_for_ever(file, monkeypatch):
     monkeypatch.setattr(atomic, "LONGEST_WAIT", 0.05)
     store.save(file, {"gripper": JAW})
-    with (
-        atomic.locked(file.parent),
-        pytest.raises(CalibrationError, match="keeps writing"),
-    ):
+    with atomic.locked(file.parent), pytest.raises(CalibrationError, match="keeps writing"):
         store.save(file, {"shoulder_pan": PAN})
 
 

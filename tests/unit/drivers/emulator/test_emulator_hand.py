@@ -7,12 +7,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import parse_fault
-from so101_motion.drivers.emulator.hand import (
-    Hand,
-    Waypoint,
-    jaw_angle_for_gap,
-    parse_script,
-)
+from so101_motion.drivers.emulator.hand import Hand, Waypoint, jaw_angle_for_gap, parse_script
 from so101_motion.planning.kinematics.model import RobotModel
 
 SCRIPT = """

@@ -210,11 +210,7 @@ def test_no_goal_is_sent_to_a_joint_outside_its_limits(make_stand, is_guided):
 
 @pytest.mark.parametrize(
     ("kind", "volts"),
-    [
-        (STS3215_12V, 12.0),
-        (STS3215_12V, 7.4),
-        (replace(STS3215_7V4, max_voltage_raw=140), 12.0),
-    ],
+    [(STS3215_12V, 12.0), (STS3215_12V, 7.4), (replace(STS3215_7V4, max_voltage_raw=140), 12.0)],
 )
 def test_servos_taken_for_the_other_type_follow_the_third_motion(make_stand, kind, volts):
     """Not the first: what makes up for it makes joints faster, so it comes slowly."""

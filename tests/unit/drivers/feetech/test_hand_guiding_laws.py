@@ -55,11 +55,7 @@ def test_no_joint_is_given_more_than_its_torque_limit(make):
 
 @pytest.mark.parametrize(
     ("joint", "by_deg", "heavier"),
-    [
-        ("shoulder_lift", -40.0, 1.2),
-        ("elbow_flex", -40.0, 1.2),
-        ("wrist_roll", -40.0, 1.0),
-    ],
+    [("shoulder_lift", -40.0, 1.2), ("elbow_flex", -40.0, 1.2), ("wrist_roll", -40.0, 1.0)],
 )
 def test_it_goes_where_a_hand_leads_it_and_stays_there(make, joint, by_deg, heavier):
     arm, i = make(heavier=heavier), JOINTS.index(joint)

@@ -31,10 +31,7 @@ class Found(Stand):
     def __init__(self, wired, q_start, driven, heavier):
         clock = ManualClock()
         port = wired(
-            now=clock.now,
-            gravity=lambda q: heavier * WEIGHT(q),
-            q_start=q_start,
-            calibrated=False,
+            now=clock.now, gravity=lambda q: heavier * WEIGHT(q), q_start=q_start, calibrated=False
         )
         super().__init__(clock, port)
         for servo, holds in zip(port.world.servos, driven, strict=True):

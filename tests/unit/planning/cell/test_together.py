@@ -16,11 +16,7 @@ from so101_motion.planning.cell.handover import JawGeometry, plan_handover
 from so101_motion.planning.cell.team_requests import HandoverRequest, TeamMember
 from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision import apart
-from so101_motion.planning.collision.apart import (
-    ROOM,
-    clearance_over_time,
-    first_meeting,
-)
+from so101_motion.planning.collision.apart import ROOM, clearance_over_time, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import STEP, Course, OtherArm, stopping

@@ -7,14 +7,7 @@ from benchmarks.bench_servo import through_qpsolvers
 from so101_motion.common.geometry import SE3, rotation_angle, rotation_by
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.differential.guard import (
-    AHEAD,
-    FAST,
-    INEXACT,
-    MOST,
-    BoundedStep,
-    Guard,
-)
+from so101_motion.planning.differential.guard import AHEAD, FAST, INEXACT, MOST, BoundedStep, Guard
 from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
 from so101_motion.planning.differential.targets import Twist

@@ -482,8 +482,7 @@ def test_a_frame_keeps_its_pose_when_the_model_moves_on(model):
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
-    [("tol", r"tol.*jaw_tip.*tool"), ("moving_jaw_so101_v1_link", "moving_jaw")],
+    ("name", "says"), [("tol", r"tol.*jaw_tip.*tool"), ("moving_jaw_so101_v1_link", "moving_jaw")]
 )
 def test_what_is_no_frame_that_five_joints_place_is_refused(model, name, says):
     for ask in (model.frame, model.frame_jacobian):

@@ -58,10 +58,7 @@ def test_where_no_speed_is_allowed_there_is_no_motion() -> None:
     limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=0.1)
     with pytest.raises(PlanningError, match="no speed along this path"):
         retime(
-            spline_path(POINTS),
-            limits,
-            0.01,
-            tool_speed_fn=lambda q, qd: np.full(len(q), np.inf),
+            spline_path(POINTS), limits, 0.01, tool_speed_fn=lambda q, qd: np.full(len(q), np.inf)
         )
 
 

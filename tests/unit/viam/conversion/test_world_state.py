@@ -29,11 +29,7 @@ from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.viam.conversion import frames as frames_module
 from so101_motion.viam.conversion.frames import Frames, parents, set_machine
 from so101_motion.viam.conversion.geometries import from_geometry, pcd
-from so101_motion.viam.conversion.world_state import (
-    MOST_THINGS,
-    allowing,
-    scene_with,
-)
+from so101_motion.viam.conversion.world_state import MOST_THINGS, allowing, scene_with
 
 TOOL = SE3.from_rpy((0.0, 1.0, 0.0), (0.3, 0.0, 0.2))
 BOX = Geometry(label="box", box=RectangularPrism(dims_mm=Vector3(x=2, y=2, z=2)))

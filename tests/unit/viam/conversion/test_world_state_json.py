@@ -28,11 +28,7 @@ from so101_motion.planning.collision.scene import (
 )
 from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.viam.conversion.frames import Frames
-from so101_motion.viam.conversion.geometries import (
-    from_geometry,
-    to_geometry,
-    world_state_json,
-)
+from so101_motion.viam.conversion.geometries import from_geometry, to_geometry, world_state_json
 from so101_motion.viam.conversion.world_state import scene_with
 
 TOOL = SE3.from_rpy((0.4, 1.0, -0.2), (0.3, 0.1, 0.2))

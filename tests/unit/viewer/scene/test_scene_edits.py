@@ -116,9 +116,7 @@ PYRAMID = Mesh(
 
 def scene(shape, floor_z=0.0):
     thing = Obstacle(
-        name="thing",
-        shape=shape,
-        T_base_obstacle=SE3.from_translation(np.array([0.2, 0.0, 0.1])),
+        name="thing", shape=shape, T_base_obstacle=SE3.from_translation(np.array([0.2, 0.0, 0.1]))
     )
     return Scene(obstacles=(thing,), floor_z=floor_z)
 

@@ -33,10 +33,7 @@ def context():
     server = start_guarded(port=0)
     viser = server.viser
     yield NotedContext(
-        server=viser,
-        tabs=viser.gui.add_tab_group(),
-        post=lambda command: command(),
-        workers=None,
+        server=viser, tabs=viser.gui.add_tab_group(), post=lambda command: command(), workers=None
     )
     server.close()
 
