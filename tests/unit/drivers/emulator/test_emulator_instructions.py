@@ -160,6 +160,20 @@ def test_defaults_or_a_saved_backup_come_back_except_the_id(bench):
     assert bench.read(9, reg.P_GAIN) == 16
 
 
+@pytest.mark.parametrize("mode", [1, 2, 3])
+def test_goals_do_nothing_in_modes_other_than_that_of_positions(bench, mode):
+    bench.write(5, reg.MODE, mode)
+    for row, goal in ((reg.GOAL_POSITION, 2300), (reg.GOAL_TIME, 300), (reg.GOAL_VELOCITY, 400)):
+        bench.write(5, row, goal)
+        bench.advance(0.5)
+        assert bench.read(5, reg.TORQUE_ENABLE) == 0
+    assert bench.read(5, reg.PRESENT_POSITION) == 2048
+    bench.write(5, reg.MODE, 0)
+    bench.write(5, reg.GOAL_POSITION, 2300)
+    bench.advance(1.0)
+    assert bench.read(5, reg.PRESENT_POSITION) == pytest.approx(2300, abs=10)
+
+
 def test_readings_scatter_when_asked_to(make_bench):
     bench = make_bench(dither=3)
     seen = {bench.read(1, reg.PRESENT_POSITION) for _ in range(200)}
