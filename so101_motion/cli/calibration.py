@@ -158,7 +158,7 @@ def import_(
     dry_run: bool = DRY_RUN,
     as_json: bool = JSON,
 ) -> None:
-    """Import a calibration of LeRobot (old or new) or of the published module.
+    """Import a calibration of LeRobot or of the published module.
 
     If there is such a file already, its content is kept as a version. "so101 calibration write"
     stores the numbers in the servos.

@@ -5,16 +5,6 @@ import threading
 from so101_motion.calib.record import record, store
 from so101_motion.drivers.emulator import registers as emu
 
-ISSUE_930 = {
-    "homing_offset": [-2145, 4, -1401, -3126, 2970, -1769],
-    "drive_mode": [0, 1, 0, 0, 1, 0],
-    "start_pos": [2085, 56, 1285, 3237, 3080, 1983],
-    "end_pos": [3169, 1020, 2425, 4150, -1946, 2793],
-    "calib_mode": ["DEGREE"] * 5 + ["LINEAR"],
-    "motor_names": list(record.JOINTS),
-}
-"""An arm's lists from before June 2025, as shown in LeRobot's issue 930."""
-
 
 def hold_calibration(world, entries):
     """Store the offsets and limits of a calibration in the servos, for good; they restart."""

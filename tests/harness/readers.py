@@ -22,7 +22,6 @@ from viam.proto.common import GeometriesInFrame, Geometry, Pose, WorldState
 from viam.proto.common import Mesh as ViamMesh
 from viam.proto.common import PointCloud as ViamCloud
 
-from harness.held_calibration import ISSUE_930
 from so101_motion.calib.motors import setup_view
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.record import record, store, zero
@@ -332,9 +331,7 @@ def _all_readers(folder):
     answers = b"".join(frame(i, 0, bytes((1, 2, 3, 255))) for i in (1, 2, 3))
     return (
         Reader("packets", _read_answers, (answers, answers[5:], b"\xff" * 9)),
-        Reader(
-            "calibration", of_file(_read_calibration), (_json(_calibration()), _json(ISSUE_930))
-        ),
+        Reader("calibration", of_file(_read_calibration), (_json(_calibration()),)),
         Reader("zeros", of_file(_read_zeros), (_json(_ZEROS),)),
         Reader("journal", of_file(lambda _: journal.read(at), journal_name), (_json(_JOURNAL),)),
         Reader(

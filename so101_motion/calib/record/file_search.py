@@ -2,8 +2,8 @@
 
 In this order, likeliest first: this module's data directory; places where this package has saved
 one for this user; the data and program folders of other modules (the published module saved into
-its program folder, where a calibration from before an upgrade may still be); LeRobot's folders, old
-and new; and kept copies of files that are gone.
+its program folder, where a calibration from before an upgrade may still be); LeRobot's
+folders; and kept copies of files that are gone.
 """
 
 from __future__ import annotations
@@ -77,9 +77,6 @@ def _places() -> Iterator[tuple[str, str, Iterable[Path]]]:
     ):
         for kind in kinds:
             yield "LeRobot", role, _files(base / group / kind, "*.json")
-    for start in (Path.cwd(), home / "lerobot", home):  # LeRobot kept the old ones where it ran
-        for role in ("follower", "leader"):
-            yield "LeRobot", role, _files(start / ".cache" / "calibration", f"so10*/*_{role}.json")
 
 
 def _home() -> Path | None:
@@ -141,4 +138,4 @@ def _is_about_joints(path: Path) -> bool:
         return False
     if not isinstance(content, dict) or path.name.endswith(".zero.json"):
         return False
-    return lerobot.is_of_lists(content) or any(str(name).endswith(JOINTS) for name in content)
+    return any(str(name).endswith(JOINTS) for name in content)

@@ -225,6 +225,9 @@ def _entries(content: object) -> dict[str, object]:
         for joint in JOINTS
         if content.get(joint) is not None  # null: the published module's mark of a lost joint
     }
+    if "motor_names" in content:
+        reason = "it is LeRobot's format of before June 2025, which lacks the servos' offsets"
+        raise CalibrationError(None, reason, _AGAIN)
     if not entries:
         raise CalibrationError(
             None, "it holds no joint of this arm: " + ", ".join(JOINTS), "check the path"

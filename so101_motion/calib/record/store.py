@@ -28,7 +28,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from so101_motion.calib.record import lerobot, record
+from so101_motion.calib.record import record
 from so101_motion.calib.record import versions as history
 from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
 from so101_motion.calib.record.versions import Version, versions, zero_path
@@ -78,7 +78,7 @@ def read(path: Path) -> Stored:
     """Read the file at ``path``; writes and restores nothing.
 
     A joint whose numbers are impossible is left out, with a note; the others are used. The file may
-    be ours, the published module's or LeRobot's, also from before June 2025.
+    be ours, the published module's or LeRobot's.
     """
     data = json_file.read_bytes(path)
     while True:
@@ -91,16 +91,11 @@ def read(path: Path) -> Stored:
 def _understood(path: Path, data: bytes) -> Stored:
     content, zero_note = json_file.parse(data, str(path)), ""
     try:
-        if lerobot.is_of_lists(content):
-            calibration, zeros, notes = lerobot.from_lists(content)
-            refused: Mapping[str, str] = {}
-        else:
-            found = record.usable(content)
-            calibration, refused = found.calibration, found.refused
-            zeros, notes = read_zeros(zero_path(path), calibration)
-            notes = tuple(f"{note} (in {path})" for note in found.notes) + notes
-            if found.has_norm_mode:
-                zero_note = about_homing(calibration, zeros)
+        found = record.usable(content)
+        calibration = found.calibration
+        zeros, notes = read_zeros(zero_path(path), calibration)
+        if found.has_norm_mode:
+            zero_note = about_homing(calibration, zeros)
     except CalibrationError as error:
         raise CalibrationError(
             error.joint, f"{error.reason} (in {path})", error.next_step
@@ -109,8 +104,8 @@ def _understood(path: Path, data: bytes) -> Stored:
         path=path,
         calibration=calibration,
         zeros=zeros,
-        notes=notes,
-        refused=refused,
+        notes=tuple(f"{note} (in {path})" for note in found.notes) + notes,
+        refused=found.refused,
         zero_note=zero_note,
     )
 

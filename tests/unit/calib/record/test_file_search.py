@@ -50,8 +50,6 @@ def found_in(folder):
          "follower"),
         ("home/.cache/huggingface/lerobot/calibration/teleoperators/so101_leader/a.json",
          "LeRobot", "leader"),
-        ("work/.cache/calibration/so100/main_leader.json", "LeRobot", "leader"),
-        ("home/lerobot/.cache/calibration/so101/main_follower.json", "LeRobot", "follower"),
     ],
 )  # fmt: skip
 def test_files_are_found_where_programs_put_them(tmp_path, where, origin, role):

@@ -47,7 +47,7 @@ def refused(file, data):
         (ONE.replace("758", "7" * 4000), "which is impossible"),
         (ONE.replace("758", '"\\ud800\\u202e"'), "range_min must"),
         (ONE.replace("758", json.dumps("x" * 9999)), "range_min"),
-        ('{"motor_names": 5, "homing_offset": 5}', "motor_names must be a list"),
+        ('{"motor_names": ["elbow_flex"], "homing_offset": [5]}', "of before June 2025"),
     ],
 )
 def test_files_of_all_kinds_are_refused_with_a_sentence(tmp_path, data, says):
