@@ -1,9 +1,9 @@
 """Follow a world-state store, so that a plan uses its present content.
 
 The store's stream reports what comes, changes and goes; the earlier content is read once the stream
-is open. A thing whose change is incomplete is read again. Now and then the list and each thing are
-read again, because a stream may lose a change without a word: a store that has one queue of changes
-for all its readers, as viam-server's own fake one, gives each to one only. The transforms of
+is open. A thing whose change is incomplete is read again. Now and then everything is, because a
+stream may lose a change without a word: a store that has one queue of changes for all its readers,
+as viam-server's own fake one, gives each to one only. The transforms of
 ``devrel:so101:world-state`` are no obstacles; they are recognised by their ids.
 """
 
@@ -29,11 +29,10 @@ from so101_motion.viam.surroundings.machine_bodies import LONGEST_READ
 from so101_motion.viam.surroundings.machine_view import MachineView
 
 _AGAIN = 0.2  # pause before a store that failed is read again [s]; chosen
-_COMPARED = 5.0  # time between two readings of the list [s]; chosen
 
-_READ_AGAIN = 0.1
-"""Time between two readings of a thing that is known [s]. Chosen: all at once would take a sixth of
-a core for 300 things; one takes a millisecond of viam-server, of the store and of this process."""
+_READ_AGAIN, _EACH = 5.0, 0.1
+"""Least time between two readings of everything, and for each thing there is [s]. Chosen: reading
+one takes a millisecond of viam-server, of the store and of this process."""
 
 _GONE = (GRPCError, StreamTerminatedError, OSError, TimeoutError, asyncio.IncompleteReadError)
 
@@ -136,28 +135,20 @@ class StoreWatch:
         listening = asyncio.ensure_future(listen())
         try:
             await asyncio.sleep(0)  # so that the stream is requested before the list
-            await self._read_those(store, await self._compare(store))
-            now = asyncio.get_running_loop().time
-            again: list[bytes] = []
-            read_at = compare_at = now() + _COMPARED
+            now, read_at = asyncio.get_running_loop().time, 0.0
             while arrived or not listening.done():
                 heard.clear()
+                if now() >= read_at:
+                    await self._read_all(store)
+                    read_at = now() + max(_READ_AGAIN, _EACH * len(self._things))
                 changes, arrived[:] = arrived[:], []
                 await self._take(store, changes)
                 if not arrived:
                     self._trouble = "is being read"
                     self._known.set()
-                if now() >= compare_at:
-                    known = await self._compare(store)
-                    again, compare_at = again or known, now() + _COMPARED
-                elif again and now() >= read_at:
-                    await self._read(store, again.pop())
-                    read_at = now() + _READ_AGAIN
-                else:
-                    with suppress(TimeoutError):
-                        until = min(compare_at, read_at) if again else compare_at
-                        async with asyncio.timeout(until - now()):
-                            await heard.wait()
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(read_at - now()):
+                        await heard.wait()
             await listening  # raises its error
         finally:
             listening.cancel()
@@ -185,16 +176,13 @@ class StoreWatch:
                 self._things[thing.uuid] = thing
             else:
                 incomplete.add(thing.uuid)
-        await self._read_those(store, await self._compare(store) if is_all else incomplete)
+        await (self._read_all(store) if is_all else self._read_those(store, incomplete))
 
-    async def _compare(self, store: WorldStateStore) -> list[bytes]:
-        """Drop the things that are not listed, read the unknown ones, and return the others."""
+    async def _read_all(self, store: WorldStateStore) -> None:
         listed = await self._listed(store)
         for gone in self._things.keys() - listed:
             del self._things[gone]
-        known = sorted(self._things)
-        await self._read_those(store, listed - self._things.keys())
-        return known
+        await self._read_those(store, listed)
 
     async def _listed(self, store: WorldStateStore) -> set[bytes]:
         try:

@@ -244,8 +244,8 @@ def places(scene):
 
 
 async def test_what_comes_moves_and_goes_is_in_the_next_scene(monkeypatch):
-    """The list is not compared, so a change comes through the stream or not at all."""
-    monkeypatch.setattr(store_watch, "_COMPARED", 3600.0)
+    """All is read once only, so a change comes through the stream or not at all."""
+    monkeypatch.setattr(store_watch, "_READ_AGAIN", 3600.0)
     store = FakeStore(seen_thing("crate"))
     async with watched(store) as scene:
         assert places(await scene()) == {"crate": 0.2}
@@ -286,7 +286,8 @@ async def test_a_change_that_does_not_say_all_is_asked_for_and_so_is_what_moved_
 
 async def test_what_the_stream_never_tells_is_found_also_while_other_things_change(monkeypatch):
     """As with a store that divides its changes among its readers."""
-    monkeypatch.setattr(store_watch, "_COMPARED", 0.05)
+    monkeypatch.setattr(store_watch, "_READ_AGAIN", 0.05)
+    monkeypatch.setattr(store_watch, "_EACH", 0.01)
     store = FakeStore(seen_thing("crate"), seen_thing("mug"), seen_thing("ball"))
 
     async def found_beside_the_moving_ball(wanted):
@@ -354,6 +355,7 @@ async def test_a_store_that_fails_is_not_planned_without_and_comes_back(monkeypa
         store.trouble = None
         await until(lambda: is_known(scene))
         assert places(await scene()) == {"crate": 0.2}
+        monkeypatch.setattr(store_watch, "_AGAIN", 3600.0)  # so that it stays unknown
         for queue in store.streams:
             queue.put_nowait(None)  # its stream ends
         await until(lambda: is_unknown(scene))
