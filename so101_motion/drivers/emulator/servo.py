@@ -5,11 +5,8 @@ order: homing offset, mode, torque, and last acceleration, speed and goal. A rea
 Position and set-point (56 and 67) are the exception: a servo measures them once in a control
 period, so right after a change of mode or homing offset they are still what they were before.
 
-A written goal starts the profile and switches torque on by itself. Reports disagree about the
-torque (the factory image switches it on, one bench saw that it did not), so ``goal_enables_torque``
-can turn that off: then goals that reach a limp servo do nothing.
-
-Only the position mode is emulated: in the others goals do nothing.
+A written goal starts the profile and switches torque on by itself, as the factory image does; one
+bench saw that it did not. Only the position mode is emulated: in the others goals do nothing.
 
 Sources: as in ``registers.py``; what a write triggers: github.com/0o8o0-blip/sts3215-firmware,
 uart_subsys.c and pid_motor.c (behaviour only).
@@ -81,12 +78,10 @@ class Servo:
         *,
         q: float = 0.0,
         factory: Mapping[Register, int] | None = None,
-        goal_enables_torque: bool = True,
         dither: int = 0,
     ) -> None:
         self.joint = joint
         self._dither, self._random = dither, random.Random(joint.name)
-        self.goal_enables_torque = goal_enables_torque
         self._top_speed = kind.speed_limit * TICKS_PER_RAD
         self.memory = Memory(factory)
         self.drive = Drive(joint, kind, q, _settings_from(self.memory))
@@ -276,8 +271,6 @@ class Servo:
 
     def _start_goal(self) -> None:
         drive = self.drive
-        if drive.torque != 1 and not self.goal_enables_torque:
-            return
         if drive.torque != 1:
             drive.halt()
             drive.torque = 1
