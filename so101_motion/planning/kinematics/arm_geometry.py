@@ -16,7 +16,7 @@ in ``batch_ik.py``. ``geometry_from_model.py`` takes the measures from the kinem
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, pi, remainder, sin
+from math import cos, hypot, pi, remainder
 from typing import NamedTuple
 
 from so101_motion.common.geometry import Array
@@ -32,13 +32,6 @@ REACH_SLACK = 1e-5  # how far beyond it the straight arm is a solution [m]; chos
 _ON_AXIS = 1e-9  # a frame closer to the roll axis than this is on it [m]. Chosen: rounding is 1e-17
 Joints = tuple[float, float, float, float, float]  # five joint angles [rad]
 Point = tuple[float, float, float]  # a point in the base frame [m]
-
-
-class Hand(NamedTuple):
-    """The third bar, from the wrist to a frame of the gripper."""
-
-    length: float  # wrist to the frame's origin, within the plane [m]
-    elevation: float  # elevation of that vector at pitch zero [rad]
 
 
 Angles = tuple[float, float, float]  # lift, elbow and wrist [rad]
@@ -70,19 +63,6 @@ class Bars(NamedTuple):
         )
         slack, cos_max = longest - (a + b) ** 2, (longest - squares) / twice
         return (self.straight, squares, twice, slack, cos_max, *shortest)
-
-    def points(self, angles: Angles, hand: Hand) -> tuple[tuple[float, float], ...]:
-        """Shoulder, elbow, wrist and the hand's end, forward and up from the shoulder [m]."""
-        lift, elbow, wrist = angles
-        points = [(0.0, 0.0)]
-        for length, elevation in (
-            (self.upper_arm, self.upper_arm_elevation - lift),
-            (self.forearm, self.forearm_elevation - lift - elbow),
-            (hand.length, hand.elevation - lift - elbow - wrist),
-        ):
-            x, z = points[-1]
-            points.append((x + length * cos(elevation), z + length * sin(elevation)))
-        return tuple(points)
 
 
 class FrameOffset(NamedTuple):
@@ -145,15 +125,6 @@ class ArmStructure:
     def on_axis(self, frame: str) -> bool:
         """Whether a frame's origin is on the roll axis, so that the roll does not move it."""
         return self._on_axis[frame]
-
-    def rolled(self, frame: str, roll: float) -> tuple[float, Hand]:
-        """At a roll angle [rad]: a frame's lateral distance, as in ``FrameOffset``, and its bar."""
-        c, s = cos(roll), sin(roll)
-        forward, left, up = (
-            constant + of_cos * c + of_sin * s
-            for constant, of_cos, of_sin in self.measures.offsets[frame]
-        )
-        return left, Hand(hypot(forward, up), atan2(up, forward))
 
     def clip_roll(self, roll: float) -> float:
         """A roll [rad] inside its limits: shifted by whole turns, else clamped."""

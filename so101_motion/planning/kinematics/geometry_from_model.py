@@ -20,6 +20,7 @@ from so101_motion.planning.kinematics.arm_geometry import (
     Measures,
     to_joints,
 )
+from so101_motion.planning.kinematics.batch_ik import hands
 from so101_motion.planning.kinematics.batch_kinematics import JOINT_LINKS
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -126,11 +127,12 @@ def _fits(structure: ArmStructure, model: RobotModel) -> bool:
 def position(structure: ArmStructure, q: Array, frame: str) -> Array:
     """Position of a frame by the structure, shape (3,), [m]; only to compare with the model."""
     m = structure.measures
-    lateral, hand = structure.rolled(frame, float(q[4]))
-    pan, lift, elbow, wrist, _ = q.tolist()
-    x, z = structure.bars.points((lift, elbow, wrist), hand)[-1]
-    turned = rot_z(m.azimuth + m.pan_sign * pan) @ [m.shoulder[0] + x, lateral, m.shoulder[1] + z]
-    return np.array([m.pan[0], m.pan[1], 0.0]) + turned
+    lateral, *hand = hands(structure, frame, q[4])
+    lengths, elevations = zip(m.bars[:2], m.bars[2:4], hand, strict=True)
+    elevation = np.array(elevations) - np.cumsum(q[1:4])
+    x, z = lengths @ np.cos(elevation), lengths @ np.sin(elevation)
+    turned = rot_z(m.azimuth + m.pan_sign * q[0]) @ [m.shoulder[0] + x, lateral, m.shoulder[1] + z]
+    return np.asarray(np.array([m.pan[0], m.pan[1], 0.0]) + turned)
 
 
 def rotation(m: Measures, q: Array) -> Array:

@@ -26,10 +26,7 @@ from so101_motion.common.errors import Unreachable
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
-from so101_motion.planning.kinematics.arm_geometry import (
-    Joints,
-    to_joints,
-)
+from so101_motion.planning.kinematics.arm_geometry import Joints, to_joints
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.geometry_from_model import measure_structure
 from so101_motion.planning.kinematics.ik_closed import ClosedForms
@@ -45,6 +42,7 @@ from so101_motion.planning.kinematics.ik_task import (
     minimise,
 )
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.kinematics.workspace import Workspace
 
 __all__ = ["IkSolution", "IkSolver"]
 
@@ -71,6 +69,9 @@ class IkSolver:
         self._source = ClosedForms(self.structure)
         chain_of = lru_cache(maxsize=8)(partial(ArmChain, model))
         self._clouds = CloudSolver(self.structure, chain_of)
+        self._workspace = lru_cache(maxsize=8)(
+            lambda frame: Workspace(self.structure, chain_of(frame))
+        )
 
     def solve(self, goal: PoseGoal, q_seed: ArrayLike) -> IkSolution:
         """The solution nearest to the seed.
@@ -174,8 +175,8 @@ class IkSolver:
 
     def _at_edge(self, task: Task, seed: Joints) -> IkSolution:
         """The configuration at the reachable point nearest to one that is out of reach."""
-        edge = self._source.edge(task, seed)
-        ends = [minimise(self.model, _at_point(task), q) for q in edge]
+        starts = self._workspace(task.frame).starts(task.point, seed)
+        ends = [minimise(self.model, _at_point(task), q) for q in starts]
         q_best = min(ends, key=lambda q: self._away(task, q))
         return judge(self.model, task, to_joints(q_best))
 

@@ -15,18 +15,10 @@ from functools import lru_cache
 from math import dist
 from typing import Any
 
-import numpy as np
-
-from so101_motion.common.geometry import Array
 from so101_motion.native.library import native
 from so101_motion.planning.goals import GoalMetric
-from so101_motion.planning.kinematics.arm_geometry import (
-    ArmStructure,
-    Joints,
-    Point,
-)
+from so101_motion.planning.kinematics.arm_geometry import ArmStructure, Joints
 from so101_motion.planning.kinematics.ik_task import Task
-from so101_motion.planning.kinematics.workspace import Workspace
 
 _MOST = 2048  # most configurations for one goal, spread over its pitches and rolls
 
@@ -50,7 +42,6 @@ class ClosedForms:
         self._nearest.argtypes = self._spread.argtypes = (ctypes.c_void_p,) * 3
         found = ctypes.c_char.from_buffer(self._found)
         self._at = ctypes.addressof(self._goal), ctypes.addressof(found)
-        self._workspace = lru_cache(maxsize=8)(self._workspace_of)
 
     def nearest(self, task: Task, seed: Joints) -> list[Joints]:
         """Configurations at the task's point, the one nearest to the seed first; few or none.
@@ -74,13 +65,6 @@ class ClosedForms:
         found = _FOUND.iter_unpack(self._found[: count * _FOUND.size])
         return [(a, b, c, d, e) for a, b, c, d, e in found]
 
-    def edge(self, task: Task, seed: Joints) -> list[Array]:
-        """Starts for a minimisation to a point out of reach, each of shape (5,), [rad].
-
-        For a frame on the roll axis they are at the nearest reachable point already.
-        """
-        return [np.array(q) for q in self._workspace(task.frame).nearest(task.point, seed)]
-
     def _packed(self, frame: str) -> Any:
         """An arm with one frame of its gripper, in the form of ``Arm`` in ``arm_ik.h``."""
         m, structure = self._structure.measures, self._structure
@@ -92,10 +76,3 @@ class ClosedForms:
             *m.R_base_tool.ravel(), *m.R_base_axes.ravel(), *m.bars.constants,
         )  # fmt: skip
         return (ctypes.c_double * len(values))(*values)
-
-    def _workspace_of(self, frame: str) -> Workspace:
-        def at(point: Point, seed: Joints) -> list[Joints]:
-            task = Task(GoalMetric.POSITION_ONLY, frame, point, np.eye(3), 0.0, 0.0)
-            return self.nearest(task, seed)
-
-        return Workspace(self._structure, frame, at)

@@ -149,9 +149,9 @@ def binding_limit(model: RobotModel, task: Task, q: Array) -> str | None:
 ANGLE_WEIGHT = 0.1  # of a radian against metres [m/rad]; chosen, from wrist to jaw
 _STEPS = 100
 _LONGEST_STEP = 0.5
-_LEAST_DAMPING = 1e-6
+_LEAST_DAMPING = 1e-9
 _MOST_DAMPING = 1e3
-_FLAT = 1e-8  # smaller gradients are zero [m^2]: 0.1 um at 0.1 m; chosen
+_FLAT = 1e-9  # smaller gradients are zero [m^2]: 10 nm at 0.1 m; chosen
 
 _UPPER, _ABOVE = np.triu(np.ones((5, 5))), np.triu(np.ones((5, 5)), 1)
 
