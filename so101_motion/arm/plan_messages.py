@@ -1,27 +1,21 @@
 """Messages between this process and the planning process: a kind, and any number of parts.
 
 A request and its answer are pickled. Large arrays are parts of their own, so that neither end
-copies them while it holds the interpreter lock. A scene may be large and seldom changes, so it is
-sent once: both ends remember the last few, and from then on its digest stands for it.
+copies them while it holds the interpreter lock.
 """
 
 from __future__ import annotations
 
-import io
 import pickle
 import select
 import socket
 import struct
-from collections import OrderedDict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
-from typing import Any, cast
-
-from so101_motion.planning.collision.scene import Scene
+from typing import Any
 
 Part = bytes | bytearray | memoryview
 
-_REMEMBERED = 8  # how many scenes both ends remember; chosen
 _LARGE = 16_384  # arrays of at least so many bytes are parts of their own; chosen
 
 _MOST_PARTS = 100_000
@@ -47,80 +41,22 @@ class Kind(IntEnum):
     """The child shall make a copy of itself, which answers on the socket that comes next."""
 
 
-class Scenes:
-    """The scenes sent last. Both ends keep the same ones."""
+def packed(value: object) -> list[Part]:
+    arrays: list[Part] = []
 
-    def __init__(self) -> None:
-        self._known: OrderedDict[bytes, Scene] = OrderedDict()
-
-    def note(self, scene: Scene) -> bool:
-        """Remember a scene that is being sent; returns whether the other end has it already."""
-        known = scene.digest in self._known
-        self._known[scene.digest] = scene
-        self._known.move_to_end(scene.digest)
-        if len(self._known) > _REMEMBERED:
-            self._known.popitem(last=False)
-        return known
-
-    def __getitem__(self, digest: bytes) -> Scene:
-        return self._known[digest]
-
-
-class _Sender(pickle.Pickler):
-    """Pickles a value: scenes sent before by their digest, large arrays as separate parts."""
-
-    def __init__(self, scenes: Scenes) -> None:
-        self.stream = io.BytesIO()
-        self.arrays: list[Part] = []
-        super().__init__(self.stream, pickle.HIGHEST_PROTOCOL, buffer_callback=self._take)
-        self._scenes = scenes
-
-    def persistent_id(self, value: Any) -> tuple[bytes, bytes] | None:
-        if not isinstance(value, Scene):
-            return None
-        if self._scenes.note(value):
-            return value.digest, b""
-        content = io.BytesIO()
-        pickle.Pickler(content, pickle.HIGHEST_PROTOCOL, buffer_callback=self._take).dump(value)
-        return value.digest, content.getvalue()
-
-    def _take(self, array: pickle.PickleBuffer) -> bool:
-        """Whether an array stays in the stream; the others become parts."""
+    def stays(array: pickle.PickleBuffer) -> bool:
         raw = array.raw()
-        if raw.nbytes < _LARGE:
-            return True
-        self.arrays.append(raw)
-        return False
+        if raw.nbytes >= _LARGE:
+            arrays.append(raw)
+        return raw.nbytes < _LARGE
+
+    return [pickle.dumps(value, pickle.HIGHEST_PROTOCOL, buffer_callback=stays), *arrays]
 
 
-class _Receiver(pickle.Unpickler):
-    """Unpickles what ``_Sender`` pickled."""
-
-    def __init__(self, parts: Sequence[Part], scenes: Scenes) -> None:
-        # Read-only, so that the arrays made from them are.
-        self._arrays = iter([memoryview(each).toreadonly() for each in parts[1:]])
-        super().__init__(io.BytesIO(parts[0]), buffers=cast("Iterable[Any]", self._arrays))
-        self._scenes = scenes
-
-    def persistent_load(self, sent: tuple[bytes, bytes]) -> Scene:
-        digest, content = sent
-        if content:
-            scene = pickle.Unpickler(io.BytesIO(content), buffers=self._arrays).load()
-        else:
-            scene = self._scenes[digest]
-        self._scenes.note(scene)
-        return cast("Scene", scene)
-
-
-def packed(value: object, scenes: Scenes) -> list[Part]:
-    sender = _Sender(scenes)
-    sender.dump(value)
-    return [sender.stream.getbuffer(), *sender.arrays]
-
-
-def unpacked(parts: Sequence[Part], scenes: Scenes) -> Any:
+def unpacked(parts: Sequence[Part]) -> Any:
     """What ``packed`` packed at the other end."""
-    return _Receiver(parts, scenes).load()
+    # Read-only, so that the arrays made from them are.
+    return pickle.loads(parts[0], buffers=[memoryview(each).toreadonly() for each in parts[1:]])
 
 
 Wait = Callable[[bool], None]

@@ -15,7 +15,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from so101_motion.arm.plan_messages import Kind, MessageSocket, Scenes, packed, unpacked
+from so101_motion.arm.plan_messages import Kind, MessageSocket, packed, unpacked
 from so101_motion.common.errors import So101Error, WorkerError
 from so101_motion.common.realtime import restore_normal_priority
 from so101_motion.planning.checkpoint import Abandoned
@@ -38,7 +38,6 @@ class Child:
 
     def __init__(self, line: MessageSocket) -> None:
         self._line = line
-        self._scenes = Scenes()
         self._next_look = self._next_sign = 0.0
 
     def checkpoint(self) -> None:
@@ -73,7 +72,7 @@ class Child:
             elif kind is Kind.REQUEST:
                 self._next_sign = 0.0
                 line = self._line
-                answer = self._answer(planner, unpacked(parts, self._scenes))
+                answer = self._answer(planner, unpacked(parts))
                 if self._line is line:  # else this is a copy, which was not asked
                     self._send(Kind.ANSWER, answer)
 
@@ -87,7 +86,7 @@ class Child:
             line.close()
             return False
         self._line.close()
-        self._line, self._scenes = MessageSocket(line), Scenes()
+        self._line = MessageSocket(line)
         self._send(Kind.READY, os.getpid())
         return True
 
@@ -116,7 +115,7 @@ class Child:
             return WorkerError(f"planning failed unexpectedly: {type(error).__name__}: {error}")
 
     def _send(self, kind: Kind, value: object) -> None:
-        self._line.send(kind, packed(value, Scenes()))
+        self._line.send(kind, packed(value))
 
 
 def _planned(planner: Planner, request: PlanRequest | TeamTask[object]) -> object:

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from so101_motion.arm.plan_messages import Kind, MessageSocket, Scenes, packed, unpacked
+from so101_motion.arm.plan_messages import Kind, MessageSocket, packed, unpacked
 from so101_motion.common.child_process import spawn
 from so101_motion.common.errors import So101Error, WorkerError
 
@@ -80,7 +80,6 @@ class PlanningProcess:
         self._wake, self._woken = socket.socketpair()
         self._wake.setblocking(False)
         self._woken.setblocking(False)
-        self._scenes = Scenes()
         self._hang_timeout = hang_timeout
         self._is_unwanted: Callable[[], bool] = bool
         self._gave_up = False
@@ -120,7 +119,7 @@ class PlanningProcess:
         self._sign = time.monotonic()
         try:
             with self._sending:
-                self._line.send(Kind.REQUEST, packed(request, self._scenes))
+                self._line.send(Kind.REQUEST, packed(request))
         except OSError as error:
             raise ChildDied(self.ending()) from error
         answer = self._converse(Kind.ANSWER)
@@ -165,7 +164,7 @@ class PlanningProcess:
             while True:
                 kind, parts = self._line.receive()
                 if kind is awaited:
-                    return unpacked(parts, Scenes())
+                    return unpacked(parts)
         except (EOFError, OSError) as error:
             raise ChildDied(self.ending()) from error
 

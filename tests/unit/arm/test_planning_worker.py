@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from harness import endless_plan
 
-from so101_motion.arm.plan_messages import Scenes, packed, unpacked
 from so101_motion.arm.planning_worker import SHARE, PlanningWorker
 from so101_motion.common.errors import ConfigError, NoPath, OutsideLimits, WorkerError
 from so101_motion.common.geometry import SE3
@@ -295,15 +294,6 @@ def big_scene():
     here = SE3.from_translation((0.0, 0.35, 0.2))
     cloud = PointCloud(points=points, resolution=0.01)
     return Scene(obstacles=(Obstacle(name="cloud", shape=cloud, T_base_obstacle=here),))
-
-
-def test_both_ends_forget_the_same_scenes():
-    scenes, received = Scenes(), Scenes()
-    rng = np.random.default_rng(0)
-    some = [Scene(margin=0.001 * (k + 1)) for k in range(20)]
-    for k in rng.integers(0, len(some), 300):
-        sent = [bytes(part) for part in packed((some[k], some[(k + 1) % 20]), scenes)]
-        assert unpacked(sent, received) == (some[k], some[(k + 1) % 20])
 
 
 def test_a_worker_that_dies_while_it_plans_is_replaced_by_one_that_gets_the_scene_again(
