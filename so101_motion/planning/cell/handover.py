@@ -33,6 +33,7 @@ from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.bodies import hull_of
+from so101_motion.planning.collision.coal_shapes import placed
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached
 from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PoseGoal
@@ -368,17 +369,13 @@ class Hand:
 
     def clearance(self, other: Hand, T_tool_other: SE3) -> float:
         """The distance to another arm's hand with its tool at ``T_tool_other`` [m]."""
+        request = coal.DistanceRequest()
         return min(
             float(
                 coal.distance(
-                    *_placed(a), *_placed(b), coal.DistanceRequest(), coal.DistanceResult()
+                    a, placed(T), b, placed(T_tool_other @ T_b), request, coal.DistanceResult()
                 )
             )
-            for a in self.parts
-            for b in ((shape, T_tool_other @ T) for shape, T in other.parts)
+            for a, T in self.parts
+            for b, T_b in other.parts
         )
-
-
-def _placed(part: tuple[object, SE3]) -> tuple[object, object]:
-    shape, T = part
-    return shape, coal.Transform3s(np.array(T.R), np.array(T.p))

@@ -62,7 +62,7 @@ from so101_motion.planning.collision.scene import (
     StandingArm,
 )
 from so101_motion.planning.collision.shape_files import read_shape
-from so101_motion.planning.collision.solids import Inside, enclosed, filled, parts_of
+from so101_motion.planning.collision.solids import Inside, Keyed, enclosed, filled, parts_of
 
 
 class _Extent(NamedTuple):
@@ -178,7 +178,7 @@ class _Mover(NamedTuple):
 
 def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = never_abandoned) -> Bodies:
     """The bodies of an arm (a Pinocchio model with six joints) and of a scene."""
-    gathered = _Gathered(model, _carried(_Same(model), scene.attached))
+    gathered = _Gathered(model, _carried(Keyed(id(model), model), scene.attached))
     gathered.pair_movers(scene.attached)
     if scene.floor_z is not None:
         gathered.add_floor(scene.floor_z)
@@ -199,7 +199,7 @@ def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = never_abandoned
 
 def bodies_without(model: Any, attached: tuple[Attached, ...], left_out: frozenset[str]) -> Bodies:
     """The bodies of an arm and of held objects without those left out; no pairs are checked."""
-    carried = _carried(_Same(model), attached)
+    carried = _carried(Keyed(id(model), model), attached)
     kept = [each for each in carried.movers if each.body.name not in left_out]
     return _Gathered(model, carried._replace(movers=kept)).bodies(set(), 0.0)
 
@@ -264,10 +264,10 @@ class _Part(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def _widened(same: _Same, attached: tuple[Attached, ...], radius: float) -> list[_Part]:
+def _widened(model: Keyed, attached: tuple[Attached, ...], radius: float) -> list[_Part]:
     """The links of an arm and the objects it holds, widened all around by a radius [m]."""
     parts = []
-    for each in reversed(_carried(same, attached).movers):
+    for each in reversed(_carried(model, attached).movers):
         shape = convex_hull(each.points)
         shape.setSweptSphereRadius(radius)
         form = Hull(np.array(shape.points()), radius)
@@ -281,7 +281,7 @@ def _parts_of(model: Any, arm: StandingArm) -> Iterator[tuple[str, _Part, SE3]]:
     They are widened by the arm's room.
     """
     data, T_base_arm = model.createData(), _placement(arm.T_base_arm)
-    parts = _widened(_Same(model), arm.attached, arm.room)
+    parts = _widened(Keyed(id(model), model), arm.attached, arm.room)
     for q in arm.q:
         pin.forwardKinematics(model, data, np.array(q))
         for part in parts:
@@ -412,19 +412,6 @@ class _Gathered:
         return len(self._bodies) - 1
 
 
-class _Same:
-    """A cache key for a Pinocchio model, equal only for the same object."""
-
-    def __init__(self, model: Any) -> None:
-        self.model = model
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.model is self.model
-
-    def __hash__(self) -> int:
-        return id(self.model)
-
-
 class _Carried(NamedTuple):
     """An arm with the objects it holds, without its surroundings."""
 
@@ -434,9 +421,9 @@ class _Carried(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def _carried(same: _Same, attached: tuple[Attached, ...]) -> _Carried:
+def _carried(keyed: Keyed, attached: tuple[Attached, ...]) -> _Carried:
     """The bodies that an arm carries; cached, because scenes change more often."""
-    model = same.model
+    model = keyed.value
     # The outermost first: they are hit most often, and bodies are looked at in this order.
     movers = [*_held(model, attached), *reversed(list(_links(model)))]
     steps = [float(np.linalg.norm(model.jointPlacements[j].translation)) for j in range(2, 7)]

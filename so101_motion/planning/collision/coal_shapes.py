@@ -14,7 +14,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from so101_motion.common.geometry import Array
+from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.scene import Box, Capsule, Mesh, PointCloud, Shape, Sphere
 
@@ -101,6 +101,11 @@ def _away(point: Array, hull: Any) -> float:
     at, result = coal.Transform3s(np.eye(3), point), coal.DistanceResult()
     coal.distance(coal.Sphere(0.0), at, hull, coal.Transform3s(), coal.DistanceRequest(), result)
     return max(0.0, float(result.min_distance))
+
+
+def placed(T: SE3) -> Any:
+    """A pose in coal's form."""
+    return coal.Transform3s(np.array(T.R), np.array(T.p))
 
 
 def convex_hull(points: Array) -> Any:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -199,7 +200,7 @@ def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:
     """
     rest = []
     split = _split_small if len(mesh.triangles) <= SMALL else _split
-    vertices, connected = split(_Same(mesh))
+    vertices, connected = split(Keyed(mesh.fingerprint(), mesh))
     for triangles, hull in connected:
         if hull is None or (foot @ hull[1][:, :3].T + hull[1][:, 3] < 0.0).all():
             rest.append(triangles)
@@ -210,22 +211,17 @@ def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:
         yield from _others(_only(vertices, np.concatenate(rest)), foot)
 
 
-class _Same:
-    """A cache key for a mesh."""
+@dataclass(frozen=True, slots=True)
+class Keyed:
+    """An argument of a cached function, equal to any with the same key."""
 
-    def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.mesh.fingerprint() == other.mesh.fingerprint()
-
-    def __hash__(self) -> int:
-        return hash(self.mesh.fingerprint())
+    key: object
+    value: Any = field(compare=False)
 
 
-def _split(same: _Same) -> tuple[Array, list[tuple[Any, tuple[Array, Array] | None]]]:
+def _split(mesh: Keyed) -> tuple[Array, list[tuple[Any, tuple[Array, Array] | None]]]:
     """The vertices of a mesh, and the triangles of each connected part with its hull."""
-    vertices, triangles = welded(same.mesh.vertices, same.mesh.triangles)
+    vertices, triangles = welded(mesh.value.vertices, mesh.value.triangles)
     return vertices, [(each, _as_hull(vertices, each)) for each in _connected(vertices, triangles)]
 
 

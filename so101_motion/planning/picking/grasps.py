@@ -25,7 +25,7 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_rad
 from so101_motion.planning.cell.handover import JawGeometry
 from so101_motion.planning.collision.bodies import hull_of
-from so101_motion.planning.collision.coal_shapes import held_shape, hull_points
+from so101_motion.planning.collision.coal_shapes import held_shape, hull_points, placed
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import (
     LINKS,
@@ -344,7 +344,7 @@ class GraspSearch:
         shape, _ = held_shape(read_shape(item.shape))
         return float(
             coal.distance(
-                hull_of(JAW_LINK), _placed(T_tip_jaw), shape, _placed(T_tip_item),
+                hull_of(JAW_LINK), placed(T_tip_jaw), shape, placed(T_tip_item),
                 coal.DistanceRequest(), coal.DistanceResult(),
             )
         )  # fmt: skip
@@ -439,7 +439,3 @@ def _contacts(hull: Hull, rows: _Rows) -> _Contacts:
         + (nearest + rows.overlap - TIP)[:, None] * a
     )
     return _Contacts(p, thickness, square)
-
-
-def _placed(T: SE3) -> Any:
-    return coal.Transform3s(np.array(T.R), np.array(T.p))
