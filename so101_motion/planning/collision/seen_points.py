@@ -125,17 +125,13 @@ def _in_company(keys: Any, counts: Any) -> Mask:
 
 @cache
 def _link_hulls() -> dict[str, _Hull]:
+    from scipy.spatial import ConvexHull
+
     hulls = {}
     for link, part in so101_description.PARTS.items():
-        mesh = so101_description.load_hull(part)
-        vertices = np.asarray(mesh.vertices, dtype=np.float64)
-        a, b, c = (vertices[mesh.faces[:, i]] for i in range(3))
-        normals = np.cross(b - a, c - a)
-        area = np.linalg.norm(normals, axis=1)
-        normals, a = normals[area > 1e-12] / area[area > 1e-12, None], a[area > 1e-12]
-        offsets = np.einsum("ij,ij->i", normals, a)
-        outwards = np.where(normals @ vertices.mean(axis=0) <= offsets, 1.0, -1.0)
-        hulls[link] = _hull(normals * outwards[:, None], offsets * outwards, vertices)
+        vertices = np.asarray(so101_description.load_hull(part).vertices, dtype=np.float64)
+        planes = ConvexHull(vertices).equations
+        hulls[link] = _hull(planes[:, :3], -planes[:, 3], vertices)
     return hulls
 
 

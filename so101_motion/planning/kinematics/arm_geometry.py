@@ -103,28 +103,22 @@ class ArmStructure:
     Attributes:
         measures: The arm's measures.
         bars: Its three parallel joints.
+        on_axis: Whether a frame's origin is on the roll axis, so that the roll does not move it.
+        longest: Upper bound on the distance of a frame from the shoulder [m].
     """
 
     def __init__(self, measures: Measures) -> None:
         self.measures = measures
         self.bars = measures.bars
-        self._on_axis = {
+        self.on_axis = {
             name: all(hypot(*row[1:]) < _ON_AXIS for row in offset)
             for name, offset in measures.offsets.items()
         }
         links = measures.bars.upper_arm + measures.bars.forearm + REACH_SLACK
-        self._longest = {
+        self.longest = {
             name: links + hypot(*(abs(row[0]) + hypot(*row[1:]) for row in (each.forward, each.up)))
             for name, each in measures.offsets.items()
         }
-
-    def longest(self, frame: str) -> float:
-        """Upper bound on the distance of a frame from the shoulder [m]."""
-        return self._longest[frame]
-
-    def on_axis(self, frame: str) -> bool:
-        """Whether a frame's origin is on the roll axis, so that the roll does not move it."""
-        return self._on_axis[frame]
 
     def clip_roll(self, roll: float) -> float:
         """A roll [rad] inside its limits: shifted by whole turns, else clamped."""

@@ -72,7 +72,7 @@ class ClosedForms:
         values = (
             *m.pan, m.pan_sign, m.azimuth, *m.shoulder, *m.bars[:4], *m.lower, *m.upper,
             *offset.forward, *offset.left, *offset.up,
-            structure.longest(frame), structure.on_axis(frame), m.approach_elevation,
+            structure.longest[frame], structure.on_axis[frame], m.approach_elevation,
             *m.R_base_tool.ravel(), *m.R_base_axes.ravel(), *m.bars.constants,
         )  # fmt: skip
         return (ctypes.c_double * len(values))(*values)

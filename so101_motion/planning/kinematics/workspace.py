@@ -26,7 +26,7 @@ class Workspace:
 
     def __init__(self, structure: ArmStructure, chain: ArmChain) -> None:
         self._structure, m = structure, structure.measures
-        self._on_axis = structure.on_axis(chain.frame)
+        self._on_axis = structure.on_axis[chain.frame]
         counts = (1, _SAMPLES, _SAMPLES, _SAMPLES, 1 if self._on_axis else _ROLLS)
         ranges = map(np.linspace, (0.0, *m.lower[1:]), (0.0, *m.upper[1:]), counts)
         self._q = np.stack(np.meshgrid(*ranges), axis=-1).reshape(-1, 5)

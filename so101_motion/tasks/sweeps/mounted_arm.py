@@ -85,7 +85,7 @@ class PoseConfigurations:
         m = self._structure.measures
         x, y, z = p.tolist()
         out = math.hypot(x - m.pan[0], y - m.pan[1]) - abs(m.shoulder[0])
-        return math.hypot(max(out, 0.0), z - m.shoulder[1]) < self._structure.longest(self._frame)
+        return math.hypot(max(out, 0.0), z - m.shoulder[1]) < self._structure.longest[self._frame]
 
     def _fanned(self, p: Array, pitches: Array) -> Array:
         """Configurations at a point, with given pitches [rad] and no roll."""

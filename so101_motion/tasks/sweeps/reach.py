@@ -112,7 +112,7 @@ class ReachSweep:
         structure = IkSolver(model).structure
         model.check_gripper_frame(self.frame)
         measures = structure.measures
-        longest = structure.longest(self.frame)
+        longest = structure.longest[self.frame]
         out = longest + abs(measures.shoulder[0])
         middle = np.array([*measures.pan, measures.shoulder[1]])
         reach = np.array([out, out, longest])
@@ -235,7 +235,7 @@ class _Fan:
         p = self._grid.points(numbers)
         m = self._structure.measures
         ahead = np.maximum(np.hypot(p[:, 0] - m.pan[0], p[:, 1] - m.pan[1]) - abs(m.shoulder[0]), 0)
-        near = np.hypot(ahead, p[:, 2] - m.shoulder[1]) < self._structure.longest(self._sweep.frame)
+        near = np.hypot(ahead, p[:, 2] - m.shoulder[1]) < self._structure.longest[self._sweep.frame]
         numbers, p = numbers[near], p[near]
         target = facing(self._structure, p, self._hands.lateral)
         pitch = self._pitch
