@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any, Protocol
 
 import viser
 
 from .bar import board, uuid_of
 from .history import History
 from .page_context import PageContext
-from .units import PLAIN, Unit
+from .units import HUNDREDTHS, PERCENT, PLAIN, Unit
 
 ASKED_FOR = 5.0  # how long the question stands [s]; chosen
 
@@ -31,7 +33,7 @@ class SharedField:
         context: PageContext,
         unit: Unit = PLAIN,
     ) -> None:
-        self._widget, self._command, self._unit = widget, command, unit
+        self.widget, self._command, self._unit = widget, command, unit
         self._known: Any = None
         context.on_entry(widget, self._take)
 
@@ -42,19 +44,62 @@ class SharedField:
 
     def show(self, value: Any) -> None:
         """Set ``value`` unless it was set already; None hides the widget."""
-        self._widget.visible = value is not None
+        self.widget.visible = value is not None
         if value is None:
             return
         shown = self._unit.shown(value)
         if shown != self._known:
             self._known = shown
-            put(self._widget, shown)
+            put(self.widget, shown)
 
     def offer(self, value: Any) -> None:
         """The same, but without a value the widget stays in its place, grey."""
-        self._widget.disabled = value is None
+        self.widget.disabled = value is None
         if value is not None:
             self.show(value)
+
+
+def percent_slider(
+    context: PageContext,
+    label: str,
+    command: Callable[[float], None],
+    hint: str | None = None,
+    least: float = 0.0,
+) -> SharedField:
+    """A slider for a share from ``least`` to 1, in percent; it begins with 0, or else with all."""
+    lowest, first = round(100.0 * least), 100 if least else 0
+    slider = context.gui.add_slider(label, lowest, 100, 1, first, hint=hint)
+    return SharedField(slider, command, context, PERCENT)
+
+
+class Played(Protocol):
+    """What has a timeline."""
+
+    def preview(self, t: float) -> None:
+        """Show the ghosts ``t`` [s] into it."""
+
+    def play(self, rate: float) -> None:
+        """Play it at ``rate`` times real time, or pause."""
+
+
+class TimeFields:
+    """A slider for a place on the timeline of what is planned, and buttons that play it."""
+
+    def __init__(
+        self, context: PageContext, label: str, played: Played, rates: Iterable[float], hint: str
+    ) -> None:
+        self.slider = context.gui.add_slider(label, 0.0, 1.0, 0.01, 0.0, disabled=True)
+        self._t = SharedField(self.slider, played.preview, context, HUNDREDTHS)
+        plays = {f"{rate:g}×": partial(played.play, rate) for rate in rates}
+        self._play = context.buttons("Play", plays, hint)
+
+    def show(self, duration: float | None, t: float) -> None:
+        """Show ``t`` of the ``duration`` [s]; grey without one."""
+        self.slider.disabled = duration is None
+        grey(self._play, duration is None)
+        if duration is not None:
+            self.slider.max = max(math.ceil(100.0 * duration) / 100.0, 0.01)
+        self._t.show(0.0 if duration is None else t)
 
 
 class UndoButtons:

@@ -22,7 +22,7 @@ from ..page.bar import board, uuid_of
 from ..page.history import SavedFiles
 from ..page.page_context import PageContext
 from ..page.plan_view import RATES, CommonPlan
-from ..page.shared_fields import SharedField, UndoButtons, grey, put
+from ..page.shared_fields import SharedField, TimeFields, UndoButtons, grey, percent_slider, put
 from ..page.target_editor import DIRECTIONS
 from ..page.target_ik import FRAMES
 from ..view_model import MoveModel, ViewModel
@@ -121,13 +121,8 @@ class PlanPanel:
 
     def _add_plan(self) -> None:
         context, gui, model = self._context, self._context.gui, self._model
-        self._preview = gui.add_slider("Preview (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
-        self._preview_time = SharedField(self._preview, model.preview, context, units.HUNDREDTHS)
-        self._play = context.buttons(
-            "Play",
-            {f"{rate:g}×": partial(model.play, rate) for rate in RATES},
-            "Plays only the ghost, at this fraction of the arm's speed; press again to pause",
-        )
+        hint = "Plays only the ghost, at this fraction of the arm's speed; press again to pause"
+        self._preview = TimeFields(context, "Preview (s)", model, RATES, hint)
         self._facts = gui.add_html("")
         self._now = gui.add_html("", visible=False)
         self._caps = []
@@ -165,20 +160,16 @@ class PlanPanel:
 
     def _show_plan(self) -> None:
         model = self._model
-        if model.common_plan is not None:
-            self._preview.max = math.ceil(100.0 * model.common_plan.duration) / 100.0
+        plan = model.common_plan if model.plan_is_current else None
         self.plan_button.disabled = not model.can_plan
         self._execute.disabled = not model.can_execute
         put(self._progress, round(100.0 * model.progress, 1))
-        has_plan = model.plan_is_current
-        self._preview.disabled = not has_plan
-        grey(self._play, not has_plan)
-        self._preview_time.show(model.preview_time if has_plan else 0.0)
+        self._preview.show(None if plan is None else plan.duration, model.preview_time)
         self._now.content = board(
             "plot",
-            t=round(model.preview_time, 2) if has_plan else None,
+            t=round(model.preview_time, 2) if plan else None,
             plots=self._plots.uuids,
-            seek=uuid_of(self._preview) if has_plan else None,
+            seek=uuid_of(self._preview.slider) if plan else None,
         )
         for field, cap in zip(self._caps, model.caps, strict=True):
             field.show(cap)
@@ -264,26 +255,18 @@ class TargetControls:
             {"open": partial(move, 1.0), "close": partial(move, 0.0)},
             "Moves at once, without a plan",
         )
-        self._opening = gui.add_slider(
-            "Opening (%)", 0, 100, 1, 0, hint="The jaw follows at once, without a plan"
+        hint = "The jaw follows at once, without a plan"
+        self._opened = percent_slider(self._context, "Opening (%)", move, hint)
+        hint = "Share of the force that the servo can hold without getting hot"
+        self._force = percent_slider(
+            self._context, "Grip force (%)", self._page.set_force, hint, GENTLEST
         )
-        self._opened = SharedField(self._opening, move, self._context, units.PERCENT)
-        force = gui.add_slider(
-            "Grip force (%)",
-            round(100.0 * GENTLEST),
-            100,
-            1,
-            100,
-            hint="Share of the force that the servo can hold without getting hot",
-            visible=False,
-        )
-        self._force = SharedField(force, self._page.set_force, self._context, units.PERCENT)
         self._grip = gui.add_html("")
 
     def show(self) -> None:
         page, state = self._page, self._page.state
         is_off = state.mode in _OFF
-        self._opening.disabled = is_off
+        self._opened.widget.disabled = is_off
         grey(self._jaw, is_off)
         if not state.jaw_moving:
             self._opened.show(texts.aperture(state.q_jaw_ref))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -21,7 +20,7 @@ from so101_motion.tasks.program.rehearsal import PASSING
 from ..page import markup, units
 from ..page.bar import board, uuid_of
 from ..page.page_context import PROGRAM, PageContext, Part
-from ..page.shared_fields import SharedField, UndoButtons, grey, put
+from ..page.shared_fields import SharedField, TimeFields, UndoButtons, grey, percent_slider, put
 from ..view_model import ViewModel
 from . import program_texts as words
 from .program_model import REST, STEP, ArmInStep, ProgramModel
@@ -111,15 +110,10 @@ class ProgramPart(Part):
 
     def _add_more(self, gui: viser.GuiApi) -> None:
         model = self.model
-        speed = gui.add_slider(
-            "Run speed (%)",
-            round(100.0 * SLOWEST),
-            100,
-            1,
-            100,
-            hint="Share of the planned speed. While the program runs: from the next stop on",
+        hint = "Share of the planned speed. While the program runs: from the next stop on"
+        self._speed = percent_slider(
+            self._context, "Run speed (%)", model.set_run_speed, hint, SLOWEST
         )
-        self._speed = SharedField(speed, model.set_run_speed, self._context, units.PERCENT)
         self._plan_part = self._context.buttons(
             "Plan only",
             {part: partial(model.plan, part) for part in (REST, STEP)},
@@ -268,15 +262,8 @@ class WaypointFields:
 
         gui = context.gui
         self._name = SharedField(gui.add_text("Name", ""), sets("name"), context)
-        speed = gui.add_slider(
-            "Speed (%)",
-            round(100.0 * SLOWEST),
-            100,
-            1,
-            100,
-            hint="On the way to it, as a share of the speed on the Move tab",
-        )
-        self._speed = SharedField(speed, sets("speed"), context, units.PERCENT)
+        hint = "On the way to it, as a share of the speed on the Move tab"
+        self._speed = percent_slider(context, "Speed (%)", sets("speed"), hint, SLOWEST)
         passes = gui.add_checkbox(
             "Pass through",
             False,
@@ -287,8 +274,7 @@ class WaypointFields:
         self._pause = SharedField(pause, sets("pause"), context, units.TENTHS)
         jaw = gui.add_dropdown("Gripper", tuple(_JAW))
         self._jaw = SharedField(jaw, lambda name: editor.set(aperture=_JAW[name]), context)
-        opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
-        self._opening = SharedField(opening, sets("aperture"), context, units.PERCENT)
+        self._opening = percent_slider(context, "Gripper (%)", sets("aperture"))
         self._items = gui.add_dropdown("Pick item", (_NONE,))
         self._item = SharedField(
             self._items, lambda name: editor.set(item="" if name == _NONE else name), context
@@ -359,24 +345,17 @@ class RehearsalFields:
         gui = context.gui
         self._line = gui.add_html(markup.timeline(None, None))
         self._now = gui.add_html("", visible=False)
-        self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
-        self._t = SharedField(self._slider, model.preview, context, units.HUNDREDTHS)
-        rates = {f"{rate:g}×": partial(model.play, rate) for rate in (0.5, 1.0, 2.0)}
-        self._play = context.buttons("Play", rates, _PLAYS)
+        self._time = TimeFields(context, "Rehearsal (s)", model, (0.5, 1.0, 2.0), _PLAYS)
         self._drawn: RehearsalTime | None = None
 
     def show(self, timeline: RehearsalTime | None, t: float) -> None:
         """Show a planned program, and the time ``t`` [s] on it; without one all is grey."""
-        self._slider.disabled = timeline is None
-        grey(self._play, timeline is None)
         if timeline is not self._drawn:
             self._drawn = timeline
             line = None if timeline is None else words.timeline(timeline)
-            self._line.content = markup.timeline(line, uuid_of(self._slider))
+            self._line.content = markup.timeline(line, uuid_of(self._time.slider))
         self._now.content = board("program", t=None if timeline is None else round(t, 2))
-        if timeline is not None:
-            self._slider.max = max(math.ceil(100.0 * timeline.duration) / 100.0, 0.01)
-        self._t.show(t if timeline is not None else 0.0)
+        self._time.show(None if timeline is None else timeline.duration, t)
 
 
 class RoundsFields:
