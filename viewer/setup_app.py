@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
 from so101_motion.files import user_storage
-from so101_motion.rig.protocols import RigLike
 from so101_motion.setup.calibrator import StepResult
 from so101_motion.viam.client import Machine
 
@@ -55,8 +53,9 @@ class SetupApp(ServedPage):
         super().__init__(server)
         context = self.page_context()
         set_up_view(context.server, _SIGHT)
-        part = SetupPart(context, source=source, progress=progress, preview=serve, resumes=True)
+        part = SetupPart(context, source=source, progress=progress, preview=serve)
         self._setup = part.setup
+        self.say = partial(setattr, part.setup, "trouble")
         bar = SetupBar(context, self._setup, drop=self.drop_commands)
         self.windows.leave_open_as_stop(bar.button)
         self.add_parts(part, bar)
@@ -102,37 +101,18 @@ def reasons(target: SetupTarget | None, doing: str) -> tuple[str | None, str | N
         return ("The machine has no arm yet, so its joints cannot be held from here.",) * 3
     if not target.situation.is_connected:
         return ("There is no connection to the arm.",) * 3
+    now, mode = target.situation, target.rig.arm.state.mode
     waits = f"Wait for the end of this: {doing}." if doing else None
+    waits = waits or (None if now.view.state is State.IDLE else _CALIBRATED)
+    is_silent = any(joint.ticks is None for joint in now.joints.values())
+    hold = {**texts.CANNOT_HOLD, Mode.LIMP: _SILENT if is_silent else None}.get(mode)
+    guide = {**texts.CANNOT_GUIDE, Mode.LIMP: texts.HOLD_FIRST}.get(mode)
+    let_go = None if now.holds else texts.LIMP_ALREADY  # at any moment
     return (
-        waits or _hold(target, target.rig),
-        waits or _guide(target, target.rig),
-        _let_go(target),  # at any moment
+        waits or hold,
+        waits or (guide if now.saved is not None else _NOT_CALIBRATED),
+        let_go if now.holds is not None else "No motor answers.",
     )
-
-
-def _hold(target: SetupTarget, rig: RigLike) -> str | None:
-    now, mode = target.situation, rig.arm.state.mode
-    if now.view.state is not State.IDLE:
-        return _CALIBRATED
-    if mode in (Mode.GUIDING, Mode.FAULT):
-        return None
-    if mode is not Mode.LIMP:
-        return texts.HELD_ALREADY
-    return _SILENT if any(joint.ticks is None for joint in now.joints.values()) else None
-
-
-def _guide(target: SetupTarget, rig: RigLike) -> str | None:
-    now = target.situation
-    if now.view.state is not State.IDLE:
-        return _CALIBRATED
-    if now.saved is None:
-        return _NOT_CALIBRATED
-    return {**texts.CANNOT_GUIDE, Mode.LIMP: texts.HOLD_FIRST}.get(rig.arm.state.mode)
-
-
-def _let_go(target: SetupTarget) -> str | None:
-    holds = target.situation.holds
-    return "No motor answers." if holds is None else None if holds else texts.LIMP_ALREADY
 
 
 def alarms(target: SetupTarget | None) -> Iterator[Sentence]:
@@ -151,8 +131,8 @@ class SetupBar(Part):
         self, context: PageContext, setup: SetupContext, *, drop: Callable[[], None]
     ) -> None:
         self._context, self._setup, self._drop = context, setup, drop
-        self._guiding: tuple[SetupTarget, Guiding] | None = None
-        self._letting_go: Future[object] | None = None
+        self._guiding: Guiding | None = None
+        self._guided: SetupTarget | None = None
         bar = self._bar = context.bar
         self.button = add_stop(context.gui, self._stop)
         bar.stop, bar.title = self.button, "SO-101 setup"
@@ -163,10 +143,15 @@ class SetupBar(Part):
         )
         bar.buttons[2].asks = texts.SINKS
 
-    def _button(self, label: str, command: Callable[[], None]) -> BarButton:
-        button = self._context.gui.add_button(label, visible=False)
-        self._context.on_press(button, command)
-        return BarButton(label=label, button=button)
+    def _button(self, label: str, command: Callable[[SetupTarget], object]) -> BarButton:
+        def press() -> None:
+            target = self._setup.target
+            if target is not None and shown.why_not is None:
+                command(target)
+
+        button = self._context.button(label, press, visible=False)
+        shown = BarButton(label=label, button=button)
+        return shown
 
     def refresh(self) -> bool:
         target = self._setup.target
@@ -177,43 +162,34 @@ class SetupBar(Part):
         for button, why in zip(self._bar.buttons, why_not, strict=True):
             button.why_not = why
         try:
-            if self._guiding is not None and self._guiding[0] is target:
-                self._guiding[1].refresh()
-            if self._letting_go is not None and self._letting_go.done():
-                letting_go, self._letting_go = self._letting_go, None
-                letting_go.result()
+            if self._guiding is not None and self._guided is target:
+                self._guiding.refresh()
         except So101Error as error:
             self._setup.trouble = error
-            return True
         return False
 
-    def _hold(self) -> None:
-        target = self._can(0)
-        if target is not None:
-            self._setup.do("holding the joints", partial(target.set_torque, True), self._held)
+    def _hold(self, target: SetupTarget) -> None:
+        self._setup.do("holding the joints", partial(target.set_torque, True), self._held)
 
     def _held(self, ended: object) -> None:
         if isinstance(ended, StepResult) and ended.trouble:
             self._setup.trouble = MotionError(ended.trouble)
 
-    def _let_go(self) -> None:
-        target = self._can(2)
-        if target is not None and self._letting_go is None:  # not on the setup's worker: at once
-            self._letting_go = self._context.in_background(partial(target.set_torque, False))
+    def _let_go(self, target: SetupTarget) -> None:
+        """Let go at once, not on the setup's worker, which may be busy."""
+        done = self._context.in_background(partial(target.set_torque, False))
 
-    def _guide(self) -> None:
-        target = self._can(1)
-        if target is None or target.rig is None:
-            return
-        if self._guiding is None or self._guiding[0] is not target:
-            rig = target.rig
-            guiding = Guiding(rig.arm, rig.clock, self._context.in_background)
-            self._guiding = (target, guiding)
-        self._guiding[1].start()
+        def tell() -> None:
+            done.result()  # raises what it failed with, for the page to say
 
-    def _can(self, place: int) -> SetupTarget | None:
-        target = self._setup.target
-        return target if reasons(target, self._setup.doing)[place] is None else None
+        done.add_done_callback(lambda _done: self._context.post(tell))
+
+    def _guide(self, target: SetupTarget) -> None:
+        if target.rig is not None and target is not self._guided:
+            rig, self._guided = target.rig, target
+            self._guiding = Guiding(rig.arm, rig.clock, self._context.in_background)
+        if self._guiding is not None:
+            self._guiding.start()
 
     def _stop(self) -> None:
         self._drop()

@@ -28,7 +28,6 @@ from so101_motion.setup.connect import ConnectOperation
 from so101_motion.setup.discovery import configuration
 from so101_motion.setup.move_test import MoveTest
 from so101_motion.setup.setup_steps import (
-    ASSEMBLY,
     CHAIN,
     CONFIGURE,
     CONNECT,
@@ -51,6 +50,7 @@ class StepPage:
         setup: What all pages share.
         operation: Which of the target's operations does the step.
         left: How an abort leaves the arm when no calibration is under way, in words.
+        skip: What Next is called until all is well.
     """
 
     def __init__(
@@ -59,8 +59,10 @@ class StepPage:
         step: SetupStep,
         operation: Callable[[SetupTarget], Operation | None] = lambda _target: None,
         left: str = "nothing was changed, and nothing was moved",
+        skip: str = "Next",
     ) -> None:
         self._setup, self._step, self._of, self._left = setup, step, operation, left
+        self._skip = skip
         self._checked: Check | None = None
         self._panel = OperationPanel(
             setup.context,
@@ -102,7 +104,7 @@ class StepPage:
         return check.sentence if check.verdict == "fail" else None
 
     def next_label(self) -> str:
-        return "Next"
+        return "Next" if self.check().verdict == "ok" else self._skip
 
     def is_next_due(self) -> bool:
         """Whether Next is what to press now; else it is grey, though it may be pressed."""
@@ -188,16 +190,6 @@ class CalibrationPage(StepPage):
     def _as_it_was(self) -> str:
         target = self._setup.target
         return self._left if target is None else target.situation.untouched
-
-
-class AssemblyPage(StepPage):
-    """The page of the assembly; it may be left before every joint is checked."""
-
-    def __init__(self, setup: SetupContext) -> None:
-        super().__init__(setup, ASSEMBLY, lambda target: target.assembly)
-
-    def next_label(self) -> str:
-        return "Next" if self.check().verdict == "ok" else "Skip the check"
 
 
 class ChainPage(StepPage):
@@ -320,21 +312,6 @@ class ConnectionPage(StepPage):
         return self._source.open(self._connect.chosen, self._setup.progress.arm)
 
 
-def _serve(serve: ServesPreview, target: SetupTarget) -> tuple[str, Callable[[], None]]:
-    """Serve a preview of the arm on a page of its own; returns its link, and what ends it.
-
-    The port is shared, so its page stays when the target is closed.
-    """
-    file = Path(target.situation.calibration_file)
-    asked = ServoSettings(port=target.where, fallback_file=file)
-    with ExitStack() as stack:
-        rig = open_hardware(asked.with_arm(SERVO_IDS))
-        stack.callback(rig.close)
-        page = serve(rig, port=0, title=f"Arm on {target.where}")
-        stack.callback(page.close)
-        return page.url_for_once(), stack.pop_all().close
-
-
 class ConfigurePage(StepPage):
     """The page of the configuration."""
 
@@ -344,15 +321,12 @@ class ConfigurePage(StepPage):
         self._text = self._url = ""
 
     def build(self, gui: viser.GuiApi) -> None:
+        context = self._setup.context
         self._about = gui.add_html("")
-        self._ways = gui.add_html("")
-        self._open = gui.add_button("Open the arm's page", icon=viser.Icon.ROBOT, visible=False)
+        self._open = context.button("Open the arm's page", self._preview, icon=viser.Icon.ROBOT)
         self._snippet = gui.add_html("")
-        self._keep = gui.add_button(
-            "Save it as a file", icon=viser.Icon.DOWNLOAD, color="gray", visible=False
-        )
-        self._setup.context.on_press(self._open, self._preview)
-        self._setup.context.on_asked(self._keep, self._hand_over)
+        self._keep = gui.add_button("Save it as a file", icon=viser.Icon.DOWNLOAD, color="gray")
+        context.on_asked(self._keep, self._hand_over)
 
     def enter(self) -> None:
         target, self._text = self._setup.target, ""
@@ -369,46 +343,49 @@ class ConfigurePage(StepPage):
         return False
 
     def show(self) -> None:
-        target = self._setup.target
+        target, tested = self._setup.target, self._setup.tested
+        is_alone = self._setup.preview is not None  # else the page shows the arm already
         if target is None:
             return
-        saved = self._setup.saved
-        tested = self._setup.tested
         html = cards.instruction(CONFIGURE.title, "")
         html += "" if tested is None else setup_cards.check_text(tested)
         if target.is_remote:
             html += cards.instruction(
-                "", f"The machine uses it already. Its calibration is in {saved}: set"
+                "", f"The machine uses it already. Its calibration is in {self._setup.saved}: set"
                 " calibration_file of its arm and gripper to that, if it is not."
             )  # fmt: skip
+        then = "" if is_alone else "Press Finish, then open the tab Move."
+        html += cards.instruction("Move it now", then)
+        if self._url:
+            html += setup_cards.link(self._url, "The preview of the arm, on a page of its own")
+        if is_alone:
+            html += cards.note(f"Later, from a terminal: {_command(target)}")
         self._about.content = html
+        self._open.visible = is_alone and not self._url and not target.is_remote
+        self._open.disabled = bool(self._setup.doing)
         about = "For a Viam machine: paste this into Configure, then JSON."
         self._snippet.content = markup.to_copy(about, self._text) if self._text else ""
         self._keep.visible = bool(self._text)
-        self._show_preview_link(target)
-
-    def _show_preview_link(self, target: SetupTarget) -> None:
-        if self._setup.preview is None:
-            self._ways.content = cards.instruction(
-                "Move it now", "Press Finish, then open the tab Move."
-            )
-            return
-        self._open.visible = not self._url and not target.is_remote
-        self._open.disabled = bool(self._setup.doing)
-        html = cards.instruction("Move it now", "")
-        if self._url:
-            html += setup_cards.link(self._url, "The preview of the arm, on a page of its own")
-        self._ways.content = html + cards.note(f"Later, from a terminal: {_command(target)}")
 
     def _preview(self) -> None:
         target, serve = self._setup.target, self._setup.preview
         if target is not None and serve is not None and not self._url:
-            open_page = partial(_serve, serve, target)
-            self._setup.do("opening the arm's page", open_page, self._show_preview)
+            open_page = partial(self._serve, serve, target)
+            self._setup.do("opening the arm's page", open_page, partial(setattr, self, "_url"))
 
-    def _show_preview(self, served: tuple[str, Callable[[], None]]) -> None:
-        self._url, close = served
-        self._setup.opened.callback(close)
+    def _serve(self, serve: ServesPreview, target: SetupTarget) -> str:
+        """Serve a preview of the arm on a page of its own; returns its link.
+
+        The port is shared, so its page stays when the target is closed.
+        """
+        file = Path(target.situation.calibration_file)
+        asked = ServoSettings(port=target.where, fallback_file=file)
+        with ExitStack() as stack:
+            rig = open_hardware(asked.with_arm(SERVO_IDS))
+            stack.callback(rig.close)
+            page = stack.enter_context(serve(rig, port=0, title=f"Arm on {target.where}"))
+            self._setup.opened.push(stack.pop_all())
+        return page.url_for_once()
 
     def _hand_over(self, client: viser.ClientHandle) -> None:
         client.send_file_download(

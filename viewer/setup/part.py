@@ -37,7 +37,6 @@ from ..page.shared_fields import AskingButton
 from ..page.texts import capital
 from . import setup_cards
 from .page import (
-    AssemblyPage,
     CalibrationPage,
     ChainPage,
     ConfigurePage,
@@ -50,12 +49,20 @@ from .setup_context import ArmSource, ServesPreview, SetupContext, SetupTarget, 
 
 
 class StepWizard:
-    """Goes from step to step."""
+    """Goes from step to step. The step is kept on disk, so that a later start continues there."""
 
     def __init__(self, progress: SetupProgress) -> None:
         self._progress = progress
-        self.workflow: Workflow | None = None
-        self.place = 0
+
+    @property
+    def workflow(self) -> Workflow | None:
+        kept = self._progress
+        named = (workflow for workflow in WORKFLOWS if workflow.name == kept.workflow)
+        return next((each for each in named if each.place(kept.step) is not None), None)
+
+    @property
+    def place(self) -> int:
+        return (self.workflow and self.workflow.place(self._progress.step)) or 0
 
     @property
     def step(self) -> SetupStep | None:
@@ -65,15 +72,10 @@ class StepWizard:
     def is_last(self) -> bool:
         return self.workflow is not None and self.place == len(self.workflow.steps) - 1
 
-    def rows(self, known: SetupState) -> tuple[setup_cards.StepRow, ...]:
-        if self.workflow is None:
-            return ()
-        return tuple(
-            setup_cards.StepRow(
-                title=step.title, minutes=step.minutes, place=self._place(k, step, known)
-            )
-            for k, step in enumerate(self.workflow.steps)
-        )
+    def rows(self, known: SetupState) -> list[tuple[SetupStep, setup_cards.Place]]:
+        """The steps, and which are done, passed over, on the page, or still to come."""
+        steps = () if self.workflow is None else self.workflow.steps
+        return [(step, self._place(k, step, known)) for k, step in enumerate(steps)]
 
     def _place(self, k: int, step: SetupStep, known: SetupState) -> setup_cards.Place:
         if k >= self.place:
@@ -90,49 +92,20 @@ class StepWizard:
         left = sum(step.minutes for step in self.workflow.steps[self.place :])
         return f"Step {self.place + 1} of {len(self.workflow.steps)}, about {left} min left"
 
-    @property
-    def interrupted(self) -> SetupStep | None:
-        found = self._interrupted()
-        return None if found is None else found[0].steps[found[1]]
-
-    def resume(self) -> None:
-        found = self._interrupted()
-        if found is not None:
-            self.workflow, self.place = found
-
     def choose(self, workflow: Workflow) -> None:
-        self.workflow, self.place = workflow, 0
-        self._keep()
+        self._progress.reach(workflow.name, workflow.steps[0].name)
 
-    def go_on(self) -> None:
-        if self.is_last:
-            self.end()
-        elif self.workflow is not None:
-            self.place += 1
-            self._keep()
-
-    def go_back(self) -> None:
-        if self.place == 0:
+    def turn(self, by: int) -> None:
+        """Go on by 1, or back by -1; before the first step and after the last the workflow ends."""
+        workflow, place = self.workflow, self.place + by
+        if workflow is None or not 0 <= place < len(workflow.steps):
             self.end()
         else:
-            self.place -= 1
-            self._keep()
+            self._progress.reach(workflow.name, workflow.steps[place].name)
 
     def end(self) -> None:
         """End the workflow; remembers which motors have their ids until all do."""
-        self.workflow, self.place = None, 0
         self._progress.reach("", "")
-
-    def _interrupted(self) -> tuple[Workflow, int] | None:
-        for workflow in WORKFLOWS:
-            place = workflow.place(self._progress.step)
-            if workflow.name == self._progress.workflow and place is not None:
-                return workflow, place
-        return None
-
-    def _keep(self) -> None:
-        if self.workflow is not None and self.step is not None:
-            self._progress.reach(self.workflow.name, self.step.name)
 
 
 TITLE = "Setup"
@@ -150,7 +123,6 @@ class SetupPart(Part):
         on_stage: Shows or hides the preview's own arm; hidden while the Setup tab is in front and
             its step draws a picture.
         preview: Serves a preview of the finished arm; None where the page shows the arm already.
-        resumes: Whether an earlier setup is resumed by itself; else a button offers it.
     """
 
     def __init__(
@@ -161,7 +133,6 @@ class SetupPart(Part):
         on_stage: Callable[[bool], None] = lambda _shown: None,
         source: ArmSource,
         preview: ServesPreview | None = None,
-        resumes: bool = False,
     ) -> None:
         self._is_alone = preview is not None  # else the page shows the arm
         picture = Picture(context.server.scene, on_stage)
@@ -174,7 +145,9 @@ class SetupPart(Part):
             "connect": self._connection,
             "motors": StepPage(self.setup, MOTORS, lambda target: target.motors, _MOTORS_LEFT),
             "chain": ChainPage(self.setup),
-            "assembly": AssemblyPage(self.setup),
+            "assembly": StepPage(
+                self.setup, ASSEMBLY, lambda target: target.assembly, skip="Skip the check"
+            ),
             "pose": CalibrationPage(self.setup, POSE),
             "record": CalibrationPage(self.setup, RECORD),
             "save": CalibrationPage(self.setup, SAVE),
@@ -186,26 +159,21 @@ class SetupPart(Part):
         self._is_stale = True
         with context.tabs.add_tab(TITLE, viser.Icon.TOOL):
             self._build(context.gui)
-        if resumes:
-            self.wizard.resume()
         self._turn_to_step()
 
     # The widgets
 
     def _build(self, gui: viser.GuiApi) -> None:
+        button = self.setup.context.button
         self._head = gui.add_html("")
         self._torque, self._alarm = gui.add_html(""), gui.add_html("")
         self._steps = gui.add_html("")
         self._choice = gui.add_folder(None)
-        self._workflows: list[viser.GuiButtonHandle] = []
         with self._choice:
-            self._resume = gui.add_button("", icon=viser.Icon.PLAYER_PLAY, color="green")
-            self.setup.context.on_press(self._resume, self._go_on_with_earlier)
             for workflow in WORKFLOWS:
                 gui.add_html(setup_cards.choice(workflow))
-                button = gui.add_button(workflow.title, icon=viser.Icon.ARROW_RIGHT)
-                self._workflows.append(button)
-                self.setup.context.on_press(button, partial(self._choose, workflow))
+                choose = partial(self._choose, workflow)
+                button(workflow.title, choose, icon=viser.Icon.ARROW_RIGHT)
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         for name, page in self._pages.items():
             self._folders[name] = gui.add_folder(None, visible=False)
@@ -214,14 +182,11 @@ class SetupPart(Part):
         self._buttons = gui.add_folder(None)
         with self._buttons:
             self._why_not = gui.add_html("")
-            self._next = gui.add_button("Next", icon=viser.Icon.ARROW_RIGHT)
-            self._back = gui.add_button("Back", icon=viser.Icon.ARROW_LEFT, color="gray")
+            self._next = button("Next", self._go_on, icon=viser.Icon.ARROW_RIGHT)
+            self._back = button("Back", self._go_back, icon=viser.Icon.ARROW_LEFT, color="gray")
             self._abort = AskingButton(
                 self.setup.context, _ABORT, _SURE, self._give_up, viser.Icon.X
             )
-        on_press = self.setup.context.on_press
-        on_press(self._next, self._go_on)
-        on_press(self._back, self._go_back)
 
     # What the buttons do
 
@@ -232,10 +197,6 @@ class SetupPart(Part):
         self.wizard.choose(workflow)
         self._turn_to_step()
 
-    def _go_on_with_earlier(self) -> None:
-        self.wizard.resume()
-        self._turn_to_step()
-
     def _go_on(self) -> None:
         if self._reason() is not None:
             return
@@ -243,7 +204,7 @@ class SetupPart(Part):
             self._connect()
         else:
             done, workflow = self.wizard.is_last, self.wizard.workflow
-            self.wizard.go_on()
+            self.wizard.turn(1)
             self._turn_to_step()
             if done:
                 self._outcome = _MOTORS_DONE if workflow is MOTORS_ONLY else "All done."
@@ -251,7 +212,7 @@ class SetupPart(Part):
 
     def _go_back(self) -> None:
         if not self.setup.doing:
-            self.wizard.go_back()
+            self.wizard.turn(-1)
             if self.wizard.place == 0:
                 self.setup.put_away()  # another port may be chosen
             self._turn_to_step()
@@ -298,7 +259,7 @@ class SetupPart(Part):
         def made(target: SetupTarget) -> None:
             self.setup.work_on(target)
             if self.wizard.place == 0:
-                self.wizard.go_on()
+                self.wizard.turn(1)
             self._turn_to_step()
 
         self.setup.do("connecting", self._connection.open, made)
@@ -334,11 +295,6 @@ class SetupPart(Part):
         if wizard.workflow is None or step is None or self._current is None:
             about = self._outcome or "From a box of parts to a moving arm. What do you need?"
             self._head.content = markup.headline("Set up an arm", about, is_under_way=False)
-            earlier = wizard.interrupted
-            self._resume.visible = earlier is not None
-            for button in self._workflows:
-                button.color = None if earlier is None else "gray"
-            self._resume.label = "" if earlier is None else f"Go on with: {earlier.title}"
             self._steps.content = self._torque.content = ""
             return
         waits = self.setup.target is None and wizard.place > 0

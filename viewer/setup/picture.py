@@ -11,7 +11,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.operation import Picture as ViewPicture
 from so101_motion.planning.kinematics.model import RobotModel
 
-from ..scene.robot_view import MOVED_LINK, Color, RobotView, looks_different
+from ..scene.robot_view import MOVED_LINK, Color, RobotView
 
 ORANGE: Color = (245, 130, 0)
 GREEN: Color = (60, 160, 80)
@@ -53,18 +53,14 @@ class Picture:
         self.is_drawn = False
 
     def draw(self, picture: ViewPicture) -> None:
-        """Draw arm, ghost and highlights of an operation's picture.
-
-        Links of the ghost that are where the arm's are stay hidden: two surfaces in one place would
-        flicker.
-        """
+        """Draw arm, ghost and highlights of an operation's picture."""
         self.is_drawn = True
         T_arm = self._placed(picture.q)
         self._arm.move(T_arm)
-        T_ghost = self._placed(picture.ghost) if picture.ghost else {}
-        if T_ghost:
-            self._ghost.move(T_ghost)
-        self._ghost.show({link for link, T in T_ghost.items() if looks_different(T, T_arm[link])})
+        if picture.ghost:
+            self._ghost.move_beside(self._placed(picture.ghost), T_arm)
+        else:
+            self._ghost.show(())
         lit = (picture.lit, GREEN if picture.lit_tone == "good" else ORANGE)
         if lit != self._lit:
             self._lit = lit

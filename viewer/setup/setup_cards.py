@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from html import escape
 from typing import Literal
 
 from so101_motion.common.operation import Tone
 from so101_motion.setup.checkup import Check
-from so101_motion.setup.setup_steps import Workflow
+from so101_motion.setup.setup_steps import SetupStep, Workflow
 
 from ..page.cards import marked
 from .setup_context import TorqueText
 
 Place = Literal["done", "passed over", "now", "left"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StepRow:
-    """A line in the list of steps."""
-
-    title: str
-    place: Place  # whether it is done, passed over, on the page, or still to come
-    minutes: int
 
 
 _VERDICTS: dict[str, tuple[str, Tone]] = {
@@ -39,11 +29,11 @@ def choice(workflow: Workflow) -> str:
     )
 
 
-def step_list(rows: Iterable[StepRow]) -> str:
+def step_list(rows: Iterable[tuple[SetupStep, Place]]) -> str:
     steps = (
-        f'<span title="{row.minutes} min" class="{row.place}">'
-        f"{_MARKS.get(row.place, number)} {escape(row.title)}</span>"
-        for number, row in enumerate(rows, start=1)
+        f'<span title="{step.minutes} min" class="{place}">'
+        f"{_MARKS.get(place, number)} {escape(step.title)}</span>"
+        for number, (step, place) in enumerate(rows, start=1)
     )
     return f'<div class="so101-steplist">{"".join(steps)}</div>'
 
