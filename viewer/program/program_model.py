@@ -49,38 +49,6 @@ from ..view_model import ViewModel
 from . import program_texts as words
 from .rehearsal_time import RehearsalTime
 
-
-class ArmInStep:
-    """Changes what an arm does in the selected step."""
-
-    def __init__(self, model: ProgramModel, name: str) -> None:
-        self._model, self._name = model, name
-
-    def set(self, **to: Any) -> None:
-        """Change what is given, named as in ``Waypoint``; what needs a stop there ends passing."""
-        before, index = self._model.waypoint(self._name), self._model.chosen
-        passed = before is not None and before.passes
-        if to.get("passes"):
-            to |= {"pause": 0.0, "aperture": None, "item": None, "place": ""}
-        elif to.get("item") == "":
-            to |= {"item": None, "place": ""}
-        stops = to.get("pause") or to.get("item") or to.get("aperture") is not None
-        self._model.change(self._name, **to, **({"passes": False} if passed and stops else {}))
-        if to.get("passes") and before is not None and index is not None:
-            self._model.tell(words.passing(before, stops=self._model.program.stops_at(index)))
-        elif passed and stops and "item" not in to:
-            self._model.tell(words.PAUSE_STOPS if "pause" in to else words.JAW_STOPS)
-
-    def take_place(self) -> None:
-        self._model.take(self._name, self._model.standing(self._name))
-
-    def take_target(self) -> None:
-        self._model.take(self._name, self._model.pages[self._name].target.q)
-
-    def leave_out(self) -> None:
-        self._model.leave_out(self._name)
-
-
 ALL, REST, STEP = "all", "from here", "this one"  # how much of a program is planned and run
 
 STILL = to_rad(0.1)  # an arm that is to be slower than this stands still [rad/s]; chosen
@@ -98,7 +66,6 @@ class ProgramModel:
 
     Attributes:
         texts: What is said of one arm, or of several.
-        edit: Changes what an arm does in the selected step, by its name.
         chosen: Index of the step that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
         timeline: The plan over time, as long as it is valid; else None.
@@ -115,7 +82,6 @@ class ProgramModel:
         self._zeros = zeros or (lambda: dict.fromkeys(pages))
         self._arms, self.pages, self._submit = arms, pages, submit
         self.texts = words.ONE if isinstance(arms, Solo) else words.SEVERAL
-        self.edit = {name: ArmInStep(self, name) for name in pages}
         self._now = arms.clock.now
         self.program = Program()
         self.history = History(self.program, self._restore, self._now)
@@ -141,9 +107,9 @@ class ProgramModel:
 
     def record_arms(self, names: Sequence[str] | None = None) -> None:
         """Add a step in which these arms, or all, go to where they stand now; their jaws stay."""
-        self._record({name: self.standing(name) for name in names or self.pages})
+        self._record({name: self._standing(name) for name in names or self.pages})
 
-    def standing(self, name: str) -> Array:
+    def _standing(self, name: str) -> Array:
         """Where an arm stands, shape (5,), [rad]; ``MotionError`` while it moves."""
         if name in self._moving:
             raise MotionError(f"{name or 'the arm'} moves; record it when it stands still")
@@ -168,7 +134,7 @@ class ProgramModel:
         if not items:
             raise ConfigError("item", None, NO_ITEM)
         self.record_arms()
-        self.change(ARM, item=items[0].name)
+        self._change(ARM, item=items[0].name)
 
     def choose(self, index: int) -> None:
         if 0 <= index < len(self.program):
@@ -182,18 +148,30 @@ class ProgramModel:
         can_edit = self.chosen is not None and self.run is None
         return self._step.get(name) if can_edit else None
 
-    def change(self, name: str, /, **to: Any) -> None:
-        waypoint = self._step.get(name)
-        if waypoint is not None:
-            self._put(name, replace(waypoint, **to), (self.chosen, name, *to))
+    def set(self, name: str, /, **to: Any) -> None:
+        """Change what an arm does in the selected step; what needs a stop there ends passing.
 
-    def take(self, name: str, q: Array) -> None:
-        """Let an arm go to ``q``, shape (5,), [rad], in the selected step, beside the others."""
-        before = self._step.get(name)
-        if before is None:
-            self._put(name, Waypoint(name=self._next_letter(), q=q))
-        else:
-            self.change(name, q=q)
+        What is given is named as in ``Waypoint``.
+        """
+        before, index = self.waypoint(name), self.chosen
+        passed = before is not None and before.passes
+        if to.get("passes"):
+            to |= {"pause": 0.0, "aperture": None, "item": None, "place": ""}
+        elif to.get("item") == "":
+            to |= {"item": None, "place": ""}
+        stops = to.get("pause") or to.get("item") or to.get("aperture") is not None
+        self._change(name, **to, **({"passes": False} if passed and stops else {}))
+        if to.get("passes") and before is not None and index is not None:
+            self.tell(words.passing(before, stops=self.program.stops_at(index)))
+        elif passed and stops and "item" not in to:
+            self.tell(words.PAUSE_STOPS if "pause" in to else words.JAW_STOPS)
+
+    def take_place(self, name: str) -> None:
+        """Let an arm go to where it stands now in the selected step, beside the others."""
+        self._take(name, self._standing(name))
+
+    def take_target(self, name: str) -> None:
+        self._take(name, self.pages[name].target.q)
 
     def leave_out(self, name: str) -> None:
         index = self._chosen_index()
@@ -477,6 +455,17 @@ class ProgramModel:
     @property
     def _step(self) -> Step:
         return self.program.steps[self._chosen_index()]
+
+    def _change(self, name: str, /, **to: Any) -> None:
+        waypoint = self._step.get(name)
+        if waypoint is not None:
+            self._put(name, replace(waypoint, **to), (self.chosen, name, *to))
+
+    def _take(self, name: str, q: Array) -> None:
+        if name in self._step:
+            self._change(name, q=q)
+        else:
+            self._put(name, Waypoint(name=self._next_letter(), q=q))
 
     def _put(self, name: str, waypoint: Waypoint, kind: Hashable = None) -> None:
         step = {**self._step, name: waypoint}

@@ -23,7 +23,7 @@ from ..page.page_context import PROGRAM, PageContext, Part
 from ..page.shared_fields import SharedField, TimeFields, UndoButtons, grey, percent_slider, put
 from ..view_model import ViewModel
 from . import program_texts as words
-from .program_model import REST, STEP, ArmInStep, ProgramModel
+from .program_model import REST, STEP, ProgramModel
 from .program_view import ProgramView
 from .rehearsal_time import RehearsalTime
 
@@ -140,25 +140,26 @@ class ProgramPart(Part):
             "copy": model.duplicate,
         }
         if self._is_one:
-            does["re-record"] = model.edit[ARM].take_place
+            does["re-record"] = partial(model.take_place, ARM)
         does["delete"] = model.remove
         hint = "re-record: it moves to where the arm is now" if self._is_one else None
         self._chosen.append(self._context.buttons(model.texts.step.capitalize(), does, hint))
 
     def _add_arms(self, gui: viser.GuiApi) -> None:
         if self._is_one:
-            self._fields = {ARM: WaypointFields(self._context, self.model.edit[ARM])}
+            self._fields = {ARM: WaypointFields(self._context, partial(self.model.set, ARM))}
             return
         tabs = gui.add_tab_group()
-        for name, edit in self.model.edit.items():
+        model = self.model
+        for name in self._pages:
             with tabs.add_tab(name):
                 does = {
-                    "re-record": edit.take_place,
-                    "to target": edit.take_target,
-                    "leave out": edit.leave_out,
+                    "re-record": partial(model.take_place, name),
+                    "to target": partial(model.take_target, name),
+                    "leave out": partial(model.leave_out, name),
                 }
                 self._chosen.append(self._context.buttons("In this step", does, _USES))
-                self._fields[name] = WaypointFields(self._context, edit)
+                self._fields[name] = WaypointFields(self._context, partial(model.set, name))
 
     def refresh(self) -> bool:
         model = self.model
@@ -254,11 +255,11 @@ class RowList:
 
 
 class WaypointFields:
-    """The fields of what an arm does in the selected step."""
+    """The fields of what an arm does in the selected step; ``change`` takes what is entered."""
 
-    def __init__(self, context: PageContext, editor: ArmInStep) -> None:
+    def __init__(self, context: PageContext, change: Callable[..., None]) -> None:
         def sets(field: str) -> Callable[[Any], None]:
-            return lambda value: editor.set(**{field: value})
+            return lambda value: change(**{field: value})
 
         gui = context.gui
         self._name = SharedField(gui.add_text("Name", ""), sets("name"), context)
@@ -273,11 +274,11 @@ class WaypointFields:
         pause = gui.add_number("Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1)
         self._pause = SharedField(pause, sets("pause"), context, units.TENTHS)
         jaw = gui.add_dropdown("Gripper", tuple(_JAW))
-        self._jaw = SharedField(jaw, lambda name: editor.set(aperture=_JAW[name]), context)
+        self._jaw = SharedField(jaw, lambda name: change(aperture=_JAW[name]), context)
         self._opening = percent_slider(context, "Gripper (%)", sets("aperture"))
         self._items = gui.add_dropdown("Pick item", (_NONE,))
         self._item = SharedField(
-            self._items, lambda name: editor.set(item="" if name == _NONE else name), context
+            self._items, lambda name: change(item="" if name == _NONE else name), context
         )
         place = gui.add_text("Put it at", "", hint="x,y,z in mm or a name; empty: hold it")
         self._place = SharedField(place, sets("place"), context)

@@ -41,7 +41,7 @@ class Tab:
         self.aimed = []
         self.worker = ThreadPoolExecutor(max_workers=1)
         self.model = ProgramModel(Solo.of(rig), {ARM: self}, self.worker.submit)
-        self.edit = self.model.edit[ARM]
+        self.set = partial(self.model.set, ARM)
 
     @property
     def q_arm(self):
@@ -101,7 +101,7 @@ def test_a_waypoint_at_which_an_item_is_picked_is_added_rehearsed_and_run(tab):
         tab.model.pick()
     tab.rig.arm.scene = cube_and_tray()
     tab.model.pick()
-    tab.edit.set(place="tray")
+    tab.set(place="tray")
     waypoint = tab.model.program.waypoints[1]
     assert (waypoint.item, waypoint.place) == ("cube", "tray")
     assert words.line(tab.model.program, 1) == "cube to tray"
@@ -113,7 +113,7 @@ def test_a_waypoint_at_which_an_item_is_picked_is_added_rehearsed_and_run(tab):
     tab.model.start()
     tab.until(lambda: tab.model.run is None)
     assert tab.rig.things.where("cube").p[:2] == pytest.approx([0.11, -0.2], abs=2e-3)
-    tab.edit.set(passes=True)
+    tab.set(passes=True)
     assert tab.model.program.waypoints[1].item is None
 
 
@@ -122,9 +122,9 @@ def test_waypoints_keep_their_names_when_the_order_changes(tab):
     tab.model.move(-1)
     assert tab.names == "ACB"
     assert tab.model.chosen == 1
-    tab.edit.set(name="grip")
-    tab.edit.set(pause=1.5)
-    tab.edit.set(aperture=None)
+    tab.set(name="grip")
+    tab.set(pause=1.5)
+    tab.set(aperture=None)
     changed = tab.model.program.waypoints[1]
     assert (changed.name, changed.pause, changed.aperture) == ("grip", 1.5, None)
     tab.model.move(1)
@@ -146,25 +146,25 @@ def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab):
 
     tab.record(A, B)
     tab.model.choose(0)
-    tab.edit.set(aperture=0.0)
-    tab.edit.set(passes=True)
+    tab.set(aperture=0.0)
+    tab.set(passes=True)
     assert first() == (True, 0.0, None)
     assert tab.said.endswith("Its pause and its gripper setting are removed.")
-    tab.edit.set(aperture=0.5)
+    tab.set(aperture=0.5)
     assert first() == (False, 0.0, 0.5)
     assert tab.said == "The gripper needs a stop, so this waypoint is no longer passed."
-    tab.edit.set(aperture=None)
-    tab.edit.set(passes=True)
+    tab.set(aperture=None)
+    tab.set(passes=True)
     assert tab.said == "Passed without stopping."
-    tab.edit.set(pause=2.0)
+    tab.set(pause=2.0)
     assert first() == (False, 2.0, None)
     assert tab.said == "A pause needs a stop, so this waypoint is no longer passed."
-    tab.edit.set(pause=0.0)
-    tab.edit.set(passes=True)
-    tab.edit.set(passes=False)
+    tab.set(pause=0.0)
+    tab.set(passes=True)
+    tab.set(passes=False)
     assert first() == (False, 0.0, None)
     tab.model.choose(1)
-    tab.edit.set(passes=True)
+    tab.set(passes=True)
     assert tab.said == "The arm stops at the last waypoint, until another follows it."
 
 
@@ -176,7 +176,7 @@ def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab):
     assert tab.model.chosen == 0
     tab.model.duplicate()
     assert (tab.names, tab.model.chosen) == ("ACB", 1)
-    tab.edit.take_place()
+    tab.model.take_place(ARM)
     np.testing.assert_array_equal(tab.model.program.waypoints[1].q, np.zeros(5))
     tab.model.history.undo()
     np.testing.assert_array_equal(tab.model.program.waypoints[1].q, A)
@@ -250,7 +250,7 @@ def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab):
     full = tab.model.timeline.rehearsal.legs[0].at[-1]
     tab.model.choose(0)
     for speed in (0.9, 0.6, 0.25):  # dragged, and so undone in one go
-        tab.edit.set(speed=speed)
+        tab.set(speed=speed)
     tab.plan()
     tab.model.refresh()
     assert not tab.model.refresh()  # an arm at rest gives nothing new to show
@@ -408,8 +408,8 @@ def test_stop_ends_it_for_all_arms(bench):
 def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
     model = bench.model
     bench.record(first=aside(55.0), second=aside(50.0))
-    model.edit[SECOND].set(aperture=1.0)
-    model.edit[FIRST].set(pause=60.0)
+    model.set(SECOND, aperture=1.0)
+    model.set(FIRST, pause=60.0)
     bench.record(second=aside(60.0))
     model.set_rounds(2)
     assert bench.plan().can_run
@@ -467,17 +467,17 @@ def test_steps_are_edited_arm_by_arm_and_edits_are_undone(bench):
     model = bench.model
     bench.record(first=aside(55.0))
     bench.arms[SECOND].set_target_joints(aside(50.0))
-    model.edit[SECOND].take_target()
+    model.take_target(SECOND)
     assert [*model.program.steps[0]] == [FIRST, SECOND]
-    model.edit[SECOND].set(aperture=0.5)
-    model.edit[SECOND].set(pause=1.5)
-    model.edit[FIRST].set(speed=0.4)
+    model.set(SECOND, aperture=0.5)
+    model.set(SECOND, pause=1.5)
+    model.set(FIRST, speed=0.4)
     assert model.waypoint(SECOND).aperture == 0.5
     assert model.waypoint(FIRST).aperture is None
-    model.edit[FIRST].leave_out()
+    model.leave_out(FIRST)
     assert model.waypoint(FIRST) is None
     with pytest.raises(ConfigError, match="has no other arm; delete it instead"):
-        model.edit[SECOND].leave_out()
+        model.leave_out(SECOND)
     model.history.undo()
     assert model.waypoint(FIRST).speed == 0.4
     bench.record(first=aside(60.0), second=aside(60.0))
@@ -503,7 +503,7 @@ def test_arms_that_are_guided_by_hand_are_recorded_where_they_stand(bench):
     model.record_arms([SECOND])
     model.choose(0)
     bench.arms[SECOND].set_target_joints(aside(60.0))
-    model.edit[SECOND].take_place()
+    model.take_place(SECOND)
     for step in model.program.steps:
         np.testing.assert_allclose(step[SECOND].q, bench.q(SECOND), atol=to_rad(0.5))
     arm.set_manual(False)
