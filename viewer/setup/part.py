@@ -166,7 +166,7 @@ class SetupPart(Part):
     def _build(self, gui: viser.GuiApi) -> None:
         button = self.setup.context.button
         self._head = gui.add_html("")
-        self._torque, self._alarm = gui.add_html(""), gui.add_html("")
+        self._alarm = gui.add_html("")
         self._steps = gui.add_html("")
         self._choice = gui.add_folder(None)
         with self._choice:
@@ -274,13 +274,15 @@ class SetupPart(Part):
     def refresh(self) -> bool:
         is_stale, self._is_stale = self._is_stale, False
         ended = self.setup.collect()
-        is_blind = self.setup.is_looking or self.setup.doing != ""
-        torque = self.setup.torque.look(self.setup.target, is_blind=is_blind)
+        target, is_blind = self.setup.target, self.setup.is_looking or self.setup.doing != ""
+        torque = self.setup.torque.look(target, is_blind=is_blind)
+        if target is not None and target.is_under_way:  # to calibrate is what the tab says
+            self.setup.context.bar.state = torque.text
         news = self._current is not None and self._current.refresh()
         asked = self._abort.refresh()
         before, self._wrong = self._wrong, self._look_for_alarm()
         self._take_stage()
-        return is_stale or ended or torque or news or asked or self._wrong != before
+        return is_stale or ended or news or asked or self._wrong != before
 
     def _look_for_alarm(self) -> str:
         """The worst alarm of the bar, unless the step says itself what is wrong."""
@@ -295,14 +297,12 @@ class SetupPart(Part):
         if wizard.workflow is None or step is None or self._current is None:
             about = self._outcome or "From a box of parts to a moving arm. What do you need?"
             self._head.content = markup.headline("Set up an arm", about, is_under_way=False)
-            self._steps.content = self._torque.content = ""
+            self._steps.content = ""
             return
         waits = self.setup.target is None and wizard.place > 0
         about = f"{wizard.where}, once the arm is connected again" if waits else wizard.where
         self._head.content = markup.headline(wizard.workflow.title, about, is_under_way=True)
         self._steps.content = setup_cards.step_list(wizard.rows(self.setup.known))
-        if not self._is_alone:  # else the bar says it
-            self._torque.content = setup_cards.torque(self.setup.torque.shown)
         reason = self._reason()
         ends = wizard.is_last and not waits
         self._next.label = "Finish" if ends else self._current.next_label()

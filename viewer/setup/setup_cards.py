@@ -11,7 +11,6 @@ from so101_motion.setup.checkup import Check
 from so101_motion.setup.setup_steps import SetupStep, Workflow
 
 from ..page.cards import marked
-from .setup_context import TorqueText
 
 Place = Literal["done", "passed over", "now", "left"]
 
@@ -36,11 +35,6 @@ def step_list(rows: Iterable[tuple[SetupStep, Place]]) -> str:
         for number, (step, place) in enumerate(rows, start=1)
     )
     return f'<div class="so101-steplist">{"".join(steps)}</div>'
-
-
-def torque(now: TorqueText) -> str:
-    tone = "busy" if now.is_on else "dim"
-    return f'<div class="so101-torque"><i class="so101-{tone}"></i>{escape(now.text)}</div>'
 
 
 def link(url: str, text: str) -> str:

@@ -225,11 +225,8 @@ class TorqueWatch:
         self.shown = torque(None)
         self._now, self._known_at = now, now()
 
-    def look(self, target: SetupTarget | None, *, is_blind: bool) -> bool:
-        """Read the torque again; what it was stands while motors are searched for or written to.
-
-        Returns whether it changed.
-        """
+    def look(self, target: SetupTarget | None, *, is_blind: bool) -> TorqueText:
+        """Read the torque again; what it was stands while motors are searched for or written to."""
         seen, before, t = torque(target), self.shown, self._now()
         is_kept = before.is_on is not None or (is_blind and before != torque(None))
         is_lost = target is not None and seen.is_on is None and is_kept
@@ -237,7 +234,7 @@ class TorqueWatch:
             self._known_at = t
         if not is_lost or t - self._known_at >= SETTLED:
             self.shown = seen
-        return self.shown != before
+        return self.shown
 
 
 ServesPreview = Callable[..., ServedPage]  # serves a preview of an arm: ``so101_viewer.serve``

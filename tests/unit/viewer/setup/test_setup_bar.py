@@ -123,24 +123,21 @@ def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     now = [0.0]
     watch = TorqueWatch(lambda: now[0])
     limp, lost = bench(), bench(connected=False)
-    assert watch.look(limp, is_blind=False)
-    assert not watch.look(lost, is_blind=True)
-    assert not watch.look(lost, is_blind=False)
-    now[0] += 0.9 * SETTLED
-    assert not watch.look(lost, is_blind=False)
-    assert not watch.look(limp, is_blind=False)
-    now[0] += 0.9 * SETTLED
-    assert not watch.look(lost, is_blind=False)
-    assert watch.shown == torque(limp)
+    assert watch.look(limp, is_blind=False) == torque(limp)
+    assert watch.look(lost, is_blind=True) == torque(limp)
+    assert watch.look(lost, is_blind=False) == torque(limp)
+    for _ in range(2):
+        now[0] += 0.9 * SETTLED
+        assert watch.look(lost, is_blind=False) == torque(limp)
+        assert watch.look(limp, is_blind=False) == torque(limp)
+    assert watch.look(lost, is_blind=False) == torque(limp)
     now[0] += SETTLED
-    assert watch.look(lost, is_blind=False)
-    assert watch.shown == torque(lost)
+    assert watch.look(lost, is_blind=False) == torque(lost)
     watch = TorqueWatch(lambda: 0.0)  # of a new bench, shown at once as is its end
-    assert watch.look(bench(holds=None), is_blind=True)
-    assert not watch.look(lost, is_blind=True)  # which is so only while it is written to
-    assert watch.shown == torque(bench(holds=None))
-    assert watch.look(None, is_blind=False)
-    assert watch.shown == torque(None)
+    new = bench(holds=None)
+    assert watch.look(new, is_blind=True) == torque(new)
+    assert watch.look(lost, is_blind=True) == torque(new)  # it is written to
+    assert watch.look(None, is_blind=False) == torque(None)
 
 
 def begun(folder: Path) -> StepWizard:
