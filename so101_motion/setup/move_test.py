@@ -122,11 +122,11 @@ class JointAccuracy:
         return {
             "joint": self.joint,
             "verdict": self.verdict,
-            "error_deg": _deg(self.error),
-            "hysteresis_deg": _deg(self.hysteresis),
-            "lag_ms": None if self.lag is None else _rounded(1e3 * self.lag),
-            "settle_ms": None if self.settle is None else _rounded(1e3 * self.settle),
-            "tool_mm": None if self.tool is None else _rounded(to_mm(self.tool)),
+            "error_deg": _rounded(self.error, _DEG, 3),
+            "hysteresis_deg": _rounded(self.hysteresis, _DEG, 3),
+            "lag_ms": _rounded(self.lag, _MS),
+            "settle_ms": _rounded(self.settle, _MS),
+            "tool_mm": _rounded(self.tool, _MM),
             "sentence": self.sentence,
         }
 
@@ -197,11 +197,11 @@ class MoveReport:
         return {
             "arm": self.arm,
             "began_at": self.began_at,
-            "seconds": _rounded(self.seconds),
+            "seconds": _rounded(self.seconds, 1.0),
             "passed": self.passed,
             "sentence": self.sentence,
             "as_shown": self.as_shown,
-            "tool_mm": None if self.tool is None else _rounded(to_mm(self.tool)),
+            "tool_mm": _rounded(self.tool, _MM),
             "joints": [joint.to_json() for joint in self.joints],
         }
 
@@ -270,30 +270,18 @@ class Measurements:
         return max(float(error @ speed / (speed @ speed)), 0.0)
 
 
-def degrees(angle: float | None) -> str:
-    """An angle [rad] as text in degrees."""
-    return "–" if angle is None else f"{to_deg(angle):.1f}°"
-
-
-def milliseconds(duration: float | None) -> str:
-    """A time [s] as text in milliseconds."""
-    return "–" if duration is None else f"{1e3 * duration:.0f} ms"
-
-
-def millimetres(length: float | None) -> str:
-    """A length [m] as text in millimetres."""
-    return "–" if length is None else f"{to_mm(length):.1f} mm"
-
-
 _RANK: tuple[Verdict, ...] = ("ok", "warn", "fail")
 
 
-def _deg(angle: float | None) -> float | None:
-    return None if angle is None else _rounded(to_deg(angle), 3)
+_DEG, _MM, _MS = to_deg(1.0), to_mm(1.0), 1e3  # so many are one radian, metre, second
 
 
-def _rounded(value: float, digits: int = 1) -> float:
-    return round(float(value), digits) + 0.0
+def _rounded(value: float | None, unit: float, digits: int = 1) -> float | None:
+    return None if value is None else round(unit * value, digits) + 0.0
+
+
+def _shown(value: float | None, unit: float, form: str) -> str:
+    return "–" if value is None else form.format(unit * value)
 
 
 SWING = to_rad(6.0)
@@ -482,9 +470,9 @@ class MoveTest(LocalOperation):
             Offer(command="answer", title="No, it differs", arguments={"as_shown": False}, key="n"),
         )
         text = [report.sentence] * report.passed + [_SEEN] * self.asks
-        tool = (
-            "" if report.tool is None else f"The tool was at most {millimetres(report.tool)} off."
-        )
+        tool = ""
+        if report.tool is not None:
+            tool = f"The tool was at most {to_mm(report.tool):.1f} mm off."
         is_measured = any(joint.error is not None for joint in report.joints)
         return show(
             state="tested",
@@ -739,7 +727,8 @@ def _rows(joints: tuple[JointAccuracy, ...]) -> tuple[Row, ...]:
         alike = wrong.get(joint.sentence, [""])
         names = f"{', '.join(alike)}: " if len(alike) > 1 else ""
         mark, tone = _MARKS[joint.verdict]
-        cells = (degrees(joint.error), degrees(joint.hysteresis), milliseconds(joint.lag))
+        angles = (_shown(each, _DEG, "{:.1f}°") for each in (joint.error, joint.hysteresis))
+        cells = (*angles, _shown(joint.lag, _MS, "{:.0f} ms"))
         text = f"{names}{joint.sentence}" if alike[-1] == joint.joint else ""
         rows.append(Row(label=joint.joint, cells=cells, text=text, mark=mark, tone=tone))
     return tuple(rows)
