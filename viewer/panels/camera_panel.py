@@ -40,15 +40,10 @@ _END = b"\xff\xd9"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A picture as the camera sent it, and when it came, ``time.monotonic`` [s]."""
+    """A picture as a ``data:`` address, and when it came, ``time.monotonic`` [s]."""
 
-    data: bytes
-    kind: str
+    url: str
     t: float
-
-    @property
-    def as_url(self) -> str:
-        return f"data:{self.kind};base64,{base64.b64encode(self.data).decode()}"
 
 
 def check_camera(camera: str, *, has_machine: bool) -> None:
@@ -129,7 +124,8 @@ class CameraFeed:
             raise ValueError("it sends no picture (JPEG or PNG)")
         now = time.monotonic()
         if self.picture is None or now - self.picture.t >= PERIOD:
-            self.picture = Picture(data=data, kind=kind, t=now)
+            url = f"data:{kind};base64,{base64.b64encode(data).decode()}"
+            self.picture = Picture(url=url, t=now)
         self.problem = ""
 
 
@@ -200,7 +196,7 @@ class CameraPart(Part):
     def show(self) -> None:
         picture, is_old = self.feed.picture, self._is_old()
         says = "" if not is_old else self.feed.problem or "the camera sends no picture"
-        self._html.content = markup.picture(None if picture is None else picture.as_url, says)
+        self._html.content = markup.picture(None if picture is None else picture.url, says)
 
     def close(self) -> None:
         self.feed.close()
