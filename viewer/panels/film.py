@@ -30,18 +30,13 @@ from ..scene.robot_view import Line, RobotView, segments
 from ..scene.scene_view import SceneView
 from ..server.guarded_server import start_guarded
 from ..server.head import NOTICE, front_file
+from ..server.request_policy import POLICY
 
 FRAMES = 30.0  # pictures a second; chosen, it looks smooth and keeps the file small
 _PAUSE = 0.8  # how long the arm rests at both ends before the player begins again [s]; chosen
 
 _PATH = (240, 140, 0)
 _GHOST, _GHOST_OPACITY = (60, 130, 246), 0.3
-
-_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; worker-src blob:; "
-    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; "
-    "base-uri 'none'; form-action 'none'"
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -196,7 +191,8 @@ class _DrawnArm:
 def _dressed(player: str, film: Film) -> str:
     """The player with a title, the figures and the policy; every text is escaped."""
     title = escape(film.title)
-    policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+    allowed = POLICY.format(connect="data: blob:")
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{allowed}">'
     player = re.sub(r"<title>.*?</title>", "", player, count=1, flags=re.DOTALL)
     player = player.replace(_LIGHT, _AS_WISHED, 1)
     head = player.index("<head>") + len("<head>")

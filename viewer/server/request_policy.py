@@ -28,14 +28,14 @@ _HEADERS = {
     "Cache-Control": "no-store",
 }
 
-_POLICY = (
+POLICY = (
     "default-src 'none'; "
     "script-src 'unsafe-inline' 'unsafe-eval' blob:; "  # viser's page unpacks itself that way
     "worker-src blob:; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
-    "connect-src {connect}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "connect-src {connect}; base-uri 'none'; form-action 'none'"
 )
-"""What our page may load. ``connect-src`` matters most: viser's page takes the address of its
-server from a ``?websocket=`` parameter, and runs what that server sends."""
+"""What our pages and films may load. ``connect-src`` matters most: viser's page takes the address
+of its server from a ``?websocket=`` parameter, and runs what that server sends."""
 
 _HTML = "text/html; charset=utf-8"
 
@@ -122,7 +122,9 @@ def harden(reply: Response, request: Request) -> Response:
 
 
 def _confine(reply: Response, *, connect: str) -> None:
-    reply.headers["Content-Security-Policy"] = _POLICY.format(connect=connect)
+    reply.headers["Content-Security-Policy"] = (
+        f"{POLICY.format(connect=connect)}; frame-ancestors 'none'"
+    )
     for name, value in _HEADERS.items():
         reply.headers[name] = value
 
