@@ -126,10 +126,10 @@ class OperationPanel(Part):
 
     Args:
         operation: Returns the operation; None while there is none.
-        worker: Runs its commands; one of its own if not given, closed with the panel.
+        worker: Runs its commands, of a page that shows what it does and undoes it with a button of
+            its own; one of the panel's if not given, closed with it.
         draw: Draws the view's picture.
         as_shown: What to show of the operation's view.
-        hides_cancel: Whether the page has a button of its own that undoes everything.
         by_enter: Whether Enter presses the usual button, where none has the focus.
         rows_last: Whether rows that come and go stand below the buttons, and so do not move them.
     """
@@ -142,13 +142,12 @@ class OperationPanel(Part):
         worker: Worker | None = None,
         draw: Callable[[View], None] = lambda _view: None,
         as_shown: Callable[[View], View] = lambda view: view,
-        hides_cancel: bool = False,
         by_enter: bool = False,
         rows_last: bool = False,
     ) -> None:
         self._context, self._operation, self._draw = context, operation, draw
         self._as_shown = as_shown
-        self._hides_cancel, self._by_enter, self._rows_last = hides_cancel, by_enter, rows_last
+        self._by_enter, self._rows_last = by_enter, rows_last
         self._worker = worker or Worker()
         self._own = self._worker if worker is None else None
         self._view: View | None = None
@@ -246,7 +245,7 @@ class OperationPanel(Part):
         self._offers.clear()
         for place, offer in enumerate(view.offers):
             is_by_itself = offer.is_look and offer.due_in is not None
-            if is_by_itself or (offer.cancels and self._hides_cancel):
+            if is_by_itself or (offer.cancels and self._own is None):
                 continue
             count = sum(before.command == offer.command for before in view.offers[:place])
             self._offers[f"{offer.command} {count} {bool(offer.asks)}"] = offer

@@ -70,7 +70,6 @@ class StepPage:
             worker=setup,
             draw=self._draw,
             as_shown=self._as_shown,
-            hides_cancel=True,
             by_enter=step.name == "motors",
         )
 
