@@ -96,12 +96,12 @@ class Calibrator(Session):
     """Calibrates the arm on a port, and sets up its servos.
 
     Its commands raise ``MotionError`` as well, if something moves or the bus is lent already. It
-    owns its share of the port, whose settings' ``calibration_file``, else their ``fallback_file``,
-    is where a calibration is saved.
+    owns ``rig``, its share of the port, whose settings' ``calibration_file``, else their
+    ``fallback_file``, is where a calibration is saved.
     """
 
     def __init__(self, rig: HardwareRig, joints: Collection[str] = JOINTS) -> None:
-        self._rig = rig
+        self.rig = rig
         super().__init__(self._file(), joints)
         self.ended = StepResult()  # how the last save, abort or reset has left the arm
         self._loan: BusLease | None = None
@@ -131,11 +131,11 @@ class Calibrator(Session):
 
     @property
     def port(self) -> str:
-        return self._rig.settings.port
+        return self.rig.settings.port
 
     @property
     def situation(self) -> Situation:
-        servos, view, is_active = self._rig.servos, self.view, self.is_active
+        servos, view, is_active = self.rig.servos, self.view, self.is_active
         joints = view.joints  # none yet while a start is on its way
         if not is_active or not joints:
             joints = {joint: self._at_rest(joint) for joint in self.joints}
@@ -162,7 +162,7 @@ class Calibrator(Session):
         with self._lock:
             loan = self._loan
             if loan is None:
-                loan = self._rig.lend_bus("calibration")
+                loan = self.rig.lend_bus("calibration")
                 self.calibration_file = self._file()
             try:
                 return super().start(access or loan)
@@ -189,8 +189,8 @@ class Calibrator(Session):
         """Hold the joints where they stand, without a component as well; ends hand guiding."""
         with self._lock:
             self._refuse_active("hold the joints")
-            self._rig.arm.stop()
-            self._loan = self._rig.lend_bus("holding")
+            self.rig.arm.stop()
+            self._loan = self.rig.lend_bus("holding")
             return self._give_back(hold=True)
 
     def let_go(self) -> None:
@@ -199,8 +199,8 @@ class Calibrator(Session):
             if self.is_active:
                 self._lent.call(eeprom.let_go)
                 return
-            self._rig.arm.stop()
-            self._rig.gripper.stop()
+            self.rig.arm.stop()
+            self.rig.gripper.stop()
             with self._borrow("letting go") as loan:
                 loan.call(eeprom.let_go)
 
@@ -208,8 +208,8 @@ class Calibrator(Session):
         """Restore an earlier version in file and servos, the last that differs by default."""
         with self._lock:
             self._refuse_active("go back")
-            hold = self._rig.servos.is_driving or None  # or as the servos are
-            self._loan = self._rig.lend_bus("an earlier calibration")
+            hold = self.rig.servos.is_driving or None  # or as the servos are
+            self._loan = self.rig.lend_bus("an earlier calibration")
             try:
                 stored = store.restore(self._file(), number)
                 self._loan.call(partial(eeprom.write_calibration, stored=stored))
@@ -221,7 +221,7 @@ class Calibrator(Session):
     def close(self) -> None:
         with self._lock:
             self._end()
-            self._rig.close()
+            self.rig.close()
 
     def leave(self) -> bool | None:
         """Like ``close``; returns whether any joint is driven, None if no servo answers."""
@@ -233,7 +233,7 @@ class Calibrator(Session):
             except So101Error:
                 return None
             finally:
-                self._rig.close()
+                self.rig.close()
 
     # How
 
@@ -242,7 +242,7 @@ class Calibrator(Session):
         self._give_back(hold=self.held_before)
 
     def _file(self) -> Path:
-        settings = self._rig.settings
+        settings = self.rig.settings
         file = settings.calibration_file or settings.fallback_file
         assert file is not None  # a calibrator's settings always have one
         return file
@@ -255,13 +255,13 @@ class Calibrator(Session):
 
     def _give_back(self, *, hold: bool | None, stored: Stored | None = None) -> StepResult:
         loan, self._loan = self._loan, None
-        trouble, known = None, self._rig.servos.known
+        trouble, known = None, self.rig.servos.known
         if loan is not None:
             try:
                 loan.give_back(hold=hold)
             except So101Error as error:
                 trouble = str(error)
-        servos, mode = self._rig.servos, self._rig.arm.state.mode
+        servos, mode = self.rig.servos, self.rig.arm.state.mode
         hold = servos.is_driving if hold is None else hold
         silent = [joint for joint in known if joint not in servos.setups]
         if hold and trouble is None and silent:
@@ -281,14 +281,14 @@ class Calibrator(Session):
     @contextmanager
     def _borrow(self, purpose: str = "motor setup") -> Iterator[BusAccess]:
         with self._lock:
-            loan = self._rig.lend_bus(purpose)
+            loan = self.rig.lend_bus(purpose)
             try:
                 yield loan
             finally:
                 loan.abandon()  # servos are missing during a setup, and that is no error
 
     def _at_rest(self, joint: str) -> JointView:
-        setup = self._rig.servos.setups.get(joint)
+        setup = self.rig.servos.setups.get(joint)
         ticks = self._ticks(joint, setup)
         entry = record.default(joint) if setup is None else setup.calibration
         return JointView(
@@ -304,19 +304,19 @@ class Calibrator(Session):
         )
 
     def _ticks(self, joint: str, setup: JointSetup | None) -> int | None:
-        servos = self._rig.servos
+        servos = self.rig.servos
         if not servos.is_ours:
             ticks = servos.positions.get(joint)
             return None if ticks is None else ticks % TICKS_PER_TURN
         silent = (health.joint for health in servos.health if health.is_silent)
         if not servos.is_connected or setup is None or joint in silent:
             return None
-        reading = self._rig.arm.state.reading
+        reading = self.rig.arm.state.reading
         q = reading.q_jaw if joint == GRIPPER_JOINT else float(reading.q[JOINTS.index(joint)])
         return setup.map.to_ticks(q) % TICKS_PER_TURN
 
     def _angles(self, joints: Mapping[str, JointView], by_middle: bool) -> dict[str, float]:
-        setups, angles = self._rig.servos.setups, {}
+        setups, angles = self.rig.servos.setups, {}
         for joint, view in joints.items():
             if view.ticks is None:
                 continue

@@ -12,13 +12,11 @@ import msgspec
 
 from so101_motion.calib.motors.setup_view import SetupProgress
 from so101_motion.calib.procedure.steps import State
-from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
 from so101_motion.common.operation import Operation, RemoteOperation
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.protocols import RigLike
-from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.setup.assembly import AssemblyOperation
 from so101_motion.setup.calibration_operation import CalibrationOperation
 from so101_motion.setup.calibrator import Calibrator, Situation
@@ -48,7 +46,8 @@ class SetupTarget:
     calibration: Operation  # calibrates it
     motors: Operation  # gives its motors their ids
     chain: Operation  # verifies its motors
-    set_torque: Callable[[bool], object]  # holds the joints where they stand, or lets them sink
+    # holds the joints where they stand, or lets them sink; without ``rig`` there is nothing to hold
+    set_torque: Callable[[bool], object]
     # moves the arm, for the final test; None if it cannot be moved. Closed by its owner
     rig: RigLike | None = None
     # whether it is the arm of a machine, whose cable cannot be looked at from here
@@ -105,27 +104,22 @@ def ports(named: Collection[str] = (), reply_timeout: float = REPLY_TIMEOUT) -> 
         file = calibration_file(
             chosen.report, "" if chosen.report.calibration is not None else name
         )
-        asked = ServoSettings(port=chosen.name, timeout=None, fallback_file=file)
-        return _opened(open_hardware(asked, reply_timeout=reply_timeout))
+        open_rig = partial(open_hardware, reply_timeout=reply_timeout)
+        return _on_port(Calibrator.open(chosen.name, file, open_rig=open_rig))
 
     look_again = partial(look, named, reply_timeout=reply_timeout)
     return ArmSource(where=None, look=look_again, open=open_port)
 
 
-def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
-    try:
-        calibrator = Calibrator(share)
-        return SetupTarget(
-            where=share.settings.port,
-            calibration=CalibrationOperation(calibrator),
-            motors=calibrator.motors,
-            chain=calibrator.chain,
-            set_torque=lambda on: calibrator.hold() if on else calibrator.let_go(),
-            rig=rig or share,
-        )
-    except BaseException:
-        share.close()
-        raise
+def _on_port(calibrator: Calibrator, rig: RigLike | None = None) -> SetupTarget:
+    return SetupTarget(
+        where=calibrator.port,
+        calibration=CalibrationOperation(calibrator),
+        motors=calibrator.motors,
+        chain=calibrator.chain,
+        set_torque=lambda on: calibrator.hold() if on else calibrator.let_go(),
+        rig=rig or calibrator.rig,
+    )
 
 
 _AT_THE_MACHINE = (
@@ -161,10 +155,7 @@ def _open_share(rig: HardwareRig) -> SetupTarget:
     if file is None:
         (candidate,) = look((settings.port,)).candidates
         file = calibration_file(candidate.report)
-    asked = ServoSettings(
-        port=settings.port, baudrate=settings.baudrate, timeout=None, fallback_file=file
-    )
-    return _opened(open_hardware(asked), rig)
+    return _on_port(Calibrator.open(settings.port, file, baudrate=settings.baudrate), rig)
 
 
 def _of_machine(machine: Machine) -> SetupTarget:
@@ -175,17 +166,9 @@ def _of_machine(machine: Machine) -> SetupTarget:
         calibration=RemoteOperation(send, "calibration"),
         motors=RemoteOperation(send, "motors"),
         chain=RemoteOperation(send, "chain"),
-        set_torque=_without_arm if rig is None else rig.arm.set_torque,
+        set_torque=(lambda _on: None) if rig is None else rig.arm.set_torque,
         rig=rig,
         is_remote=True,
-    )
-
-
-def _without_arm(_: bool) -> None:
-    raise CalibrationError(
-        None,
-        "the machine has no arm yet: Hold and Let go have no effect",
-        "add the arm to the machine's configuration",
     )
 
 
