@@ -154,7 +154,7 @@ class OperationPanel(Part):
         self._news = ""  # what was said last, until the state changes
         self._due = 0.0
         self._offers: dict[str, Offer] = {}
-        self._buttons: dict[str, viser.GuiButtonHandle | AskingButton] = {}
+        self._buttons: dict[str, AskingButton] = {}
         self._fields: dict[str, _Field] = {}
 
     def build(self, gui: viser.GuiApi) -> None:
@@ -167,7 +167,7 @@ class OperationPanel(Part):
 
     def refresh(self) -> bool:
         is_news = self._own is not None and self._own.collect()
-        is_news |= any(b.refresh() for b in self._buttons.values() if isinstance(b, AskingButton))
+        is_news |= any(button.refresh() for button in self._buttons.values())
         operation, t = self._operation(), time.monotonic()
         if operation is None or (t < self._due and not is_news):
             return is_news
@@ -223,7 +223,7 @@ class OperationPanel(Part):
         first = next((o for o in view.offers if not o.is_look), None)
         if first is not None and first.why_not and not view.trouble:
             html += cards.note(f"{first.title}: {texts.capital(first.why_not)}")
-        plain = (b for b in self._buttons.values() if not isinstance(b, AskingButton))
+        plain = (button.widget for button in self._buttons.values() if not button.question)
         lit = next((b for b in plain if b.visible and b.color is None and not b.disabled), None)
         return html + (cards.enter(uuid_of(lit) or "", lit.label) if lit and self._by_enter else "")
 
@@ -251,8 +251,11 @@ class OperationPanel(Part):
             self._offers[f"{offer.command} {count} {bool(offer.asks)}"] = offer
         for slot, offer in self._offers.items():
             if slot not in self._buttons:
+                press = partial(self._press, slot)
                 with self._folder:
-                    self._buttons[slot] = self._new_button(slot, offer)
+                    self._buttons[slot] = AskingButton(
+                        self._context, offer.title, offer.asks, press, icon=None
+                    )
         places: dict[str, int] = {}
         shown = {each.label for offer in view.offers for each in offer.inputs.values()}
         for slot, offer in self._offers.items():
@@ -266,18 +269,11 @@ class OperationPanel(Part):
             known.widget.visible = f"field {label}" in places
         for slot, button in self._buttons.items():
             here = self._offers.get(slot)
-            widget = button.widget if isinstance(button, AskingButton) else button
-            widget.order = places.get(slot, len(places))
-            if isinstance(button, AskingButton):
-                can = here is not None and here.why_not is None and not self._worker.doing
-                button.show(shown=here is not None, can=can, label=here.title if here else "")
-                widget.color = self._color(here, view)
-                continue
-            button.visible = here is not None
-            if here is not None:
-                button.label, button.color = here.title, self._color(here, view)
-                is_busy = bool(self._worker.doing) and not here.cancels
-                button.disabled = here.why_not is not None or is_busy
+            button.widget.order = places.get(slot, len(places))
+            button.widget.color = self._color(here, view)
+            is_busy = bool(self._worker.doing) and not (here is not None and here.cancels)
+            can = here is not None and here.why_not is None and not is_busy
+            button.show(shown=here is not None, can=can, label=here.title if here else "")
 
     def _color(self, offer: Offer | None, view: View) -> Any:
         """As on the Move tab: what plans or is usual shines, what moves the arm is green."""
@@ -299,12 +295,6 @@ class OperationPanel(Part):
                 )
             known = self._fields[wanted.label] = _Field(widget, self._context)
         known.show(wanted, value, order)
-
-    def _new_button(self, slot: str, offer: Offer) -> viser.GuiButtonHandle | AskingButton:
-        press = partial(self._press, slot)
-        if offer.asks:
-            return AskingButton(self._context, offer.title, offer.asks, press, icon=None)
-        return self._context.button(offer.title, press)
 
     def _press(self, slot: str) -> None:
         offer = self._offers.get(slot)  # as it was shown

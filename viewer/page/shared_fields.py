@@ -135,7 +135,10 @@ class UndoButtons:
 
 
 class AskingButton:
-    """A button that says ``question`` when it is pressed, and acts if it is again in time."""
+    """A button that says its question when it is pressed, and acts if it is again in time.
+
+    Without a question it acts at once.
+    """
 
     def __init__(
         self,
@@ -145,7 +148,7 @@ class AskingButton:
         command: Callable[[], object],
         icon: viser.IconName | None,
     ) -> None:
-        self._label, self._question, self._command = label, question, command
+        self._label, self.question, self._command = label, question, command
         self._until = 0.0
         self.widget = context.button(label, self._press, icon=icon, color="gray")
 
@@ -157,12 +160,12 @@ class AskingButton:
 
     def show(self, *, shown: bool = True, can: bool = True, label: str = "") -> None:
         self.widget.visible, self._label = shown, label or self._label
-        self.widget.label = self._question if self._until else self._label
+        self.widget.label = self.question if self._until else self._label
         self.widget.disabled = not can
 
     def _press(self) -> None:
         asked, self._until = self._until, 0.0
-        if time.monotonic() <= asked:
+        if not self.question or time.monotonic() <= asked:
             self._command()
         else:
             self._until = time.monotonic() + ASKED_FOR
