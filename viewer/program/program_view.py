@@ -14,15 +14,12 @@ from so101_motion.arm.cell_member import Stand
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.request import Plan
 from so101_motion.tasks.program import Program, Rehearsal
 
 from ..scene.robot_view import Line, RobotView, segments
 
 _COLOR = (147, 51, 234)
 _ABOVE = np.array([0.0, 0.0, 0.015])
-
-_POINTS = 32  # points of the tool path that are drawn for each waypoint; chosen
 
 _EMPTY = Program()
 
@@ -108,15 +105,6 @@ class ProgramView:
 
     def _draw_path(self, rehearsal: Rehearsal | None) -> None:
         legs = () if rehearsal is None else rehearsal.legs
-        pieces = [
-            segments(self._line(leg.plans[self._arm], len(leg.indices)))
-            for leg in legs
-            if self._arm in leg.plans
-        ]
+        plans = (leg.plans.get(self._arm) for leg in legs)
+        pieces = [segments(plan.tool_path) for plan in plans if plan is not None]
         self._path.show(np.concatenate(pieces) if pieces else None, _COLOR)
-
-    def _line(self, plan: Plan, waypoints: int) -> Array:
-        """Points of the tool path, shape (n, 3), [m], ``_POINTS`` for each of ``waypoints``."""
-        q = plan.trajectory.q
-        chosen = np.unique(np.linspace(0, len(q) - 1, _POINTS * waypoints).astype(int))
-        return np.array([self._model.frame(q[k]).p for k in chosen])
