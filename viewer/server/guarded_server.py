@@ -148,7 +148,7 @@ def _listen(host: str, port: int | None, *, allow_remote: bool) -> socket.socket
         raise ConfigError("port", port, "must be between 1 and 65535, or 0 for any free port")
     first, tries = (DEFAULT_PORT, PORTS_TRIED) if port is None else (port, 1)
     try:
-        family, kind, _, _, where = socket.getaddrinfo(host, first, type=socket.SOCK_STREAM)[0]
+        family, _, _, _, where = socket.getaddrinfo(host, first, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError) as error:
         raise ConfigError("host", host, _UNUSABLE) from error
     if not ipaddress.ip_address(str(where[0])).is_loopback and not allow_remote:
@@ -158,19 +158,16 @@ def _listen(host: str, port: int | None, *, allow_remote: bool) -> socket.socket
             "would let other machines move the arm; use 127.0.0.1, "
             "or allow_remote (--allow-remote) if that is what you want",
         )
-    for candidate in range(first, first + tries):
-        listener = socket.socket(family, kind)
+    both = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
+    candidate = first
+    while True:
+        at = (where[0], candidate, *where[2:])
         try:
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listener.bind((where[0], candidate, *where[2:]))
-            listener.listen()
+            return socket.create_server(at, family=family, dualstack_ipv6=both)
         except OSError as error:
-            listener.close()
             if error.errno != errno.EADDRINUSE or candidate == first + tries - 1:
                 raise _bind_error(error, host, candidate) from error
-        else:
-            break
-    return listener
+        candidate += 1
 
 
 _UNUSABLE = "is not an address of this machine; 127.0.0.1 always works"
