@@ -32,16 +32,12 @@ class Guiding:
         return self._arm.state.mode is Mode.GUIDING
 
     @property
-    def can_start(self) -> bool:
-        return self._switching is None and self._arm.state.mode in (Mode.HOLDING, Mode.LIMP)
-
-    @property
     def left(self) -> float | None:
         """The time left [s]; None when there is no limit, or it is over."""
         return None if self._until is None else self._until - self._clock.now()
 
     def start(self) -> None:
-        if self.can_start:
+        if self._switching is None and self._arm.state.mode in (Mode.HOLDING, Mode.LIMP):
             self._until = self._clock.now() + GUIDED_FOR
             self._switching = self._submit(lambda: self._arm.set_manual(True))
 

@@ -130,26 +130,21 @@ class TargetSolver:
         return target
 
     def _solved(self, goal: PoseGoal, q_seed: Array, q_jaw: float) -> Target:
-        frame, p_base = goal.frame, goal.T_base_tool.p
-        q_first: Array | None = None
-        touching = ("", "")
+        def found(q: Array, problem: str | None) -> Target:
+            p_base = goal.T_base_tool.p
+            return Target(goal=goal, frame=goal.frame, p_base=p_base, q=q, problem=problem)
+
+        touching = []  # there is one at least
         try:
             for solution in self._ik.candidates(goal, q_seed):
                 contact = self._collisions.first_contact(solution.q, q_jaw)
                 if contact is None:
-                    return Target(goal=goal, frame=frame, p_base=p_base, q=solution.q, problem=None)
-                if q_first is None:
-                    q_first, touching = solution.q, contact
+                    return found(solution.q, None)
+                touching.append((solution.q, contact))
         except Unreachable as error:
-            return Target(
-                goal=goal,
-                frame=frame,
-                p_base=p_base,
-                q=error.q_nearest,
-                problem=_out_of_reach(error),
-            )
-        q = q_seed if q_first is None else q_first
-        return Target(goal=goal, frame=frame, p_base=p_base, q=q, problem=_collides(touching))
+            return found(error.q_nearest, _out_of_reach(error))
+        q, contact = touching[0]
+        return found(q, _collides(contact))
 
     def at_joints(self, q: Array, frame: str, *, q_jaw: float) -> Target:
         """The target at joint angles, shape (5,), [rad], with the jaw at ``q_jaw`` [rad]."""

@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping
 from concurrent.futures import Future
 from datetime import datetime
-from operator import is_not
 
 import viser
 
@@ -78,16 +77,9 @@ class SharePart(Part):
         context.leave_open(self._what, self._kind, self._arm, self._download)
 
     def refresh(self) -> bool:
-        before, self._seen = (
-            self._seen,
-            (
-                *(each.plan_view for each in self._pages.values()),
-                *(each.ran for each in self._pages.values()),
-                self._what.value,
-                self._kind.value,
-            ),
-        )
-        is_news = len(before) != len(self._seen) or any(map(is_not, self._seen, before))
+        shown = ((each.plan_view, each.ran) for each in self._pages.values())
+        before, self._seen = self._seen, (*shown, self._what.value, self._kind.value)
+        is_news = before != self._seen
         if is_news:
             self._status = None
         done = [order for order in self._orders if order[-1].done()]

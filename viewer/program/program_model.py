@@ -246,7 +246,7 @@ class ProgramModel:
         """Delete the file of the program ``name``; the edited program stays."""
         with self.saved_files.changing(name) as file:
             files.delete(name, file.parent)
-        self._sentence = words.deleted(name)
+        self._sentence = texts.deleted(name)
 
     def clear(self) -> None:
         self._edit(Program())

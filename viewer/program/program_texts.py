@@ -27,8 +27,6 @@ PAUSE_STOPS = Sentence("A pause needs a stop, so this waypoint is no longer pass
 JAW_STOPS = Sentence("The gripper needs a stop, so this waypoint is no longer passed.")
 HELD_AGAIN = Sentence("Hand guiding has timed out. The arm holds where it is.")
 
-deleted = texts.deleted
-
 
 @dataclass(frozen=True, slots=True)
 class Words:

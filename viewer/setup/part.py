@@ -12,7 +12,6 @@ from functools import partial
 import viser
 
 from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SETUP_ORDER, SetupProgress
-from so101_motion.common.errors import So101Error
 from so101_motion.files import user_storage
 from so101_motion.rig.protocols import RigLike
 from so101_motion.setup.setup_steps import (
@@ -34,7 +33,7 @@ from ..page import cards, markup
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Tone
 from ..page.shared_fields import AskingButton
-from ..page.texts import capital
+from ..page.texts import capital, ended
 from . import setup_cards
 from .page import (
     CalibrationPage,
@@ -314,12 +313,10 @@ class SetupPart(Part):
         self._current.show()
 
     def _words(self, reason: str | None) -> str:
-        trouble = self.setup.trouble
         if self.setup.doing:
             return cards.going_on(self.setup.doing)
-        if trouble is not None:
-            inside = f"internal error: {trouble!r}; see the log"
-            return cards.failed(str(trouble) if isinstance(trouble, So101Error) else inside)
+        if self.setup.trouble is not None:
+            return cards.failed(ended(self.setup.trouble).text)
         operation = None if self._current is None else self._current.operation
         if reason is None or (operation is not None and operation.view.trouble == reason):
             return ""  # it is in red above already
