@@ -317,7 +317,7 @@ _FIGURES = (
     "Off: how far each joint rests from its target. Sides: how much that depends on where it came"
     " from. Behind: how late it is in motion."
 )
-_MARKS: dict[str, tuple[str, Tone]] = {
+MARKS: dict[str, tuple[str, Tone]] = {
     "ok": ("✓", "good"),
     "warn": ("!", "warm"),
     "fail": ("✗", "bad"),
@@ -726,7 +726,7 @@ def _rows(joints: tuple[JointAccuracy, ...]) -> tuple[Row, ...]:
     for joint in joints:
         alike = wrong.get(joint.sentence, [""])
         names = f"{', '.join(alike)}: " if len(alike) > 1 else ""
-        mark, tone = _MARKS[joint.verdict]
+        mark, tone = MARKS[joint.verdict]
         angles = (_shown(each, _DEG, "{:.1f}°") for each in (joint.error, joint.hysteresis))
         cells = (*angles, _shown(joint.lag, _MS, "{:.0f} ms"))
         text = f"{names}{joint.sentence}" if alike[-1] == joint.joint else ""

@@ -64,14 +64,10 @@ def picture(url: str | None, trouble: str) -> str:
     """A camera's picture, a ``data:`` address; grey, with what is wrong, when it is old."""
     image = f'<img alt="The camera\'s picture" src="{escape(url)}">' if url else ""
     what = "No new picture" if url else "No picture"
-    said = warning(capital(f"{what}: {trouble}")) if trouble else ""
+    # no line ends within an option such as -aG
+    whole = re.sub(r"(?<= )-\w+", r"<span>\g<0></span>", escape(capital(f"{what}: {trouble}")))
+    said = f'<div class="so101-warning">{whole}</div>' if trouble else ""
     return f'<div class="so101-picture">{image}{said}</div>'
-
-
-def warning(text: str) -> str:
-    """A text in the colour of a warning; no line ends within an option such as ``-aG``."""
-    whole = re.sub(r"(?<= )-\w+", r"<span>\g<0></span>", escape(text))
-    return f'<div class="so101-warning">{whole}</div>'
 
 
 def to_copy(about: str, text: str) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from html import escape
 from pathlib import Path
 
 import viser
@@ -26,7 +27,7 @@ from so101_motion.setup import connect
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.connect import ConnectOperation
 from so101_motion.setup.discovery import configuration
-from so101_motion.setup.move_test import MoveTest
+from so101_motion.setup.move_test import MARKS, MoveTest
 from so101_motion.setup.setup_steps import (
     CHAIN,
     CONFIGURE,
@@ -39,7 +40,6 @@ from so101_motion.setup.setup_steps import (
 
 from ..page import cards, markup
 from ..page.operation_panel import OperationPanel
-from . import setup_cards
 from .setup_context import ArmSource, ServesPreview, SetupContext, SetupTarget
 
 
@@ -347,7 +347,8 @@ class ConfigurePage(StepPage):
         if target is None:
             return
         html = cards.instruction(CONFIGURE.title, "")
-        html += "" if tested is None else setup_cards.check_text(tested)
+        if tested is not None:
+            html += cards.marked(*MARKS[tested.verdict], tested.sentence, tested.fix)
         if target.is_remote:
             html += cards.instruction(
                 "", f"The machine uses it already. Its calibration is in {self._setup.saved}: set"
@@ -356,7 +357,9 @@ class ConfigurePage(StepPage):
         then = "" if is_alone else "Press Finish, then open the tab Move."
         html += cards.instruction("Move it now", then)
         if self._url:
-            html += setup_cards.link(self._url, "The preview of the arm, on a page of its own")
+            to = f'href="{escape(self._url)}" target="_blank" rel="noopener"'
+            text = "The preview of the arm, on a page of its own"
+            html += f'<div class="so101-card"><a {to}>{text}</a></div>'
         if is_alone:
             html += cards.note(f"Later, from a terminal: {_command(target)}")
         self._about.content = html

@@ -6,8 +6,10 @@ ends what the step has begun and says how it has left the arm.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
+from html import escape
+from typing import Literal
 
 import viser
 
@@ -34,7 +36,6 @@ from ..page.page_context import PageContext, Part
 from ..page.screen_state import Tone
 from ..page.shared_fields import AskingButton
 from ..page.texts import capital, ended
-from . import setup_cards
 from .page import (
     CalibrationPage,
     ChainPage,
@@ -45,6 +46,19 @@ from .page import (
 )
 from .picture import Picture
 from .setup_context import ArmSource, ServesPreview, SetupContext, SetupTarget, known_arm
+
+Place = Literal["done", "passed over", "now", "left"]  # of a step in the list of all
+
+_MARKS = {"done": "✓", "passed over": "!"}
+
+
+def step_list(rows: Iterable[tuple[SetupStep, Place]]) -> str:
+    steps = (
+        f'<span title="{step.minutes} min" class="{place}">'
+        f"{_MARKS.get(place, number)} {escape(step.title)}</span>"
+        for number, (step, place) in enumerate(rows, start=1)
+    )
+    return f'<div class="so101-steplist">{"".join(steps)}</div>'
 
 
 class StepWizard:
@@ -71,12 +85,12 @@ class StepWizard:
     def is_last(self) -> bool:
         return self.workflow is not None and self.place == len(self.workflow.steps) - 1
 
-    def rows(self, known: SetupState) -> list[tuple[SetupStep, setup_cards.Place]]:
+    def rows(self, known: SetupState) -> list[tuple[SetupStep, Place]]:
         """The steps, and which are done, passed over, on the page, or still to come."""
         steps = () if self.workflow is None else self.workflow.steps
         return [(step, self._place(k, step, known)) for k, step in enumerate(steps)]
 
-    def _place(self, k: int, step: SetupStep, known: SetupState) -> setup_cards.Place:
+    def _place(self, k: int, step: SetupStep, known: SetupState) -> Place:
         if k >= self.place:
             return "now" if k == self.place else "left"
         # All other steps must be done before Next is enabled.
@@ -170,7 +184,8 @@ class SetupPart(Part):
         self._choice = gui.add_folder(None)
         with self._choice:
             for workflow in WORKFLOWS:
-                gui.add_html(setup_cards.choice(workflow))
+                purpose, extent = escape(workflow.purpose), escape(workflow.extent)
+                gui.add_html(f'<div class="so101-choice">{purpose}<small>{extent}</small></div>')
                 choose = partial(self._choose, workflow)
                 button(workflow.title, choose, icon=viser.Icon.ARROW_RIGHT)
         self._folders: dict[str, viser.GuiFolderHandle] = {}
@@ -301,7 +316,7 @@ class SetupPart(Part):
         waits = self.setup.target is None and wizard.place > 0
         about = f"{wizard.where}, once the arm is connected again" if waits else wizard.where
         self._head.content = markup.headline(wizard.workflow.title, about, is_under_way=True)
-        self._steps.content = setup_cards.step_list(wizard.rows(self.setup.known))
+        self._steps.content = step_list(wizard.rows(self.setup.known))
         reason = self._reason()
         ends = wizard.is_last and not waits
         self._next.label = "Finish" if ends else self._current.next_label()
