@@ -165,6 +165,8 @@ def _numbered(known: SetupState) -> Check:
 
 def _complete(known: SetupState) -> Check:
     servos = known.seen.servos
+    if known.view.state is not State.IDLE:
+        return ok("chain", "the arm is being calibrated")
     if servos is None:
         return fail(
             "chain",

@@ -206,13 +206,6 @@ class ChainPage(StepPage):
         if now.checked is not None or now.setup.next_joint is not None:
             self._ask("verify", "looking at all six motors")
 
-    def can_go_on(self) -> str | None:
-        target = self._setup.target
-        if target is not None and target.is_under_way:
-            return None
-        check = self.check()
-        return f"{check.sentence}; {check.fix}" if check.verdict == "fail" else None
-
 
 class FinalTestPage(StepPage):
     """The page of the final test; Stop, Back and Abort end it at any time, with the arm held."""
