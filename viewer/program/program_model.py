@@ -65,7 +65,7 @@ class ProgramModel:
         zeros: Tells the zeros of the arms' calibrations.
 
     Attributes:
-        texts: What is said of one arm, or of several.
+        called: What a step is called, of one arm or of several.
         chosen: Index of the step that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
         timeline: The plan over time, as long as it is valid; else None.
@@ -81,7 +81,7 @@ class ProgramModel:
     ) -> None:
         self._zeros = zeros or (lambda: dict.fromkeys(pages))
         self._arms, self.pages, self._submit = arms, pages, submit
-        self.texts = words.ONE if isinstance(arms, Solo) else words.SEVERAL
+        self.called = words.ONE_OF_ONE if isinstance(arms, Solo) else words.ONE_OF_ALL
         self._now = arms.clock.now
         self.program = Program()
         self.history = History(self.program, self._restore, self._now)
@@ -92,7 +92,7 @@ class ProgramModel:
         self.saved_files = SavedFiles(self._file_of, lambda: files.names(folder()), self.tell)
         self.timeline: RehearsalTime | None = None
         self._playback = Playback()
-        self._sentence = self.texts.welcome
+        self._sentence = words.welcome(self.called)
         self._planning: Future[RehearsalTime] | None = None
         self._made_for: tuple[object, ...] = ()
         self.run: ProgramRun | None = None
@@ -210,7 +210,7 @@ class ProgramModel:
     def end_loop(self) -> None:
         around = self.program.loops_around(self._chosen_index())
         if not around:
-            raise ConfigError("loop", None, f"the chosen {self.texts.step} is in no loop")
+            raise ConfigError("loop", None, f"the chosen {self.called} is in no loop")
         self._edit(self.program.without_loop(around[-1]))
 
     # Files
@@ -218,7 +218,7 @@ class ProgramModel:
     def save(self) -> None:
         """Save the program under its name; replaces one of that name."""
         if not self.program.steps:
-            raise ConfigError("program", None, f"record a {self.texts.step} first")
+            raise ConfigError("program", None, f"record a {self.called} first")
         with self.saved_files.changing(self.name) as file:
             files.write(self.program, file, self._zeros())
         self.name = file.stem
@@ -228,7 +228,7 @@ class ProgramModel:
         program = files.read(self._file_of(name), self._zeros())
         self._edit(program)
         self.name, self.chosen = name, 0 if program.steps else None
-        self._sentence = self.texts.loaded(name, len(program))
+        self._sentence = words.loaded(self.called, name, len(program))
 
     def insert(self, name: str) -> None:
         """Insert the saved program ``name`` after the selected step."""
@@ -251,7 +251,7 @@ class ProgramModel:
     def clear(self) -> None:
         self._edit(Program())
         self.name, self.chosen = "", None
-        self._sentence = self.texts.welcome
+        self._sentence = words.welcome(self.called)
 
     # Guiding, planning, running
 
@@ -278,7 +278,7 @@ class ProgramModel:
                 return RehearsalTime(rehearsal, arms, solver.clearance)
 
             self._planning = self._submit(plan_all)
-            self._sentence = self.texts.planning
+            self._sentence = words.planning(self.called)
 
     def start(self) -> None:
         if self.timeline is not None and self.can_run:
@@ -292,7 +292,7 @@ class ProgramModel:
             self._playback.play(rate)
 
     def report(self, error: BaseException) -> None:
-        self._sentence = self.texts.ended(error)
+        self._sentence = words.ended(self.called, error)
 
     def tell(self, sentence: Sentence) -> None:
         self._sentence = sentence
@@ -304,7 +304,7 @@ class ProgramModel:
         if self.run is not None:
             return words.running(self.run)
         if self._moving:
-            return self.texts.moving
+            return words.MOVING
         guided = self.guided
         for name, each in self._arms.members.items():
             blocked, is_limp = texts.blocked(each.arm.state), each.arm.state.mode is Mode.LIMP
@@ -371,7 +371,7 @@ class ProgramModel:
         self._watch_plan()
         self._collect_run()
         if self._causes.have_changed() and self._sentence.tone is Tone.BAD:
-            self._sentence = words.PRESS_PLAN if self.program.steps else self.texts.welcome
+            self._sentence = words.PRESS_PLAN if self.program.steps else words.welcome(self.called)
         self._playback.advance(self._now())
         self.saved_files.look_again(self._now())
         seen = (
@@ -410,7 +410,7 @@ class ProgramModel:
         self.timeline = planning.result()
         self._playback.load(self.timeline.duration)
         is_whole = len(self.timeline.rehearsal.program.loops) == len(self.program.loops)
-        self._sentence = self.texts.planned if is_whole else words.PLANNED_PART
+        self._sentence = words.PLANNED if is_whole else words.PLANNED_PART
 
     def _watch_plan(self) -> None:
         if self.timeline is None or self.run is not None:
@@ -429,7 +429,7 @@ class ProgramModel:
             return
         run, self.run = self.run, None
         error = run.future.exception()
-        self._drop_plan(words.done(run) if error is None else self.texts.ended(error))
+        self._drop_plan(words.done(run) if error is None else words.ended(self.called, error))
 
     def _named(self, name: str, sentence: Sentence) -> Sentence:
         return sentence if name == ARM else texts.named(name, sentence)
@@ -442,14 +442,14 @@ class ProgramModel:
         step = {name: Waypoint(name=self._next_letter(), q=q) for name, q in goals.items()}
         self._edit(self.program.with_step(step))
         self.chosen = len(self.program) - 1
-        self._sentence = self.texts.recorded(len(self.program))
+        self._sentence = words.recorded(self.called, len(self.program))
 
     def _next_letter(self) -> str:
         return next_letter(each.name for step in self.program.steps for each in step.values())
 
     def _chosen_index(self) -> int:
         if self.chosen is None:
-            raise ConfigError(self.texts.step, None, f"record a {self.texts.step} first")
+            raise ConfigError(self.called, None, f"record a {self.called} first")
         return self.chosen
 
     @property
@@ -482,7 +482,7 @@ class ProgramModel:
         if self.chosen is not None:
             left = len(program)
             self.chosen = min(self.chosen, left - 1) if left else None
-        self._drop_plan(words.PRESS_PLAN if program.steps else self.texts.welcome)
+        self._drop_plan(words.PRESS_PLAN if program.steps else words.welcome(self.called))
 
     def _drop_plan(self, sentence: Sentence) -> None:
         self.timeline = self._planning = None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from so101_motion.common.errors import Interrupted, in_series
@@ -16,10 +15,12 @@ from ..page.screen_state import Sentence, Tone
 from .rehearsal_time import RehearsalTime
 
 PRESS_PLAN = Sentence("Press Plan program to check all of it; nothing moves.")
+PLANNED = Sentence("Planned, no collisions. Press Run program to move.", Tone.GOOD)
 PLANNED_PART = Sentence(
     "Planned, no collisions. Loops that begin earlier run once. Press Run program.",
     Tone.GOOD,
 )
+MOVING = Sentence("Record when nothing moves.")
 ARM_MOVED = Sentence("The arm has moved. Press Plan program again.")
 JAW_MOVED = Sentence("The gripper has moved. Press Plan program again.")
 THINGS_CHANGED = Sentence("Speed limits or surroundings have changed. Press Plan program again.")
@@ -28,73 +29,47 @@ JAW_STOPS = Sentence("The gripper needs a stop, so this waypoint is no longer pa
 HELD_AGAIN = Sentence("Hand guiding has timed out. The arm holds where it is.")
 
 
-@dataclass(frozen=True, slots=True)
-class Words:
-    """What is said otherwise of one arm and of several: of a step, what moves, and who holds."""
-
-    step: str
-    arms: str
-    hold: str
-    welcome: Sentence
-
-    @property
-    def planning(self) -> Sentence:
-        return Sentence(f"Planning all {self.step}s …")
-
-    @property
-    def moving(self) -> Sentence:
-        return Sentence(f"The {self.arms} can be recorded when nothing moves.")
-
-    @property
-    def planned(self) -> Sentence:
-        text = f"Planned, no collisions. Press Run program to move the {self.arms}."
-        return Sentence(text, Tone.GOOD)
-
-    def recorded(self, number: int) -> Sentence:
-        text = f"Recorded {self.step} {number}. Record more, or press Plan program."
-        return Sentence(text)
-
-    def loaded(self, name: str, count: int) -> Sentence:
-        steps = f"{count} {self.step}{'' if count == 1 else 's'}"
-        return Sentence(f"Loaded {name}, {steps}. Press Plan program.")
-
-    def ended(self, error: BaseException) -> Sentence:
-        if isinstance(error, Interrupted) and (error.by == "stop" or self.arms == "arms"):
-            return Sentence(f"Stopped. {self.hold}; the rest was not run.")
-        return texts.ended(error)
-
-    def facts(self, timeline: RehearsalTime | None) -> tuple[tuple[str, str], ...]:
-        if timeline is None:
-            return (("One round", "–"), (self._steps, "–"))
-        rehearsal, program = timeline.rehearsal, timeline.rehearsal.program
-        has_jaw = any(each.aperture is not None for step in program.steps for each in step.values())
-        round_ = f"{rehearsal.duration:.1f} s{' plus gripper time' if has_jaw else ''}"
-        passed = sum(not program.stops_at(index) for index in range(len(program)))
-        steps = f"{len(program)}, {passed} of them passed" if passed else f"{len(program)}"
-        pairs = [("One round", round_), (self._steps, steps)]
-        if program.rounds != 1:
-            rounds = program.rounds
-            pairs.append(("Rounds", "until stopped" if rounds is None else f"{rounds}"))
-        pairs += [texts.between(each.first, each.second, each.least) for each in timeline.between]
-        return tuple(pairs)
-
-    @property
-    def _steps(self) -> str:
-        return f"{self.step.capitalize()}s"
+ONE_OF_ONE, ONE_OF_ALL = "waypoint", "step"  # what a step of one arm is called, or of several
 
 
-ONE = Words(
-    "waypoint",
-    "arm",
-    "The arm holds where it is",
-    Sentence("Move the arm to where the program begins, then press Record waypoint."),
-)
-SEVERAL = Words(
-    "step",
-    "arms",
-    "All arms hold where they are",
-    Sentence("Move the arms to where the program begins, then press Record step."),
-)
+def welcome(step: str) -> Sentence:
+    return Sentence(f"Move to where the program begins, then press Record {step}.")
+
+
+def planning(step: str) -> Sentence:
+    return Sentence(f"Planning all {step}s …")
+
+
+def recorded(step: str, number: int) -> Sentence:
+    return Sentence(f"Recorded {step} {number}. Record more, or press Plan program.")
+
+
+def loaded(step: str, name: str, count: int) -> Sentence:
+    steps = f"{count} {step}{'' if count == 1 else 's'}"
+    return Sentence(f"Loaded {name}, {steps}. Press Plan program.")
+
+
+def facts(step: str, timeline: RehearsalTime | None) -> tuple[tuple[str, str], ...]:
+    called = f"{step.capitalize()}s"
+    if timeline is None:
+        return (("One round", "–"), (called, "–"))
+    rehearsal, program = timeline.rehearsal, timeline.rehearsal.program
+    has_jaw = any(each.aperture is not None for step in program.steps for each in step.values())
+    round_ = f"{rehearsal.duration:.1f} s{' plus gripper time' if has_jaw else ''}"
+    passed = sum(not program.stops_at(index) for index in range(len(program)))
+    steps = f"{len(program)}, {passed} of them passed" if passed else f"{len(program)}"
+    pairs = [("One round", round_), (called, steps)]
+    if program.rounds != 1:
+        rounds = program.rounds
+        pairs.append(("Rounds", "until stopped" if rounds is None else f"{rounds}"))
+    pairs += [texts.between(each.first, each.second, each.least) for each in timeline.between]
+    return tuple(pairs)
+
+
+def ended(step: str, error: BaseException) -> Sentence:
+    if isinstance(error, Interrupted) and (error.by == "stop" or step == ONE_OF_ALL):
+        return Sentence("Stopped. Every arm holds where it is; the rest was not run.")
+    return texts.ended(error)
 
 
 def passing(before: Waypoint, *, stops: bool) -> Sentence:

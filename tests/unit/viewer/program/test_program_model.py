@@ -400,7 +400,7 @@ def test_stop_ends_it_for_all_arms(bench):
     with pytest.raises(ConfigError, match="stop the program before you change it"):
         bench.model.remove()
     second.start_stop()
-    bench.move(lambda: bench.says("Stopped. All arms hold where they are; the rest was not run."))
+    bench.move(lambda: bench.says("Stopped. Every arm holds where it is; the rest was not run."))
     assert not first.is_moving
     assert not second.is_moving
 
