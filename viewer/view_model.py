@@ -24,12 +24,13 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import LeaveContactGoal
 from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 
 from .page import texts
-from .page.causes import Causes
+from .page.causes import Causes, same_things, things_around
 from .page.plan_view import (
     Between,
     CommonPlan,
@@ -41,7 +42,7 @@ from .page.plan_view import (
 )
 from .page.screen_state import Sentence, Tone
 from .page.target_editor import TargetEditor
-from .page.target_ik import Surroundings, Target, TargetSolver
+from .page.target_ik import Target, TargetSolver
 from .page.tracking import MotionTracker, Tracking
 
 SAME_POSE = to_rad(0.5)
@@ -79,15 +80,15 @@ class ViewModel(TargetEditor):
         *,
         arm: Arm,
         gripper: GripperLike,
-        load_solver: Callable[[Surroundings], TargetSolver],
+        load_solver: Callable[[Scene, tuple[Array, Array]], TargetSolver],
         submit: Submit,
         now: Callable[[], float],
     ) -> None:
         self.arm, self.gripper, self._submit = arm, gripper, submit
         self._load_solver = load_solver
-        self._around = Surroundings(arm.scene, arm.range)
+        self._around = arm.scene, arm.range
         self._caps = self.caps  # of the plan that is shown or being made
-        super().__init__(load_solver(self._around), arm.state, now)
+        super().__init__(load_solver(*self._around), arm.state, now)
         self._loading: Future[TargetSolver] | None = None
         self._shown = arm.state
         self.plan_view: PlanView | None = None
@@ -232,8 +233,7 @@ class ViewModel(TargetEditor):
             and self.motion is None
             and self.state.mode is Mode.HOLDING
             and texts.blocked(self.state) is None
-            and Surroundings(self.arm.scene, self.arm.range).same_as(self._around)
-            and self.caps == self._caps
+            and same_things(things_around(self.arm), (*self._around, *self._caps))
         )
 
     def refresh(self) -> bool:
@@ -266,10 +266,9 @@ class ViewModel(TargetEditor):
 
     def _follow_caps(self) -> bool:
         """Drop a plan that was made with other caps, whoever has set the new ones."""
-        caps = self.caps
-        if caps == self._caps:
+        before, self._caps = self._caps, self.caps
+        if before == self._caps:
             return False
-        self._caps = caps
         if self.plan_is_current or self.is_planned_for:
             self._drop_plan(texts.CAPS_CHANGED)
         return True
@@ -283,10 +282,10 @@ class ViewModel(TargetEditor):
         return PathLine(points=points, planned=False)
 
     def _follow_surroundings(self) -> bool:
-        around = Surroundings(self.arm.scene, self.arm.range)
-        if self._loading is None and not around.same_as(self._around):
+        around = self.arm.scene, self.arm.range
+        if self._loading is None and not same_things(around, self._around):
             self._around = around
-            self._loading = self._submit(lambda: self._load_solver(around))
+            self._loading = self._submit(lambda: self._load_solver(*around))
             moves_on = self.replans and self.motion is not None
             if (self.plan_is_current or self.is_planned_for) and not moves_on:
                 self._drop_plan(texts.SURROUNDINGS_CHANGED)

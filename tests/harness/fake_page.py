@@ -214,7 +214,7 @@ class PageInputs:
     def now(self):
         return self.t
 
-    def load_solver(self, around):
+    def load_solver(self, *around):
         self.loaded.append(around)
         if self.failure is not None:
             raise self.failure

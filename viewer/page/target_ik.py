@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -60,23 +59,15 @@ class Target:
         freeze(self, p_base=(3,), q=(5,))
 
 
-class Surroundings(NamedTuple):
-    """What inverse kinematics depends on: the scene, and the joint range, shapes (5,), [rad]."""
-
-    scene: Scene
-    range: tuple[Array, Array]
-
-    def same_as(self, other: Surroundings) -> bool:
-        """Whether these are the identical objects; a change replaces them."""
-        return self.scene is other.scene and self.range is other.range
-
-
 class TargetSolver:
-    """Solves targets by inverse kinematics. Belongs to one thread."""
+    """Solves targets by inverse kinematics, in a scene and a joint range, shapes (5,), [rad].
 
-    def __init__(self, around: Surroundings) -> None:
-        self._model = RobotModel.load().narrowed(*around.range)
-        self._collisions = CollisionModel(self._model, around.scene)
+    Belongs to one thread.
+    """
+
+    def __init__(self, scene: Scene, limits: tuple[Array, Array]) -> None:
+        self._model = RobotModel.load().narrowed(*limits)
+        self._collisions = CollisionModel(self._model, scene)
         self._ik = IkSolver(self._model)
 
     def point(self, q: Array, frame: str) -> Array:

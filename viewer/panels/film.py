@@ -24,7 +24,7 @@ from so101_motion.planning.request import Plan
 
 from ..page import texts
 from ..page.plan_view import PlanView, plan_view
-from ..page.target_ik import Surroundings, TargetSolver
+from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, set_up_recording
 from ..scene.robot_view import Line, RobotView, segments
 from ..scene.scene_view import SceneView
@@ -115,7 +115,7 @@ def _figures(name: str, view: PlanView) -> list[tuple[str, str]]:
 def film_of_plan(plan: Plan, scene: Scene, *, title: str, q_jaw: float) -> Film:
     """Make a film of a plan that no page shows."""
     model = RobotModel.load()
-    solver = TargetSolver(Surroundings(scene=scene, range=(model.lower, model.upper)))
+    solver = TargetSolver(scene, (model.lower, model.upper))
     view = plan_view(plan, solver, "tool", scene=scene, q_jaw=q_jaw)
     return Film(title=title, arms={"": MovedArm(view=view)})
 

@@ -44,7 +44,7 @@ from ..page.guiding import Guiding
 from ..page.history import History, SavedFiles
 from ..page.plan_view import Playback
 from ..page.screen_state import Sentence, Tone
-from ..page.target_ik import Surroundings, TargetSolver
+from ..page.target_ik import TargetSolver
 from ..view_model import ViewModel
 from . import program_texts as words
 from .rehearsal_time import RehearsalTime
@@ -274,7 +274,7 @@ class ProgramModel:
                 rehearsal = rehearse(arms, program)
                 if not isinstance(arms, Solo):
                     return RehearsalTime(rehearsal, arms)
-                solver = TargetSolver(Surroundings(arms.arm.scene, arms.arm.range))
+                solver = TargetSolver(arms.arm.scene, arms.arm.range)
                 return RehearsalTime(rehearsal, arms, solver.clearance)
 
             self._planning = self._submit(plan_all)

@@ -402,10 +402,10 @@ def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(page, a
     assert page.sentence.text == "The surroundings have changed. Press Plan again."
     assert not page.can_execute
     page.refresh()
-    assert inputs.loaded[-1].scene is arm.scene
+    assert inputs.loaded[-1][0] is arm.scene
     arm.range = (np.full(5, -1.0), np.full(5, 1.0))
     page.refresh()
-    assert inputs.loaded[-1].range is arm.range
+    assert inputs.loaded[-1][1] is arm.range
     page.refresh()
     assert not page.refresh()
     inputs.failure = ConfigError("elbow_flex", [1, 1], "leaves no angle")

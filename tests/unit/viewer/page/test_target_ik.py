@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from so101_viewer.page.target_editor import TargetEditor
-from so101_viewer.page.target_ik import FRAMES, Direction, Surroundings, TargetSolver
+from so101_viewer.page.target_ik import FRAMES, Direction, TargetSolver
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.planning.collision.scene import Scene
@@ -16,7 +16,7 @@ HOME = np.zeros(5)
 @pytest.fixture(scope="module")
 def solver():
     model = RobotModel.load()
-    return TargetSolver(Surroundings(Scene(), (model.lower, model.upper)))
+    return TargetSolver(Scene(), (model.lower, model.upper))
 
 
 def test_a_point_in_the_table_names_it_and_one_too_far_away_says_by_how_much(solver):
@@ -47,7 +47,7 @@ def test_joint_angles_are_a_target_and_outside_the_calibrated_range_name_the_joi
     np.testing.assert_allclose(target.p_base, solver.point(np.full(5, 0.1), "tool"))
     target = solver.at_joints(np.array([0.0, 0.0, 3.0, 0.0, 0.0]), "tool", q_jaw=0.0)
     assert target.problem.startswith("elbow_flex would be at 171.89°; its range is ")
-    narrow = TargetSolver(Surroundings(Scene(), (0.5 * model.lower, 0.5 * model.upper)))
+    narrow = TargetSolver(Scene(), (0.5 * model.lower, 0.5 * model.upper))
     assert "its range is" in narrow.at_joints(0.6 * model.upper, "tool", q_jaw=0.0).problem
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from so101_viewer.page.plan_view import plan_view
-from so101_viewer.page.target_ik import Surroundings, TargetSolver
+from so101_viewer.page.target_ik import TargetSolver
 from so101_viewer.panels.film import (
     FRAMES,
     Film,
@@ -118,7 +118,7 @@ def test_a_film_of_several_arms_has_them_where_they_stand_with_what_they_hold(pl
 
 
 def _seen(plan, scene=SCENE):
-    solver = TargetSolver(Surroundings(scene=scene, range=(np.full(5, -3.0), np.full(5, 3.0))))
+    solver = TargetSolver(scene, (np.full(5, -3.0), np.full(5, 3.0)))
     return plan_view(plan, solver, "tool", scene=scene, q_jaw=0.0)
 
 
