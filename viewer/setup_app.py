@@ -155,7 +155,7 @@ class SetupBar(Part):
 
     def refresh(self) -> bool:
         target = self._setup.target
-        shown = self._setup.torque.shown.text
+        shown = self._setup.torque.shown
         self._bar.state = "Not connected yet" if target is None else shown
         self._bar.alert("servos", alarms(target))
         why_not = reasons(target, self._setup.doing)

@@ -291,7 +291,7 @@ class SetupPart(Part):
         target, is_blind = self.setup.target, self.setup.is_looking or self.setup.doing != ""
         torque = self.setup.torque.look(target, is_blind=is_blind)
         if target is not None and target.is_under_way:  # to calibrate is what the tab says
-            self.setup.context.bar.state = torque.text
+            self.setup.context.bar.state = torque
         news = self._current is not None and self._current.refresh()
         asked = self._abort.refresh()
         before, self._wrong = self._wrong, self._look_for_alarm()

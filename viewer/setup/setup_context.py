@@ -178,27 +178,21 @@ the port through other baud rates, and a busy computer loses answers; for that m
 unknown."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TorqueText:
-    """The text and its tone."""
-
-    text: str
-    is_on: bool | None = None  # whether any motor drives its joint; None if that is not known
+_NOT_KNOWN = "Torque not known"
 
 
-def torque(target: SetupTarget | None) -> TorqueText:
+def torque(target: SetupTarget | None) -> str:
+    """Whether any motor drives its joint, in words."""
     if target is None:
-        return TorqueText(text="Torque not known: not asked yet")
+        return f"{_NOT_KNOWN}: not asked yet"
     now = target.situation
     if not now.is_connected:
-        return TorqueText(text="Torque not known: no connection")
+        return f"{_NOT_KNOWN}: no connection"
     if now.holds is None:
-        return TorqueText(text="Torque not known yet")
+        return f"{_NOT_KNOWN} yet"
     if target.rig is not None and target.rig.arm.state.mode is Mode.GUIDING:
-        return TorqueText(text="Guided by hand", is_on=True)
-    if now.holds:
-        return TorqueText(text="Torque on: the joints are held", is_on=True)
-    return TorqueText(text="Torque off: the joints are limp", is_on=False)
+        return "Guided by hand"
+    return f"Torque {'on: the joints are held' if now.holds else 'off: the joints are limp'}"
 
 
 class TorqueWatch:
@@ -208,11 +202,11 @@ class TorqueWatch:
         self.shown = torque(None)
         self._now, self._known_at = now, now()
 
-    def look(self, target: SetupTarget | None, *, is_blind: bool) -> TorqueText:
+    def look(self, target: SetupTarget | None, *, is_blind: bool) -> str:
         """Read the torque again; what it was stands while motors are searched for or written to."""
         seen, before, t = torque(target), self.shown, self._now()
-        is_kept = before.is_on is not None or (is_blind and before != torque(None))
-        is_lost = target is not None and seen.is_on is None and is_kept
+        is_kept = _NOT_KNOWN not in before or (is_blind and before != torque(None))
+        is_lost = target is not None and _NOT_KNOWN in seen and is_kept
         if is_blind or not is_lost:
             self._known_at = t
         if not is_lost or t - self._known_at >= SETTLED:
