@@ -42,7 +42,8 @@ from .panels.task_panel import TaskPart
 from .program.program_panel import ProgramPart
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
-from .setup.part import setup_parts
+from .setup.part import SetupPart
+from .setup.setup_context import known_arm
 from .source import Source, SourceOpener
 from .teach.teach_panel import TeachPart
 from .world.atlas_panel import AtlasPart
@@ -192,8 +193,9 @@ class Preview(ServedPage):
         )
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
         self.add_parts(move, world, share, *about, hold, program, *logs, *self._teaches, *picks)
-        if cell is None:
-            self.add_parts(*setup_parts(context, rigs[""], on_stage=move.set_visible))
+        known = None if cell is not None else known_arm(rigs[""])
+        if known is not None:
+            self.add_parts(SetupPart(context, source=known, on_stage=move.set_visible))
         self.add_parts(*jogs, *records)
         if source.atlas is not None:
             self.add_parts(AtlasPart(context, source.atlas, move.pages[""].set_target_joints))

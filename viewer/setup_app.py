@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SetupProgress
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
-from so101_motion.files import user_storage
 from so101_motion.setup.calibrator import StepResult
 from so101_motion.viam.client import Machine
 
@@ -48,12 +46,12 @@ class SetupApp(ServedPage):
         server: GuardedServer,
         *,
         source: ArmSource,
-        progress: SetupProgress,
+        progress_file: Path | None,
     ) -> None:
         super().__init__(server)
         context = self.page_context()
         set_up_view(context.server, _SIGHT)
-        part = SetupPart(context, source=source, progress=progress, preview=serve)
+        part = SetupPart(context, source=source, progress_file=progress_file, preview=serve)
         self._setup = part.setup
         self.say = partial(setattr, part.setup, "trouble")
         bar = SetupBar(context, self._setup, drop=self.drop_commands)
@@ -84,10 +82,9 @@ def serve_setup(
     """
     known = None if machine is None else known_arm(machine)
     source = known or ports_of(tuple(ports), reply_timeout)
-    kept = SetupProgress(progress_file or user_storage.folder() / PROGRESS_FILE, source.where)
     server = start_guarded(label="SO-101 setup", **where)
     try:
-        return SetupApp(server, source=source, progress=kept)
+        return SetupApp(server, source=source, progress_file=progress_file)
     except BaseException:
         server.close()
         raise

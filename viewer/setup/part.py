@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import partial
 from html import escape
+from pathlib import Path
 from typing import Literal
 
 import viser
 
 from so101_motion.calib.motors.setup_view import PROGRESS_FILE, SETUP_ORDER, SetupProgress
 from so101_motion.files import user_storage
-from so101_motion.rig.protocols import RigLike
 from so101_motion.setup.setup_steps import (
     ASSEMBLY,
     CONNECT,
@@ -45,7 +45,7 @@ from .page import (
     StepPage,
 )
 from .picture import Picture
-from .setup_context import ArmSource, ServesPreview, SetupContext, SetupTarget, known_arm
+from .setup_context import ArmSource, ServesPreview, SetupContext, SetupTarget
 
 Place = Literal["done", "passed over", "now", "left"]  # of a step in the list of all
 
@@ -133,6 +133,7 @@ class SetupPart(Part):
     """The Setup tab.
 
     Args:
+        progress_file: Keeps the progress, by default the terminal's file.
         on_stage: Shows or hides the preview's own arm; hidden while the Setup tab is in front and
             its step draws a picture.
         preview: Serves a preview of the finished arm; None where the page shows the arm already.
@@ -142,13 +143,15 @@ class SetupPart(Part):
         self,
         context: PageContext,
         *,
-        progress: SetupProgress,
-        on_stage: Callable[[bool], None] = lambda _shown: None,
         source: ArmSource,
+        progress_file: Path | None = None,
+        on_stage: Callable[[bool], None] = lambda _shown: None,
         preview: ServesPreview | None = None,
     ) -> None:
         self._is_alone = preview is not None  # else the page shows the arm
         picture = Picture(context.server.scene, on_stage)
+        kept = progress_file or user_storage.folder() / PROGRESS_FILE
+        progress = SetupProgress(kept, source.where)
         self.setup = SetupContext(
             context=context, picture=picture, progress=progress, preview=preview
         )
@@ -342,13 +345,3 @@ class SetupPart(Part):
         if self._current is not None:
             self._current.leave()
         self.setup.close()
-
-
-def setup_parts(
-    context: PageContext, rig: RigLike, *, on_stage: Callable[[bool], None]
-) -> tuple[SetupPart, ...]:
-    source = known_arm(rig)
-    if source is None:
-        return ()
-    kept = SetupProgress(user_storage.folder() / PROGRESS_FILE, source.where)
-    return (SetupPart(context, progress=kept, on_stage=on_stage, source=source),)
