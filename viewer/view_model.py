@@ -325,6 +325,9 @@ class MoveModel:
         cell: Keeps several arms apart; None for a single one.
         arms: Target and picture of each arm; the name of a single one is empty.
         now: The time [s].
+
+    Attributes:
+        playback: How far into the plan the ghosts stand.
     """
 
     def __init__(
@@ -342,7 +345,7 @@ class MoveModel:
         self._planning: Future[CommonPlan] | None = None
         self._backs_out = False
         self._motions: dict[str, Motion] = {}
-        self._playback = Playback()
+        self.playback = Playback()
         self._count = 0  # plans that were shown
         self._causes = Causes(arm.arm for arm in arms.values())
         self._had_alarms = False  # before the newest motion, which ended for them
@@ -378,17 +381,6 @@ class MoveModel:
         else:
             motion = one.arm.move(self.common_plan.plans[""], wait=False)
         self._follow({"": motion})
-
-    def preview(self, t: float) -> None:
-        """Show the ghosts ``t`` seconds into the plan."""
-        if self.plan_is_current:
-            self._playback.seek(t)
-            self._place_ghosts()
-
-    def play(self, rate: float) -> None:
-        """Play the plan with the ghosts at ``rate`` times real time, or pause."""
-        if self.plan_is_current:
-            self._playback.play(rate)
 
     def set_speed(self, speed: float) -> None:
         for arm in self.arms.values():
@@ -435,11 +427,6 @@ class MoveModel:
     @property
     def can_execute(self) -> bool:
         return all(arm.can_execute for arm in self.arms.values())
-
-    @property
-    def preview_time(self) -> float:
-        """How far into the plan the ghosts stand [s]."""
-        return self._playback.t
 
     @property
     def progress(self) -> float:
@@ -495,9 +482,8 @@ class MoveModel:
             self._sentence = texts.ALREADY_THERE if here else texts.PRESS_PLAN
             news.append(self._sentence is not before)
         news += [self._collect_plan(), self._show_plan_under_way(), self._collect_motions()]
-        if self._playback.advance(self._now()):
-            self._place_ghosts()
-            news.append(True)
+        news.append(self.playback.advance(self._now()))
+        self._place_ghosts()
         return any(news)
 
     # Helpers
@@ -522,7 +508,7 @@ class MoveModel:
         self.common_plan = CommonPlan(plans=plans, clearances=clearances, name=name)
         for each, arm in self.arms.items():
             arm.take_plan(plans[each], name)
-        self._playback.load(self.common_plan.duration)
+        self.playback.load(self.common_plan.duration)
         self._sentence = texts.PLANNED if self._cell is None else texts.ALL_PLANNED
 
     def _drop_plan(self, name: str, why: Sentence) -> None:
@@ -535,7 +521,7 @@ class MoveModel:
         self._motions, self._had_alarms = dict(motions), self._have_alarms
         for name, motion in motions.items():
             self.arms[name].follow(motion)
-        self._playback.seek(np.inf)
+        self.playback.seek(np.inf)
         self._place_ghosts()
         self._sentence = texts.MOVING
 
@@ -586,7 +572,7 @@ class MoveModel:
 
     def _place_ghosts(self) -> None:
         for arm in self.arms.values():
-            arm.preview(self._playback.t)
+            arm.preview(self.playback.t)
 
 
 def _clearances(cell: Cell, plans: Mapping[str, Plan]) -> tuple[Between, ...]:

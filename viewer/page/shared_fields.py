@@ -6,13 +6,14 @@ import math
 import time
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import viser
 
 from .bar import board, uuid_of
 from .history import History
 from .page_context import PageContext
+from .plan_view import Playback
 from .units import HUNDREDTHS, PERCENT, PLAIN, Unit
 
 ASKED_FOR = 5.0  # how long the question stands [s]; chosen
@@ -72,25 +73,20 @@ def percent_slider(
     return SharedField(slider, command, context, PERCENT)
 
 
-class Played(Protocol):
-    """What has a timeline."""
-
-    def preview(self, t: float) -> None:
-        """Show the ghosts ``t`` [s] into it."""
-
-    def play(self, rate: float) -> None:
-        """Play it at ``rate`` times real time, or pause."""
-
-
 class TimeFields:
     """A slider for a place on the timeline of what is planned, and buttons that play it."""
 
     def __init__(
-        self, context: PageContext, label: str, played: Played, rates: Iterable[float], hint: str
+        self,
+        context: PageContext,
+        label: str,
+        playback: Playback,
+        rates: Iterable[float],
+        hint: str,
     ) -> None:
         self.slider = context.gui.add_slider(label, 0.0, 1.0, 0.01, 0.0, disabled=True)
-        self._t = SharedField(self.slider, played.preview, context, HUNDREDTHS)
-        plays = {f"{rate:g}×": partial(played.play, rate) for rate in rates}
+        self._t = SharedField(self.slider, playback.seek, context, HUNDREDTHS)
+        plays = {f"{rate:g}×": partial(playback.play, rate) for rate in rates}
         self._play = context.buttons("Play", plays, hint)
 
     def show(self, duration: float | None, t: float) -> None:

@@ -122,7 +122,7 @@ class PlanPanel:
     def _add_plan(self) -> None:
         context, gui, model = self._context, self._context.gui, self._model
         hint = "Plays only the ghost, at this fraction of the arm's speed; press again to pause"
-        self._preview = TimeFields(context, "Preview (s)", model, RATES, hint)
+        self._preview = TimeFields(context, "Preview (s)", model.playback, RATES, hint)
         self._facts = gui.add_html("")
         self._now = gui.add_html("", visible=False)
         self._caps = []
@@ -164,10 +164,10 @@ class PlanPanel:
         self.plan_button.disabled = not model.can_plan
         self._execute.disabled = not model.can_execute
         put(self._progress, round(100.0 * model.progress, 1))
-        self._preview.show(None if plan is None else plan.duration, model.preview_time)
+        self._preview.show(None if plan is None else plan.duration, model.playback.t)
         self._now.content = board(
             "plot",
-            t=round(model.preview_time, 2) if plan else None,
+            t=round(model.playback.t, 2) if plan else None,
             plots=self._plots.uuids,
             seek=uuid_of(self._preview.slider) if plan else None,
         )

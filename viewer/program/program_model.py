@@ -68,6 +68,7 @@ class ProgramModel:
         called: What a step is called, of one arm or of several.
         chosen: Index of the step that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
+        playback: How far into the rehearsal the ghosts stand.
         timeline: The plan over time, as long as it is valid; else None.
         run: What is being run; else None.
     """
@@ -91,7 +92,7 @@ class ProgramModel:
         self.name = ""
         self.saved_files = SavedFiles(self._file_of, lambda: files.names(folder()), self.tell)
         self.timeline: RehearsalTime | None = None
-        self._playback = Playback()
+        self.playback = Playback()
         self._sentence = words.welcome(self.called)
         self._planning: Future[RehearsalTime] | None = None
         self._made_for: tuple[object, ...] = ()
@@ -284,13 +285,6 @@ class ProgramModel:
         if self.timeline is not None and self.can_run:
             self.run = start_program(self._arms, self.timeline.rehearsal, speed=self.run_speed)
 
-    def preview(self, t: float) -> None:
-        self._playback.seek(t)
-
-    def play(self, rate: float) -> None:
-        if self.timeline is not None:
-            self._playback.play(rate)
-
     def report(self, error: BaseException) -> None:
         self._sentence = words.ended(self.called, error)
 
@@ -325,14 +319,9 @@ class ProgramModel:
         if self.run is not None:
             return self.run.where.index + self.run.program.before
         timeline = self.timeline
-        if timeline is None or not 0.0 < self.t < timeline.duration:
+        if timeline is None or not 0.0 < self.playback.t < timeline.duration:
             return None
-        return timeline.at(self.t)[0]
-
-    @property
-    def t(self) -> float:
-        """How far into the rehearsal the ghosts stand [s]."""
-        return self._playback.t
+        return timeline.at(self.playback.t)[0]
 
     @property
     def can_plan(self) -> bool:
@@ -372,10 +361,10 @@ class ProgramModel:
         self._collect_run()
         if self._causes.have_changed() and self._sentence.tone is Tone.BAD:
             self._sentence = words.PRESS_PLAN if self.program.steps else words.welcome(self.called)
-        self._playback.advance(self._now())
+        self.playback.advance(self._now())
         self.saved_files.look_again(self._now())
         seen = (
-            self.t,
+            self.playback.t,
             self.sentence,
             *(each.arm.state.mode for each in self._arms.members.values()),
             *(each.arm.scene for each in self._arms.members.values()),
@@ -408,7 +397,7 @@ class ProgramModel:
             self.report(error)
             return
         self.timeline = planning.result()
-        self._playback.load(self.timeline.duration)
+        self.playback.load(self.timeline.duration)
         is_whole = len(self.timeline.rehearsal.program.loops) == len(self.program.loops)
         self._sentence = words.PLANNED if is_whole else words.PLANNED_PART
 

@@ -168,7 +168,9 @@ class ProgramPart(Part):
         if run is not None and modes <= {Mode.MOVING, Mode.HOLDING}:
             self._context.bar.state = words.progress(run)
         runs = run is not None
-        return is_news | self._context.front.note(model.timeline, model.t, targets, runs=runs)
+        return is_news | self._context.front.note(
+            model.timeline, model.playback.t, targets, runs=runs
+        )
 
     def show(self) -> None:
         model, program = self.model, self.model.program
@@ -200,7 +202,7 @@ class ProgramPart(Part):
         grey(self._plan_part, not model.can_plan or model.chosen is None)
         put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
         self._facts.content = markup.facts(words.facts(model.called, timeline), lines=_LINES)
-        self._rehearsal.show(timeline, model.t)
+        self._rehearsal.show(timeline, model.playback.t)
         self._rounds.show(program.rounds)
         self._files.show(model.name)
 
@@ -208,7 +210,7 @@ class ProgramPart(Part):
         """Draw the program, and where the arms would stand; not while it is run."""
         model, timeline, front = self.model, self.model.timeline, self._context.front
         is_seen = front.is_program and front.rehearses and model.run is None
-        stands = timeline.at(model.t)[1] if timeline is not None and is_seen else {}
+        stands = timeline.at(model.playback.t)[1] if timeline is not None and is_seen else {}
         rehearsal = None if timeline is None else timeline.rehearsal
         for name, view in self._views.items():
             if not front.is_program:
@@ -346,7 +348,7 @@ class RehearsalFields:
         gui = context.gui
         self._line = gui.add_html(markup.timeline(None, None))
         self._now = gui.add_html("", visible=False)
-        self._time = TimeFields(context, "Rehearsal (s)", model, (0.5, 1.0, 2.0), _PLAYS)
+        self._time = TimeFields(context, "Rehearsal (s)", model.playback, (0.5, 1.0, 2.0), _PLAYS)
         self._drawn: RehearsalTime | None = None
 
     def show(self, timeline: RehearsalTime | None, t: float) -> None:

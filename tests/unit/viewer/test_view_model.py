@@ -215,11 +215,12 @@ def test_a_plan_that_fails_is_reported_and_does_not_stop_the_page(page, arm, fai
 
 def test_the_preview_moves_the_ghost_along_the_plan(page):
     page.set_target_point(np.array([0.4, 0.0, 0.0]))
-    assert planned(page).preview_time == 1.0
-    page.preview(0.5)
+    assert planned(page).playback.t == 1.0
+    page.playback.seek(0.5)
+    page.refresh()
     np.testing.assert_allclose(page.q_ghost[:3], [0.2, 0.0, 0.0])
-    page.preview(99.0)
-    assert page.preview_time == 1.0
+    page.playback.seek(99.0)
+    assert page.playback.t == 1.0
 
 
 def test_progress_follows_the_clock_from_the_first_movement(page, arm):
@@ -378,19 +379,19 @@ def test_here_is_where_the_arm_is_and_the_jaw_moves_at_once(page, arm, gripper):
 
 def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(page, inputs):
     planned(page)
-    page.play(0.5)
+    page.playback.play(0.5)
     assert page.refresh()
     inputs.t += 0.8
     assert page.refresh()
-    assert page.preview_time == pytest.approx(0.4)
-    page.play(0.5)  # once more: it stands
+    assert page.playback.t == pytest.approx(0.4)
+    page.playback.play(0.5)  # once more: it stands
     inputs.t += 0.8
     assert not page.refresh()
-    page.play(2.0)
+    page.playback.play(2.0)
     page.refresh()
     inputs.t += 5.0
     page.refresh()
-    assert page.preview_time == 1.0
+    assert page.playback.t == 1.0
     assert not page.refresh()
 
 
@@ -469,7 +470,8 @@ def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):
     common = bench.model.common_plan
     assert len(common.clearances) == 3
     assert all(each.least.distance > 0.7 * ROOM for each in common.clearances)
-    bench.model.preview(common.duration)
+    bench.model.playback.seek(common.duration)
+    bench.model.refresh()
     ghosts = [each.t for each in bench.model.arms.values()]
     assert ghosts == [plan.duration for plan in common.plans.values()]
     bench.model.execute()

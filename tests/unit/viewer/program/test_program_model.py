@@ -415,22 +415,22 @@ def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
     assert bench.plan().can_run
     timeline = model.timeline
     assert [index for _, index, _, _ in timeline.pieces()] == [0, 1, 0]
-    assert model.t == timeline.duration
+    assert model.playback.t == timeline.duration
     assert model.active is None
     _, _, began, ended = timeline.pieces()[0]
     assert began == 0.0
     assert ended < 10.0  # a pause of a minute is shown for two seconds
-    model.preview(ended)
+    model.playback.seek(ended)
     assert model.active == 1
     for name, q in ((FIRST, 55.0), (SECOND, 50.0)):
         np.testing.assert_allclose(timeline.at(ended)[1][name].q, aside(q), atol=1e-6)
     opened = bench.opened.rigs[SECOND].gripper.angle_of(1.0)
     assert timeline.at(ended)[1][SECOND].q_jaw == pytest.approx(opened)
-    model.play(2.0)
+    model.playback.play(2.0)
     model.refresh()
     bench.clock.advance(0.1)
     assert model.refresh()
-    assert model.t == pytest.approx(ended + 0.2)
+    assert model.playback.t == pytest.approx(ended + 0.2)
     [between] = timeline.between
     assert (between.first, between.second) == (FIRST, SECOND)
     assert 0.0 < min(timeline.nearest.values()) == between.least.distance
@@ -448,7 +448,7 @@ def test_a_part_is_planned_and_run_from_the_chosen_step_on_or_that_step_alone(be
     model.refresh()
     assert [index for _, index, _, _ in model.timeline.pieces()] == [0, 1]
     assert set(model.timeline.nearest) == {1, 2}
-    model.preview(0.5 * model.timeline.duration)
+    model.playback.seek(0.5 * model.timeline.duration)
     assert model.active in (1, 2)
     model.plan(STEP)
     model.refresh()
