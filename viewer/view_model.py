@@ -69,7 +69,7 @@ class ViewModel(TargetEditor):
         plan_is_current: Whether that plan can still be executed.
         is_planned_for: Whether a plan is being made.
         motion: Follows the plan; None at rest.
-        t: How far into the plan the ghost stands [s].
+        playback: How far into the plan the ghost stands, or at its end; the same for all arms.
         replans: Whether the arm plans again while it moves, when the scene changes.
         ran: The newest plan that was executed and how it was followed; None before.
         dropped: Called with why the plan is dropped, also one that is being made.
@@ -95,7 +95,7 @@ class ViewModel(TargetEditor):
         self.plan_is_current = self.is_planned_for = False
         self.motion: Motion | None = None
         self._in_contact: tuple[object, bytes, bool] = (None, b"", False)  # where it was looked
-        self.sweeps, self.replans, self.t = True, False, 0.0
+        self.sweeps, self.replans, self.playback = True, False, Playback()
         self.tracker = MotionTracker()
         self.ran: tuple[PlanView, Tracking] | None = None
         self.dropped: Callable[[Sentence], None] = lambda _why: self.leave_plan()
@@ -129,15 +129,11 @@ class ViewModel(TargetEditor):
             name=name,
         )
         self.plan_is_current, self.is_planned_for = True, False
-        self.path, self.t = self.plan_view.path, plan.duration
+        self.path = self.plan_view.path
 
     def leave_plan(self) -> None:
         self.plan_is_current = self.is_planned_for = False
         self.path = self._hint()
-
-    def preview(self, t: float) -> None:
-        """Show the ghost ``t`` [s] into the plan, or at its end."""
-        self.t = 0.0 if self.plan_view is None else min(t, self.plan_view.duration)
 
     def follow(self, motion: Motion) -> None:
         self.motion, self.tracker.began = motion, None
@@ -181,7 +177,7 @@ class ViewModel(TargetEditor):
         """Where the ghost stands, shape (5,), [rad]; None when it is hidden."""
         q = self.target.q
         if self.plan_view is not None and self.plan_is_current:
-            q = self.plan_view.plan.trajectory.sample(self.t).q
+            q = self.plan_view.plan.trajectory.sample(self.playback.t).q
         return None if _apart(q, self.state.q) < SAME_POSE else q
 
     @property
@@ -351,7 +347,7 @@ class MoveModel:
         self._had_alarms = False  # before the newest motion, which ended for them
         self._arrived: tuple[Sentence | None, tuple[Array, ...]] = (None, ())  # and where
         for name, arm in self.arms.items():
-            arm.dropped = partial(self._drop_plan, name)
+            arm.dropped, arm.playback = partial(self._drop_plan, name), self.playback
 
     # Commands
 
@@ -482,9 +478,7 @@ class MoveModel:
             self._sentence = texts.ALREADY_THERE if here else texts.PRESS_PLAN
             news.append(self._sentence is not before)
         news += [self._collect_plan(), self._show_plan_under_way(), self._collect_motions()]
-        news.append(self.playback.advance(self._now()))
-        self._place_ghosts()
-        return any(news)
+        return any((*news, self.playback.advance(self._now())))
 
     # Helpers
 
@@ -522,7 +516,6 @@ class MoveModel:
         for name, motion in motions.items():
             self.arms[name].follow(motion)
         self.playback.seek(np.inf)
-        self._place_ghosts()
         self._sentence = texts.MOVING
 
     def _collect_plan(self) -> bool:
@@ -569,10 +562,6 @@ class MoveModel:
             self._sentence = texts.arrived(off)
             self._arrived = self._sentence, tuple(arm.state.q for arm in self.arms.values())
         return True
-
-    def _place_ghosts(self) -> None:
-        for arm in self.arms.values():
-            arm.preview(self.playback.t)
 
 
 def _clearances(cell: Cell, plans: Mapping[str, Plan]) -> tuple[Between, ...]:
