@@ -286,11 +286,6 @@ class ConnectionPage(StepPage):
         )
         self._setup.context.on_entry(self._name, self._setup.progress.call)
 
-    def refresh(self) -> bool:
-        news = super().refresh()
-        self._setup.seen = self._connect.findings
-        return news
-
     def show(self) -> None:
         super().show()
         chosen = self._connect.chosen

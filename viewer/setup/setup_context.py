@@ -227,8 +227,6 @@ class SetupContext(Worker):
     # serves a preview of the arm; None where the page shows the arm already
     preview: ServesPreview | None = None
     target: SetupTarget | None = None  # the arm that is set up; None until the connection is made
-    # what was found on the port, and about the motors of the finished chain
-    seen: Findings = field(default_factory=Findings)
     saved: str | None = None  # where this setup has saved a calibration; None before
     # what else was opened, to be closed with the setup
     opened: ExitStack = field(default_factory=ExitStack)
@@ -247,10 +245,10 @@ class SetupContext(Worker):
     @property
     def known(self) -> SetupState:
         if self.target is None:
-            return SetupState(seen=self.seen, saved=self.saved)
+            return SetupState(saved=self.saved)
         now = self.target.situation
         return SetupState(
-            seen=replace(self.seen, servos=now.checked),
+            seen=Findings(servos=now.checked),
             setup=now.setup,
             view=now.view,
             is_assembled=self.target.assembly.view.is_over,
@@ -268,7 +266,7 @@ class SetupContext(Worker):
 
     def put_away(self) -> None:
         target, self.target = self.target, None
-        self.seen, self.saved = Findings(), None
+        self.saved = None
         if target is not None:
             self._workers.submit(target.close)
 
