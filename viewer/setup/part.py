@@ -172,7 +172,6 @@ class SetupPart(Part):
         }
         self._current: StepPage | None = None
         self._outcome, self._wrong = "", ""
-        self._is_stale = True
         with context.tabs.add_tab(TITLE, viser.Icon.TOOL):
             self._build(context.gui)
         self._turn_to_step()
@@ -249,7 +248,6 @@ class SetupPart(Part):
     def _turn_to_step(self) -> None:
         if self._current is not None:
             self._current.leave()
-        self._is_stale = True
         self._next.disabled = True  # until the step allows it
         step = self.wizard.step
         page = "" if step is None else CONNECT.name if self.setup.target is None else step.name
@@ -289,7 +287,6 @@ class SetupPart(Part):
     # A part of the page
 
     def refresh(self) -> bool:
-        is_stale, self._is_stale = self._is_stale, False
         ended = self.setup.collect()
         target, is_blind = self.setup.target, self.setup.is_looking or self.setup.doing != ""
         torque = self.setup.torque.look(target, is_blind=is_blind)
@@ -299,7 +296,7 @@ class SetupPart(Part):
         asked = self._abort.refresh()
         before, self._wrong = self._wrong, self._look_for_alarm()
         self._take_stage()
-        return is_stale or ended or news or asked or self._wrong != before
+        return ended or news or asked or self._wrong != before
 
     def _look_for_alarm(self) -> str:
         """The worst alarm of the bar, unless the step says itself what is wrong."""
