@@ -28,6 +28,7 @@ from so101_motion.planning.kinematics.arm_geometry import JOINT_SLACK, TAU, ArmS
 from so101_motion.planning.kinematics.batch_ik import (
     angles_between,
     configurations,
+    configurations_at,
     facing,
     facing_turned,
     hands,
@@ -158,11 +159,10 @@ class ConfigurationSource:
         offsets = _offsets(criteria, resolution.offsets)
         found = []
         for roll in rolls[: 1 if resolution.rolls == 1 else None]:
-            roll = np.array([[[roll]]])
-            hand = hands(self._structure, criteria.frame, roll)
-            target = facing(self._structure, p_base, hand.lateral)
-            pitch = pitch_towards(self._structure, target.pan, axis) + offsets
-            grid = configurations(self._structure, target, hand, pitch, roll)
+            grid = configurations_at(
+                self._structure, criteria.frame, p_base, np.array([[[roll]]]),
+                lambda pan: pitch_towards(self._structure, pan, axis) + offsets,
+            )  # fmt: skip
             found.append((_flat(grid.q), _flat(grid.excess[..., None])))
         q, excess = (np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
         return q, excess[..., 0]
@@ -177,9 +177,7 @@ class ConfigurationSource:
         target, pitch = facing_turned(structure, criteria.frame, p_base, R_base_tool, criteria.roll)
         pitch = pitch + pitch_offset
         roll = roll_for(structure, target.pan, pitch, R_base_tool) + roll_offset
-        hand = hands(structure, criteria.frame, roll)
-        target = facing(structure, p_base, hand.lateral)
-        grid = configurations(structure, target, hand, pitch, roll)
+        grid = configurations_at(structure, criteria.frame, p_base, roll, pitch)
         return _flat(grid.q), _flat(grid.excess[..., None])[..., 0]
 
     def _rotations(self, q: Array) -> Array:

@@ -10,6 +10,7 @@ varies, mostly the pitch (m), and elbow up or down (2). Roll and pitch broadcast
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -115,6 +116,20 @@ def configurations(
     excess = np.maximum(np.array(m.lower) - q, q - np.array(m.upper)).max(axis=-1)
     exists = (np.abs(cosine) <= 1.0 + _ROUNDING) & (target.beside == 0.0)
     return ConfigurationGrid(q, np.where(exists[..., None], excess, np.inf))
+
+
+def configurations_at(
+    structure: ArmStructure,
+    frame: str,
+    p_base: Array,
+    roll: Array,
+    pitch: Array | Callable[[Array], Array],
+) -> ConfigurationGrid:
+    """All configurations with a frame at points (n, 3) [m]; ``pitch`` may be a function of pans."""
+    hand = hands(structure, frame, roll)
+    target = facing(structure, p_base, hand.lateral)
+    pitches = pitch(target.pan) if callable(pitch) else pitch
+    return configurations(structure, target, hand, pitches, roll)
 
 
 def pitch_towards(structure: ArmStructure, pan: Array, axis: Array) -> Array:

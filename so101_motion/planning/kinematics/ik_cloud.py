@@ -32,8 +32,7 @@ from so101_motion.planning.kinematics.arm_geometry import (
     to_joints,
 )
 from so101_motion.planning.kinematics.batch_ik import (
-    configurations,
-    facing,
+    configurations_at,
     facing_turned,
     hands,
     pitch_towards,
@@ -157,9 +156,7 @@ class CloudSolver:
         # The last roll for each pitch is the seed's own.
         kept = every == len(turns)
         roll = np.where(kept, structure.clip_roll(seed[4]), best + np.append(turns, 0.0)[every])
-        hand = hands(structure, frame, roll)
-        target = facing(structure, p_base, hand.lateral)
-        grid = configurations(structure, target, hand, pitch, roll)
+        grid = configurations_at(structure, frame, p_base, roll, pitch)
         m = structure.measures
         return np.clip(grid.q[grid.excess <= JOINT_SLACK], m.lower, m.upper)
 

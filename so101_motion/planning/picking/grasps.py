@@ -36,10 +36,8 @@ from so101_motion.planning.collision.scene import (
 from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.kinematics.arm_geometry import JOINT_SLACK, ArmStructure
 from so101_motion.planning.kinematics.batch_ik import (
-    configurations,
-    facing,
+    configurations_at,
     facing_turned,
-    hands,
     roll_for,
     rotation_angles,
 )
@@ -316,8 +314,7 @@ class GraspSearch:
         structure = self._structure
         target, pitch = facing_turned(structure, frame, p, R_tool, 0.0)
         roll = roll_for(structure, target.pan, pitch, R_tool)
-        hand = hands(structure, frame, roll)
-        grid = configurations(structure, facing(structure, p, hand.lateral), hand, pitch, roll)
+        grid = configurations_at(structure, frame, p, roll, pitch)
         number, *_ = inside = np.nonzero(grid.excess <= JOINT_SLACK)
         m = structure.measures
         return np.clip(grid.q[inside], m.lower, m.upper), number

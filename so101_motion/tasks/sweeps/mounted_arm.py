@@ -8,7 +8,7 @@ cheapest are planned.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import pairwise
 from typing import NamedTuple
@@ -26,10 +26,8 @@ from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.kinematics.batch_ik import (
     angles_between,
-    configurations,
-    facing,
+    configurations_at,
     facing_turned,
-    hands,
     pitch_towards,
     roll_for,
 )
@@ -47,8 +45,9 @@ from so101_motion.tasks.sweeps.sweep import NEVER, WorkBudget
 
 MOST = 24  # how many configurations of a pose are kept, evenly spread. Chosen.
 _PITCHES: Array = 2.0 * math.pi / 16 * np.arange(-8.0, 8.0)  # tried if only the point counts [rad]
-_ROLLS = np.radians([-90.0, 0.0, 90.0])  # tried if the roll is free [rad]. Chosen.
-_SHARES = (-0.9, 0.0, 0.9)  # tilts of the approach that are tried, of its tolerance. Chosen.
+_ROLLS = np.radians(3 * [-90.0, 0.0, 90.0])[None, None]
+"""Rolls that are tried if it is free, and the tilts of the approach, of its tolerance. Chosen."""
+_SHARES = np.repeat([-0.9, 0.0, 0.9], 3)
 _EXACT = 1e-5  # A configuration whose frame is farther off its point is dropped [m]
 
 
@@ -65,12 +64,17 @@ class PoseConfigurations:
         if not self._is_near(p):
             return np.empty((0, 5))
         if pose.R is None:
-            return _spread(self._fanned(p, _PITCHES))
+            level: Array = np.zeros((1, 1, len(_PITCHES)))
+            return _spread(self._found(p, level, _PITCHES[None, None]))
         R = T_base_cell.R @ pose.R
         if pose.roll_tolerance is None:
-            found = self._approaching(p, R[:, 2], pose.approach_tolerance)
+            tilts = pose.approach_tolerance * _SHARES
+            found = self._found(
+                p, _ROLLS, lambda pan: pitch_towards(self._structure, pan, R[None, :, 2]) + tilts
+            )
         else:
-            found = self._turned(p, R)
+            target, pitch = facing_turned(self._structure, self._frame, p[None], R[None], 0.0)
+            found = self._found(p, roll_for(self._structure, target.pan, pitch, R[None]), pitch)
         turned = self._tool.rotations(found)
         good = np.linalg.norm(self._point.positions(found) - p, axis=1) <= _EXACT
         good &= angles_between(turned[:, :, 2], R[:, 2]) <= pose.approach_tolerance
@@ -87,30 +91,8 @@ class PoseConfigurations:
         out = math.hypot(x - m.pan[0], y - m.pan[1]) - abs(m.shoulder[0])
         return math.hypot(max(out, 0.0), z - m.shoulder[1]) < self._structure.longest[self._frame]
 
-    def _fanned(self, p: Array, pitches: Array) -> Array:
-        """Configurations at a point, with given pitches [rad] and no roll."""
-        pitch, roll = pitches[None, None], np.zeros((1, 1, len(pitches)))
-        hand = hands(self._structure, self._frame, roll)
-        target = facing(self._structure, p[None], hand.lateral)
-        found = configurations(self._structure, target, hand, pitch, roll)
-        return found.q[found.excess <= 0.0]
-
-    def _approaching(self, p: Array, axis: Array, tolerance: float) -> Array:
-        """Configurations at a point, with the approach near an axis and a few rolls."""
-        roll = np.tile(_ROLLS, len(_SHARES))[None, None]
-        tilt = np.repeat(tolerance * np.array(_SHARES), len(_ROLLS))[None, None]
-        hand = hands(self._structure, self._frame, roll)
-        target = facing(self._structure, p[None], hand.lateral)
-        pitch = pitch_towards(self._structure, target.pan, axis[None]) + tilt
-        found = configurations(self._structure, target, hand, pitch, roll)
-        return found.q[found.excess <= 0.0]
-
-    def _turned(self, p: Array, R: Array) -> Array:
-        """Configurations at a point, with the orientation as near as five joints can."""
-        target, pitch = facing_turned(self._structure, self._frame, p[None], R[None], 0.0)
-        roll = roll_for(self._structure, target.pan, pitch, R[None])
-        hand = hands(self._structure, self._frame, roll)
-        found = configurations(self._structure, target, hand, pitch, roll)
+    def _found(self, p: Array, roll: Array, pitch: Array | Callable[[Array], Array]) -> Array:
+        found = configurations_at(self._structure, self._frame, p[None], roll, pitch)
         return found.q[found.excess <= 0.0]
 
 
