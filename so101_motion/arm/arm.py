@@ -187,7 +187,7 @@ class Arm(CappedJoints):
 
     @property
     def state(self) -> JointState:
-        """The newest snapshot; never waits."""
+        """The newest snapshot; never waits. Of a closed arm it is the last one."""
         return self._executor.state
 
     @property
@@ -219,12 +219,13 @@ class Arm(CappedJoints):
 
     def T_base(self, frame: str = "tool") -> SE3:
         """Where ``frame`` is now, from the measured joints; maps to the base frame."""
+        q = self.q
         with self._kinematics:
-            return self.model.frame(self.state.q, frame)
+            return self.model.frame(q, frame)
 
     def T_base_links(self) -> dict[str, SE3]:
         """Where all seven links are now, by name, the jaw included."""
-        state = self.state
+        state = self._open_state
         with self._kinematics:
             return self.model.link_placements(state.q, state.q_jaw)
 
@@ -234,7 +235,7 @@ class Arm(CappedJoints):
         From the measured joints, with the scene, what ``keep_off`` adds, and the other arms of the
         cell; empty if nothing is. May take some hundredths of a second.
         """
-        state, scene = self.state, self._situation.scene
+        state, scene = self._open_state, self._situation.scene
         with self._looking:
             collision = self._looked_with
             if collision is None or collision.scene != scene:

@@ -294,6 +294,8 @@ class Gripper(JawVerbs):
         self.feels = self.is_there = True
 
     def __repr__(self) -> str:
+        if self._executor.requests.has_ended:
+            return "<Gripper of a closed arm>"
         return f"<Gripper {self.aperture:.0%} open{', holds a thing' * self.is_holding}>"
 
     def listen(self, listener: Callable[[JointState], None]) -> Callable[[], None]:
@@ -302,8 +304,8 @@ class Gripper(JawVerbs):
 
     @property
     def q_jaw(self) -> float:
-        """Measured jaw angle [rad]."""
-        return self._executor.state.q_jaw
+        """Measured jaw angle [rad]; like ``aperture``, ``ArmClosed`` once the arm is closed."""
+        return self._executor.live_state.q_jaw
 
     @property
     def aperture(self) -> float:
@@ -323,7 +325,7 @@ class Gripper(JawVerbs):
     @property
     def is_holding(self) -> bool:
         """Whether the last grab got hold of something that is still there."""
-        state = self._executor.state
+        state = self._executor.live_state
         driven = state.mode in HELD
         return (
             self._grabs
@@ -503,8 +505,9 @@ class Gripper(JawVerbs):
     def _arrived_or_met(self, motion: Motion, move: _JawMove, done: Future[None]) -> None:
         """Press on what has stopped a jaw that closes."""
         error = done.exception()
-        opens = not move.grabs and move.q_goal > self.q_jaw
-        if opens or not isinstance(error, FollowingError):
+        if not isinstance(error, FollowingError) or (
+            not move.grabs and move.q_goal > self.q_jaw  # it opens
+        ):
             motion.take_outcome(done)
             return
         pressed = partial(self._pressed, motion, move, None if move.grabs else error)

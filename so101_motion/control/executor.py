@@ -28,6 +28,7 @@ from typing import Any, TypeVar
 
 from so101_motion.common.clock import Clock, Metronome
 from so101_motion.common.compliance import Compliance, Wall
+from so101_motion.common.errors import ArmClosed
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.control.following import Following
@@ -131,11 +132,18 @@ class Executor:
 
     @property
     def state(self) -> JointState:
-        """The newest snapshot; never waits. ``RuntimeError`` before ``start``."""
+        """The newest snapshot, also after ``close``; ``RuntimeError`` before ``start``."""
         state = self._control.state
         if state is None:
             raise RuntimeError("start the executor first")
         return state
+
+    @property
+    def live_state(self) -> JointState:
+        """``state`` while somebody looks at the joints; ``ArmClosed`` after ``close``."""
+        if self.requests.has_ended:
+            raise ArmClosed
+        return self.state
 
     @property
     def is_resting(self) -> bool:

@@ -140,6 +140,11 @@ class RequestQueue:
         self._wake.set()
         return first
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the thread has ended after ``close``, so that nobody looks at the joints."""
+        return self._over
+
     # For the thread that serves
 
     @property

@@ -31,6 +31,7 @@ from so101_motion.arm.planning_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.attributes import checked_number, suggest
 from so101_motion.common.errors import (
+    ArmClosed,
     ChoiceNeeded,
     ConfigError,
     MachineRefused,
@@ -65,7 +66,7 @@ class MachineGripper(JawVerbs, MotionRunner):
     @property
     def aperture(self) -> float:
         """How far it is open: 0 closed, 1 open."""
-        return self._rig.jaw.aperture
+        return self._rig.live_jaw.aperture
 
     @property
     def q_jaw(self) -> float:
@@ -79,7 +80,7 @@ class MachineGripper(JawVerbs, MotionRunner):
     @property
     def is_holding(self) -> bool:
         """Whether it holds something, as far as it reports that."""
-        return self._rig.jaw.is_holding
+        return self._rig.live_jaw.is_holding
 
     def angle_of(self, aperture: float) -> float:
         """The jaw angle [rad] that an aperture stands for, over the jaw's full travel."""
@@ -311,6 +312,13 @@ class MachineRig(Machine):
         """The newest snapshot; never waits."""
         assert self._state is not None  # the link opened with it
         return self._state
+
+    @property
+    def live_jaw(self) -> GripperReport:
+        """What was last heard of the jaw; ``ArmClosed`` after ``close``."""
+        if self._closed:
+            raise ArmClosed
+        return self.jaw
 
     @property
     def has_gripper(self) -> bool:

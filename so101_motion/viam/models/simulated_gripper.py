@@ -72,7 +72,7 @@ class SimulatedGripper(GripperResource):
         if not self._is_alone:
             return self._forget()
         await super().close()
-        self.left_at[self.short_name] = self._gripper.q_jaw
+        self.left_at[self.short_name] = self.rig.arm.state.q_jaw
 
     # State
 

@@ -231,6 +231,11 @@ def test_a_closed_arm_says_so_whatever_it_is_asked(rig):
         lambda: arm.plan([0.1] * 5),
         lambda: arm.move([0.1] * 5),
         lambda: arm.q,
+        lambda: arm.T_base_tool,
+        arm.T_base_links,
+        arm.touching,
+        lambda: jaw.aperture,
+        lambda: jaw.is_holding,
         lambda: following.aim([0.0] * 5),
         lambda: jaw.open(),
         lambda: jaw_following.aim(0.5),
@@ -238,6 +243,7 @@ def test_a_closed_arm_says_so_whatever_it_is_asked(rig):
         with pytest.raises(so101.errors.ArmClosed, match="open it again"):
             ask()
     assert repr(arm) == "<Arm closed>"
+    assert repr(jaw) == "<Gripper of a closed arm>"
 
 
 @pytest.mark.parametrize("opened", ["follow", "jog", "stream"])
