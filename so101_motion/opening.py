@@ -71,7 +71,8 @@ def point(
         z: Up.
         along: The direction in which the tool points there, shape (3,), any length, such as
             (0, 0, -1) from above; None for any.
-        frame: ``"tool"``, between the jaws, or ``"jaw_tip"``, 98 mm further along.
+        frame: ``"tool"``, between the jaws, or ``"jaw_tip"``, 98 mm further along; ``"tcp"`` or
+            another frame of a tool once ``Arm.set_tool`` has fixed one.
     """
     at = PoseGoal.at_point([x, y, z], frame=frame)
     if along is None:

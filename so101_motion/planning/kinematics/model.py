@@ -270,9 +270,8 @@ class RobotModel:
             ConfigError: Says which ones are.
         """
         if name not in self.gripper_frames:
-            raise ConfigError(
-                "frame", name, f"is not fixed to the gripper; {suggest(name, self.gripper_frames)}"
-            )
+            known = suggest(name, self.gripper_frames)
+            raise ConfigError("frame", name, f"is not fixed to the gripper; {known}{self._more}")
 
     def outside(self, q: ArrayLike, tolerance: float = 1e-9) -> int | None:
         """The joint that is furthest outside its limits, as an index into ``q``, or None.
@@ -317,9 +316,14 @@ class RobotModel:
         )
 
     def _no_such(self, name: str) -> ConfigError:
-        return ConfigError(
-            "frame", name, f"is not a frame of this arm; known: {', '.join(self._ids)}"
-        )
+        known = f"known: {', '.join(self._ids)}{self._more}"
+        return ConfigError("frame", name, f"is not a frame of this arm; {known}")
+
+    @property
+    def _more(self) -> str:
+        """Where frames come from that an arm without a tool does not have."""
+        how = "Arm.set_tool, or --tool in a terminal"
+        return "" if self._extra else f'. "tcp" and others come with a tool: {how}'
 
 
 def _add_frame(model: Any, name: str, parent: str, T_parent_frame: SE3) -> None:
