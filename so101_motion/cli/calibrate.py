@@ -68,6 +68,7 @@ def calibrate(
     from so101_motion.calib.record.zero_report import explain_stored
     from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.terminal import Terminal
+    from so101_motion.rig.joint_setup import Doubt
     from so101_motion.setup.calibration_operation import CalibrationOperation
     from so101_motion.setup.calibrator import Calibrator
 
@@ -82,7 +83,7 @@ def calibrate(
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"arm on {report.port.name}; the calibration will be saved to {path}")
             for note in calibrator.situation.notes:
-                if "calibrate the arm" not in note:
+                if not isinstance(note, Doubt):
                     terminal.say(f"note: {note}")
             operation = CalibrationOperation(
                 calibrator, accept=accept, by_itself=True, is_attended=terminal.is_manned

@@ -56,6 +56,12 @@ class JointSetup:
         return is_new or self.source == "defaults"
 
 
+class Doubt(str):
+    """A note on the calibration in use, without meaning for somebody who makes a new one."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSetups:
     """The joints whose servos were found."""
@@ -96,16 +102,17 @@ def find_joints(
     if file is None and settings.finds_file:
         file = _saved_for(known)
     stored, notes = _read_file(file, settings.may_file_be_missing)
-    notes = interrupted + notes + ((f"{wrong}; {record.NEW_IDS}",) if wrong else ())
+    notes = (*interrupted, *map(Doubt, notes))
+    notes += (f"{wrong}; {record.NEW_IDS}",) if wrong else ()
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
     other = _other_calibration(bus, stored, filed, ids, known)
     if other is not None:
         if drives:
             raise other
-        notes = (*notes, f"{other}. Meanwhile angles are the servos' own")
+        notes = (*notes, Doubt(f"{other}. Meanwhile angles are the servos' own"))
         stored, filed = None, {}
     if stored and stored.zero_note and joint_zero is None:
-        notes = (*notes, stored.zero_note)
+        notes = (*notes, Doubt(stored.zero_note))
     setups = {}
     doubtful: dict[str, list[str]] = {}  # of which joints each note is true
     for joint in JOINTS:
@@ -124,7 +131,7 @@ def find_joints(
         setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
         if note:
             doubtful.setdefault(note, []).append(joint)
-    notes += tuple(f"{', '.join(joints)}: {note}" for note, joints in doubtful.items())
+    notes += tuple(Doubt(f"{', '.join(joints)}: {note}") for note, joints in doubtful.items())
     figures, doubts = _read_figures(file)
     return JointSetups(setups=setups, notes=notes + doubts, figures=figures)
 
