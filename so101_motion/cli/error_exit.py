@@ -77,6 +77,7 @@ def _parted(error: So101Error) -> ErrorText:
         why, advice = _split(error.reason)
         return ErrorText(error.what, f"the machine says: {why}", advice)
     what, advice = _split(str(error))
+    what = ". ".join((what, *getattr(error, "__notes__", ())))
     if isinstance(error, errors.InCollision) and error.can_back_out:
         advice += "; so101 move --leave-contact backs it out"
     return ErrorText(what, advice=advice)

@@ -160,7 +160,7 @@ ANSWERS_AGAIN = "servos did not answer for a while, but all answer again"
 
 def in_fault(fault: str | None) -> str:
     """The message that an arm in a fault moves nothing before it is told to hold again."""
-    told = (fault or "").removesuffix(", then let the arm hold again").rstrip(".")
+    told = (fault or "").rstrip(".")
     clear = "" if fault == ANSWERS_AGAIN else "clear it, then "
     then = f"{clear}let the arm hold again (set_torque, or Hold on the page)"
     return f"the arm is in a fault: {told}; {then}"

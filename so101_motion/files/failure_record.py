@@ -5,7 +5,7 @@ cycle, show how it came about. They are written to a folder of the user's; the n
 
     ~/.local/share/so101_motion/failures/20260511T101112Z-0001-FollowingError.json
 
-The port's thread only chooses the name and adds it to the error. Another thread writes the file:
+The port's thread only chooses the name, for a note of the error. Another thread writes the file:
 that takes milliseconds, which the port's thread does not have.
 """
 
@@ -62,7 +62,7 @@ class FailureRecorder:
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="so101-record")
 
     def record(self, error: Exception, states: tuple[JointState, ...]) -> None:
-        """Write ``states`` on another thread, and add the file's path to ``error``."""
+        """Write ``states`` on another thread; a note of ``error`` names the file."""
         if not states:
             return
         now = datetime.now(UTC)
@@ -72,7 +72,8 @@ class FailureRecorder:
         except ConfigError:
             return
         content = {"written": now.isoformat(), "source": self._source, "error": str(error)}
-        error.args = (f"{error}. The second before is recorded in {path}",)
+        error.add_note(f"The second before is recorded in {path}")
+        _log.info("The second before is recorded in %s: %s", path, error)
         self.latest = path
         self._writer.submit(_write, path, content, states)
 

@@ -230,7 +230,7 @@ class OperationPanel(Part):
     def _wrong(self, view: View) -> str:
         """What is wrong, above the rows, so that it is seen on a phone as well."""
         if view.fix:
-            return cards.marked("✗", "bad", texts.without_record(view.trouble), view.fix)
+            return cards.marked("✗", "bad", view.trouble, view.fix)
         trouble = view.trouble
         if self._own is None and trouble == str(self._worker.trouble):
             return ""  # the page that has the worker shows it

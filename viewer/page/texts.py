@@ -100,16 +100,6 @@ def mode(state: JointState, *, lost: bool = False) -> str:
     return _MODES[state.mode] if gone is None else f"{gone} has let go"
 
 
-def fault(state: JointState) -> str:
-    """Why the arm is in a fault, without the file that was kept, which the Health tab names."""
-    text = without_record(state.fault or "no reason given")
-    return text.rstrip(".").removesuffix(", then let the arm hold again")
-
-
-def without_record(text: str) -> str:
-    return text.partition(". The second before is recorded in ")[0]
-
-
 def blocked(state: JointState) -> Sentence | None:
     reasons = {
         # what an arm that is held in part does stands in the bar
@@ -124,9 +114,8 @@ def blocked(state: JointState) -> Sentence | None:
     alarms = state.reading.alarms
     alarmed = next((joint for joint in ARM_JOINTS if joint in alarms), None)
     if reason is None and alarmed is not None:  # any motion would end at once
-        fixes = {text.rpartition("; ")[2] for text in alarms.values()}
-        is_all = len(alarms) == len(_JOINTS) and len(fixes) == 1  # they may differ by 0.1 V
-        reason = f"{'Every joint' if is_all else alarmed}: {alarms[alarmed]}."
+        every = "Every joint has an alarm. " if len(alarms) == len(_JOINTS) else ""
+        reason = f"{every}{alarmed}: {alarms[alarmed]}."
     is_wrong = state.mode not in (Mode.LIMP, Mode.GUIDING)  # a start and guiding are usual
     return None if reason is None else Sentence(reason, Tone.BAD if is_wrong else Tone.WARM)
 
@@ -151,7 +140,7 @@ def ended(error: BaseException) -> Sentence:
         by = "Stopped" if error.by == "stop" else f"Ended early by {error.by}"
         return Sentence(f"{by}. The arm holds where it is.")
     if isinstance(error, So101Error):
-        text = _refused(error) if isinstance(error, ConfigError) else without_record(str(error))
+        text = _refused(error) if isinstance(error, ConfigError) else str(error)
         return Sentence(capital(text), Tone.BAD)
     return Sentence(f"Internal error: {quoted(error)}. See the log.", Tone.BAD)
 

@@ -56,7 +56,8 @@ def notice(
         return Sentence(text, Tone.WARM)
     if state.mode is Mode.FAULT:
         first = "Nothing moves. Press" if state.fault == ANSWERS_AGAIN else "Fix this, then press"
-        return Sentence(f"Fault: {texts.fault(state)}. {first} Hold.", Tone.BAD)
+        why = (state.fault or "no reason given").rstrip(".")
+        return Sentence(f"Fault: {why}. {first} Hold.", Tone.BAD)
     if state.mode is Mode.LIMP:
         text = "The arm is limp. Press Hold to keep it where it is."
         if state.torque:

@@ -84,7 +84,7 @@ def restarted_servos(bus: Bus, restarted: Sequence[int]) -> ServoFault:
     names = ", ".join(bus.label(servo_id) for servo_id in restarted)
     return ServoFault(
         f"{names} restarted and holds where it is now; its power probably failed: check"
-        " its cable and the supply, then let the arm hold again",
+        " its cable and the supply",
         servo_id=restarted[0],
     )
 
