@@ -11,7 +11,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib.metadata import requires
 from pathlib import Path
@@ -69,9 +69,8 @@ def quietly() -> Iterator[None]:
 @contextmanager
 def in_lines() -> Iterator[None]:
     """Print log lines on stderr during the block, with tracebacks only in debug mode."""
-    log, handler = logging.getLogger("so101_motion"), logging.StreamHandler()
-    if not os.environ.get(DEBUG):
-        handler.setFormatter(_Brief())
+    log = logging.getLogger("so101_motion")
+    handler = logging.StreamHandler() if os.environ.get(DEBUG) else _Brief()
     log.addHandler(handler)
     try:
         yield
@@ -79,9 +78,10 @@ def in_lines() -> Iterator[None]:
         log.removeHandler(handler)
 
 
-class _Brief(logging.Formatter):
-    def formatException(self, ei: Any) -> str:
-        return ""
+class _Brief(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        with suppress(Exception):  # whoever logs must go on
+            aside(record.getMessage())
 
 
 def print_json(kind: str, content: Mapping[str, object]) -> None:

@@ -397,8 +397,8 @@ class Bus:
         if not lateness.is_told and self._reply_timeout:
             lateness.is_told = True
             _log.warning(
-                "answers on %s come %.0f ms late, so setpoints go out less often; so101 doctor says"
-                " what to do",
+                "the servos on %s answer %.0f ms late, so the arm moves less smoothly; so101 doctor"
+                " says what to do",
                 self.port.name,
                 1e3 * lateness.typical,
             )
