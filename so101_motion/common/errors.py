@@ -124,7 +124,7 @@ class ConfigError(So101Error, ValueError):
 
 
 class ChoiceNeeded(ConfigError):
-    """There are several and none was named, so waiting does not help."""
+    """None of those that are there was named, so waiting does not help."""
 
 
 class PlanningError(So101Error):

@@ -11,6 +11,7 @@ from viam.components.arm import ArmClient
 from viam.logging import LOGGERS
 
 from so101_motion.common.errors import (
+    ChoiceNeeded,
     ConfigError,
     Interrupted,
     MachineRefused,
@@ -222,7 +223,7 @@ def test_a_key_whose_id_is_none_is_refused_and_not_shown():
 def of_several_arms_one_must_be_named(machine):
     with pytest.raises(ConfigError, match="name one of arm, second, walled"):
         MachineRig.connect(machine.address)
-    with pytest.raises(ConfigError, match="is not on the machine"):
+    with pytest.raises(ChoiceNeeded, match=r"is not on the machine.*arm, second, walled"):
         MachineRig.connect(machine.address, arm="third")
     with MachineRig.connect(machine.address, arm="second") as rig:
         machine.remove(ARM, "second")

@@ -471,7 +471,9 @@ class MachineRig(Machine):
         there = {each.name: each for each in client.resource_names if each.subtype == what}
         wanted = self._wanted[what]
         if wanted is not None and wanted not in there:
-            raise ConfigError(what, wanted, f"is not on the machine; {suggest(wanted, there)}")
+            # one without any may still be starting
+            refused = ChoiceNeeded if there else ConfigError
+            raise refused(what, wanted, f"is not on the machine; {suggest(wanted, there)}")
         if wanted is None and len(there) > 1:
             several = f"the machine has several; name one of {', '.join(sorted(there))}"
             if what == "arm":
