@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -88,14 +87,14 @@ def read_health(rig: RigLike) -> Health:
         return Health(silence=silence, late_ticks=late_ticks, period=rig.executor.dt)
     status = getattr(rig, "status", {})
     reported, unknown, notes = (status.get(key) for key in ("health", "uncalibrated", "notes"))
-    servos = tuple(_from_status(reported)) if isinstance(reported, Mapping) else ()
+    servos, unread = _from_status(reported if isinstance(reported, Mapping) else {})
     return Health(
         servos=servos,
         silence=None if servos else "This arm does not report the health of its servos.",
         late_ticks=late_ticks,
         uncalibrated=tuple(map(str, unknown)) if isinstance(unknown, list) else (),
         not_ready=str(status.get("not_ready") or ""),
-        notes=tuple(map(str, notes)) if isinstance(notes, list) else (),
+        notes=(*unread, *(map(str, notes) if isinstance(notes, list) else ())),
     )
 
 
@@ -103,15 +102,17 @@ def _tone(bad: bool, odd: bool) -> Tone:
     return Tone.BAD if bad else Tone.WARM if odd else Tone.PLAIN
 
 
-def _from_status(reported: Mapping[str, Any]) -> list[JointHealth]:
-    """The servos in a machine's status; leaves out entries that cannot be read."""
-    found = []
+def _from_status(reported: Mapping[str, Any]) -> tuple[tuple[JointHealth, ...], list[str]]:
+    """The servos in a machine's status, and a note on each whose entry cannot be read."""
+    found, unread = list[JointHealth](), list[str]()
     for joint, told in reported.items():
-        with suppress(KeyError, TypeError, msgspec.ValidationError):
+        try:
             given = {"servo_id": 0, **told, "joint": str(joint), "t": 0.0, "latched": ()}
             given |= {"load": 0.01 * told["load_percent"], "is_silent": told["silent"]}
             found.append(msgspec.convert(given, JointHealth, strict=False))
-    return sorted(found, key=lambda servo: servo.servo_id)
+        except (KeyError, TypeError, msgspec.ValidationError) as error:
+            unread.append(f"the machine's figures of {joint} cannot be read: {error}")
+    return tuple(sorted(found, key=lambda servo: servo.servo_id)), unread
 
 
 def figures(found: Health) -> str:

@@ -74,6 +74,8 @@ def test_a_machine_tells_the_figures_of_its_servos_base_to_jaw_and_which_are_not
     assert health.period is None
     assert read_health(machine({"uncalibrated": ["elbow_flex"]})).uncalibrated == ("elbow_flex",)
     assert "The file is gone." in figures(read_health(machine({"notes": ["the file is gone"]})))
+    told["gripper"] = {**TOLD, "temperature_c": 34.5}
+    assert "figures of gripper cannot be read" in figures(read_health(machine({"health": told})))
 
 
 @pytest.mark.parametrize(
