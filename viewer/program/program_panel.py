@@ -199,6 +199,8 @@ class ProgramPart(Part):
         self._record.disabled = self._context.bar.lost is not None or not model.can_record
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
+        # One button shines, as on the Move tab.
+        self._record.color = "gray" if program.steps else None
         grey(self._plan_part, not model.can_plan or model.chosen is None)
         put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
         self._facts.content = markup.facts(words.facts(model.called, timeline), lines=_LINES)

@@ -42,7 +42,7 @@ from .loaded_files import VOXEL, read_loaded, thinned
 
 DRAG_PERIOD = 0.2  # how often the scene for planning is updated during a drag [s]; chosen
 
-INVITATION = Sentence("Add an object, or click one to change it.")
+INVITATION = Sentence("Add an object, or select one to change it.")
 
 
 class WorldModel:
