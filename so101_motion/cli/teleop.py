@@ -12,7 +12,7 @@ import click
 
 from so101_motion.cli.options import JSON, START, flag, option, verb
 from so101_motion.cli.param_types import PER_JOINT, PORT, SCENE, SECONDS, Finite, OutFile
-from so101_motion.cli.shared import STOPPED, aside, have_agreed, in_lines, print_json
+from so101_motion.cli.shared import STOPPED, aside, have_agreed, print_json
 from so101_motion.cli.sources import AT_END, Source, end_as_asked
 from so101_motion.common import interrupts
 from so101_motion.common.modes import HELD, Mode
@@ -94,7 +94,7 @@ def teleop(
         raise click.UsageError("--scene is only for the guard; leave out --no-guard")
     if record is not None and record.suffix.lower() == ".mcap":
         mcap_writer(record)  # fails now rather than when a hand is on the arm
-    with in_lines(), ExitStack() as stack:
+    with ExitStack() as stack:
         leading = stack.enter_context(_open(leader, leader_calibration))
         following = stack.enter_context(_open(follower, follower_calibration))
         if scene is not None:

@@ -24,7 +24,7 @@ from so101_motion.cli.plan_move import move, plan
 from so101_motion.cli.ports import install_udev, ports
 from so101_motion.cli.program import run
 from so101_motion.cli.setup import setup
-from so101_motion.cli.shared import opened
+from so101_motion.cli.shared import in_lines, opened
 from so101_motion.cli.status import status, stop
 from so101_motion.cli.sweep import sweep
 from so101_motion.cli.teleop import teleop
@@ -58,7 +58,7 @@ class _So101(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         opened.clear()  # a verb begins: no arm is open
-        with reports_errors(as_json=ctx.meta[_AS_JSON]), interrupts.raised():
+        with reports_errors(as_json=ctx.meta[_AS_JSON]), in_lines(), interrupts.raised():
             return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:

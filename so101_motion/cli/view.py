@@ -17,7 +17,7 @@ import numpy as np
 from so101_motion.cli.options import flag, option, together, verb
 from so101_motion.cli.param_types import IN_FILE, PORT, read_scene
 from so101_motion.cli.plan_move import plan_table
-from so101_motion.cli.shared import aside, import_preview, in_lines, note_opened, stops_on_ctrl_c
+from so101_motion.cli.shared import aside, import_preview, note_opened, stops_on_ctrl_c
 from so101_motion.cli.sources import (
     ARM_OR_CELL,
     AnySource,
@@ -229,7 +229,7 @@ def show(
             atlas=reach,
             place=place,
         )
-        with in_lines(), viewer.serve(arm, **page.server(source.title)) as preview:
+        with viewer.serve(arm, **page.server(source.title)) as preview:
             if isinstance(source, MachineSource):
                 preview.await_first_try(_FIRST_TRY)
                 if preview.wrong is not None:  # told alone, without a link to a page that is gone

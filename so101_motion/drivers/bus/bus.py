@@ -44,6 +44,8 @@ __all__ = ["REPLY_TIMEOUT", "RETRIES", "Bus", "PingAnswers", "Port", "reply_time
 
 _log = logging.getLogger(__name__)
 
+_WARNED = set[str]()  # ports of which the user knows that answers come late; each is opened often
+
 RETRIES = 3
 """How often a question to one servo is repeated. Chosen: with 7 % of the answers spoiled, one
 transaction in 40,000 fails."""
@@ -394,8 +396,8 @@ class Bus:
         lateness = self.counters.lateness
         if lateness.longest <= self._prompt or lateness.typical <= self._prompt:
             return 0.0
-        if not lateness.is_told and self._reply_timeout:
-            lateness.is_told = True
+        if self.port.name not in _WARNED and self._reply_timeout:
+            _WARNED.add(self.port.name)
             _log.warning(
                 "the servos on %s answer %.0f ms late, so the arm moves less smoothly; so101 doctor"
                 " says what to do",

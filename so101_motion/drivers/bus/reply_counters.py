@@ -54,12 +54,10 @@ class Lateness:
 
     Attributes:
         longest: The longest delay [s].
-        is_told: Whether the user has been warned of it.
     """
 
     def __init__(self) -> None:
         self.longest = 0.0
-        self.is_told = False
         self._delays: deque[float] = deque(maxlen=_DELAYS)
         self._typical: float | None = 0.0  # None until somebody asks
 
