@@ -126,8 +126,8 @@ class PickOperation(LocalOperation):
             return NO_ITEM
         around = self._picker.arm.scene.obstacles
         tops = [each.name for each in around if each.mass is None and not each.keep_out]
-        places = ", ".join((*tops[:3], "x,y,z in mm"))
-        return f"Choose an item and where to put it: {places}, or nothing to hold it."
+        places = " or ".join((*tops[:3], "x,y,z in mm"))
+        return f"Choose an item and where to put it: {places}. Without a place it is held."
 
     def _offers(self, moving: bool) -> tuple[Offer, ...]:
         if moving:

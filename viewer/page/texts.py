@@ -244,4 +244,4 @@ def followed(tracking: Tracking) -> str:
 def _peak(values: Array, unit: str) -> str:
     peaks = np.max(np.abs(values), axis=0)
     i = int(np.argmax(peaks))
-    return f"{to_deg(float(peaks[i])):.0f} {unit}, {ARM_JOINTS[i]}"
+    return f"{to_deg(float(peaks[i])):.0f} {unit} ({ARM_JOINTS[i]})"

@@ -41,10 +41,7 @@ GUIDED_FOR = 180.0  # the arm yields to a hand for ``record`` for so long [s]; c
 MOST_NAMES = 500  # how many saved paths are offered; chosen, more than a person can choose from
 
 _WELCOME = "Press Record a path, then guide the arm by hand."
-_STANDS = (
-    "A simulated arm cannot be guided by hand: what you record stands still. Choose a saved path to"
-    " replay it."
-)
+_STANDS = "A simulated arm cannot be guided by hand: what you record stands still."
 _CHOOSE = "Press Plan replay to check a saved path for collisions, or Record a path; nothing moves."
 _BY_HAND = "Press Record a path, then guide the arm by hand. To replay one, press Hold first."
 _MOVED = "The arm has moved. Press Plan replay again."
@@ -143,19 +140,18 @@ class TeachingOperation(LocalOperation):
         can_record = mode in (Mode.HOLDING, Mode.GUIDING, Mode.LIMP)
         limp = None if can_record else f"the arm is {mode.words}"
         moves = None if mode is Mode.HOLDING else f"the arm is {mode.words}"
-        nothing = None if names else "there is no saved path"
         planned = self._planned
         is_planned = planned is not None and self._stands_at(planned)
         chosen = self._chosen if self._chosen in names else (*names, "")[0]
         saved = {"name": Input(label="Saved", choices=names)}
-        return (
-            Offer(
-                command="record", title="Record a path", arguments={"name": ""},
-                inputs={"name": Input(label="Path name")}, why_not=busy or limp,
-            ),
+        record = Offer(
+            command="record", title="Record a path", arguments={"name": ""},
+            inputs={"name": Input(label="Path name")}, why_not=busy or limp,
+        )  # fmt: skip
+        of_saved = (
             Offer(
                 command="plan", title="Plan replay", arguments={"name": chosen}, inputs=saved,
-                why_not=busy or nothing or moves,
+                why_not=busy or moves,
             ),
             Offer(
                 command="run", title="Replay",
@@ -163,8 +159,12 @@ class TeachingOperation(LocalOperation):
             ),
             Offer(
                 command="delete_path", title="Delete", arguments={"name": chosen}, inputs=saved,
-                why_not=busy or nothing,
+                why_not=busy,
             ),
+        )  # fmt: skip
+        return (
+            record,
+            *(of_saved if names else ()),
             *(
                 Offer(command="restore_path", title=f"Bring back {name}",
                       arguments={"kept_as": kept_as})
