@@ -103,14 +103,15 @@ def _sealed(packet):
     return packet + bytes((~sum(packet[2:]) & 0xFF,))
 
 
-class Joints:
-    """An arm on a port that waits for nobody: its driver and its control, cycle by cycle."""
+class Episode:
+    """One arm for a few seconds, in one mode after the other: its driver and its control."""
 
-    def __init__(self, port, clock, gravity):
-        self.port, self._clock, self._k = port, clock, 0
+    def __init__(self, seed, share, counter, clock):
+        self._rng, self._tally, self._seed = random.Random(seed), counter, seed
+        self.port, self._clock, self._k = TornPort(clock, self._rng, counter), clock, 0
         self._arm = FeetechArm(
-            lambda: port, clock, MAPS, gravity=gravity, speed=math.radians(220.0),
-            acceleration=math.radians(1000.0), reply_timeout=0.0,
+            lambda: self.port, clock, MAPS, gravity=lambda q: np.zeros(6),
+            speed=math.radians(220.0), acceleration=math.radians(1000.0), reply_timeout=0.0,
         )  # fmt: skip
         self._control = JointController(
             self._arm,
@@ -119,28 +120,6 @@ class Joints:
             tolerances=Tolerances(settle_position=0.006, settle_velocity=0.06),
         )
         self._control.start(0.0, holding=True)
-
-    def begin(self, goal, **limits):
-        """Begin a motion from where the joints are wanted to ``goal``, shape (5,) [rad]."""
-        limits = MotionLimits.uniform(**limits)
-        trajectory = online.point_to_point(self._control.state.q_ref, goal, limits, DT)
-        self._control.k = self._k
-        self._control.play(PlannedMotion(trajectory), Channel.ARM)
-
-    def ticks(self, n, dt=DT):
-        for _ in range(n):
-            self._clock.advance(dt)
-            self._k += 1
-            self._control.k = self._k
-            self._control.tick(self._clock.now(), 0)
-
-
-class Episode(Joints):
-    """One arm for a few seconds, in one mode after the other."""
-
-    def __init__(self, seed, share, counter, clock):
-        self._rng, self._tally, self._seed = random.Random(seed), counter, seed
-        super().__init__(TornPort(clock, self._rng, counter), clock, lambda q: np.zeros(6))
         self._share = share
         self._believed, self._last, self._path = {}, None, []
         self._arm.on_command = self._judge_command
@@ -164,7 +143,9 @@ class Episode(Joints):
         q = self._control.state.q_ref
         goal = q + np.radians([self._rng.uniform(-25.0, 25.0) for _ in range(5)])
         goal, cap = np.clip(goal, -1.5, 1.5), math.radians(CAP)
-        self.begin(goal, velocity=cap, acceleration=math.radians(200.0), jerk=40.0)
+        limits = MotionLimits.uniform(velocity=cap, acceleration=math.radians(200.0), jerk=40.0)
+        self._control.k = self._k
+        self._control.play(PlannedMotion(online.point_to_point(q, goal, limits, DT)), Channel.ARM)
         self._ticks(self._rng.randrange(20, 120))
         if self._control.is_moving:
             waiting = Future()
@@ -197,8 +178,11 @@ class Episode(Joints):
 
     def _ticks(self, n, dt=DT):
         for _ in range(n):
+            self._clock.advance(dt)
+            self._k += 1
+            self._control.k = self._k
             try:
-                self.ticks(1, dt)
+                self._control.tick(self._clock.now(), 0)
             except So101Error as error:
                 self._control.fail(error)
             self._judge_belief()
