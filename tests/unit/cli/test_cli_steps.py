@@ -4,6 +4,7 @@ import io
 import json
 import os
 import pty
+import threading
 import time
 from contextlib import contextmanager
 
@@ -100,22 +101,25 @@ def keyboard():
 
 
 def test_a_key_is_heard_while_something_goes_on_and_q_lets_it_end_first():
-    ended = []
+    ended, told = [], threading.Event()
 
-    def work():
-        until = time.monotonic() + 0.3
-        while time.monotonic() < until:
-            pass
+    def waits_for_the_key():
+        while terminal.pressed != "s":
+            time.sleep(0.001)
+        ended.append(True)
+
+    def waits_for_the_person_to_be_told():
+        assert told.wait(60.0)
         ended.append(True)
 
     with keyboard() as person, Terminal() as terminal:
         assert terminal.is_manned
         os.write(person, b"s")
-        terminal.run(work, lambda: "picture")
-        assert terminal.pressed == "s"
+        terminal.run(waits_for_the_key, lambda: "picture")
+        terminal.say = lambda _: told.set()  # that the step is finished first
         os.write(person, b"q")
         with pytest.raises(Quit):
-            terminal.run(work, lambda: "picture")
+            terminal.run(waits_for_the_person_to_be_told, lambda: "picture")
         assert ended == [True, True]
         os.write(person, b"\n")
         assert terminal.key(1.0) == ENTER
