@@ -10,13 +10,22 @@ from datetime import timedelta
 import numpy as np
 import pytest
 from grpclib import Status
+from harness.fake_machine import FakeMachine, hanging
 from harness.fake_parent import MOTION, config_of, until
-from harness.in_process_module import advance, client_of, in_time, joints, refused
+from harness.in_process_module import (
+    advance,
+    client_of,
+    guarded_arm,
+    in_time,
+    joints,
+    refused,
+)
 from viam.components.arm import Arm
 from viam.proto.common import Pose, PoseInFrame
 
 from so101_motion.common.modes import Mode
 from so101_motion.rig.rig import TICK
+from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.models.motion_service import So101Motion
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
@@ -252,3 +261,42 @@ async def test_a_motion_service_that_is_removed_ends_what_it_moves(arm, client, 
     await motion.resource.close()
     await refused(call, Status.CANCELLED, "the removal of its motion service")
     await at_rest(arm, client)
+
+
+# Requests that have not begun their motion yet
+
+
+MOVES = {
+    "to joint positions": lambda arm: arm.move_to_joint_positions(joints(*FAR)),
+    "to a position": lambda arm: arm.move_to_position(Pose(x=200, y=100, z=150, o_z=1)),
+    "through joint positions": lambda arm: arm.move_through_joint_positions([joints(*FAR)]),
+    "out of contact": lambda arm: arm.do_command({"command": "leave_contact"}),
+}
+
+
+@pytest.fixture
+async def prepared():
+    """An arm whose machine is asked for its frame system and does not answer yet, and that."""
+    machine = FakeMachine(hanging("arm", joints=5))
+    machine.silent = True
+    async with guarded_arm(simulate_time=False) as arm:
+        set_machine(lambda: machine)
+        yield arm, machine
+        set_machine(lambda: None)
+
+
+@pytest.mark.parametrize("move", MOVES.values(), ids=MOVES)
+async def test_a_stop_while_a_move_is_prepared_ends_it(prepared, move, monkeypatch):
+    arm, machine = prepared
+    if move is MOVES["through joint positions"]:  # it waits for other arms alone
+        asked = machine.get_frame_system_config
+        monkeypatch.setattr(arm.resource.surroundings, "update_other_arms", asked)
+    before = arm.resource.rig.arm.state.q_ref
+    moving = asyncio.ensure_future(move(arm))
+    await until(lambda: machine.asked > 0)
+    await arm.stop()
+    if move is MOVES["through joint positions"]:
+        machine.answer.set()
+    await refused(moving, Status.CANCELLED, "ended early by stop")
+    assert not arm.resource.rig.arm.is_moving
+    np.testing.assert_array_equal(arm.resource.rig.arm.state.q_ref, before)

@@ -97,14 +97,6 @@ def test_triggers_open_and_close_the_jaw(bench, pad, jog):
     assert robot.get_observation()["gripper.pos"] == pytest.approx(READY[5] + 30.0, abs=3.0)
 
 
-def test_the_tool_stops_short_of_the_table_and_the_log_says_so(bench, pad, jog, caplog):
-    robot, say = bench.connected(), pad[1]
-    say((BUTTON, 5, 1), (AXIS, 4, 32767))
-    lead(bench, robot, jog, 5.0)
-    assert "is held back by" in caplog.text
-    assert tool(bench)[2] > 0.0
-
-
 def test_a_jog_after_the_arm_was_moved_begins_where_it_is(bench, pad, jog):
     robot, say = bench.connected(), pad[1]
     lead(bench, robot, jog, 0.1)

@@ -154,18 +154,6 @@ def in_units(kind, q_deg, calibration=None):
     return units_of(kind, calibration).from_model(units_of("model").to_model(q_deg))
 
 
-@pytest.mark.parametrize("kind", ["degrees", "range", "old", "model"])
-def test_what_the_numbers_are_said_to_mean_gives_the_same_findings(tmp_path, kind):
-    table = swing()
-    table[:, 1:4] = [30, 30, 40]
-    x = in_units(kind, table)
-    report = checked(tmp_path / "set", [(x, x)], units=kind)
-    known = checked(tmp_path / "same", [(table, table)])
-    assert [moment.value for moment in report.moments] == pytest.approx(
-        [moment.value for moment in known.moments], abs=0.05
-    )
-
-
 def rest_and_reach():
     """From a folded arm to a stretched one: what every recording holds."""
     folded, reach = np.array([0, -100, 88, 60, 0, 0]), np.array([40, 60, -60, 20, 90, 90])
