@@ -37,7 +37,7 @@ int so101_check(Scene *s, const Level *level, const double *q, int n, int stop, 
         for (int k = i; k < i + m; k++) {
             if (verdict[k] != UNKNOWN) continue;
             s->undecided++;
-            const int said = s->ask(q + 6 * k, level->id);
+            const int said = level->id < 0 ? FREE : s->ask(q + 6 * k, level->id);
             if (said == 2) s->stopped = 1;
             verdict[k] = said == FREE ? FREE : TOUCHING;
             found |= said != FREE;

@@ -103,7 +103,7 @@ typedef struct {
 typedef struct {
     double margin[2];
     double clearance;
-    int id; /* for Ask */
+    int id; /* for Ask; below 0 the undecided count as free */
 } Level;
 
 typedef struct {
