@@ -1,9 +1,10 @@
 """Plan one motion for several arms, begun and ended together.
 
-Three methods, the quickest first; each is tried only if the one before fails. *All at once*: every
+Four methods, the quickest first; each is tried only if the one before fails. *All at once*: every
 arm is planned as if it were alone, and the faster ones are slowed down to the slowest. *One after
 the other*: arms are planned in turn, each around the motions of those planned before
-(``planning/among.py``), in several orders; the order that ends earliest is taken. *As one*: where
+(``planning/among.py``), in the orders that suit where they stand; the one that ends earliest is
+taken. *Folded between*: three arms or more fold first, then go to their goals. *As one*: where
 arms have to make room for each other, a path is searched for all joints together and timed as one
 motion, slower where the arms are near each other: a proof asks for more room where both are fast.
 
@@ -17,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import combinations, islice, pairwise, permutations
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
@@ -29,11 +30,13 @@ from so101_motion.common.errors import (
     PlanningError,
 )
 from so101_motion.common.geometry import Array
+from so101_motion.common.named_poses import POSES
 from so101_motion.planning.among import crossing, plan_among
 from so101_motion.planning.cell.team_requests import TeamMember
 from so101_motion.planning.collision.apart import (
     EARLY,
     ROOM,
+    Meeting,
     distances,
     first_meeting,
     placement,
@@ -105,12 +108,19 @@ def pace_on(path: JointPath, team: Sequence[TeamMember]) -> Callable[[Array, Arr
 SLOWER = (1.0, 1.5, 2.2, 3.3, 5.0)  # factors of slowing: slow arms may be nearer; chosen
 SPARE = 0.005  # extra room of a common path [m], because its corners are cut; chosen
 MOST_ORDERS = 6  # orders of planning one after the other; chosen, all of three
+HOPELESS = 1000  # how bad an order is in which an arm stands at the goal of one before it
+KEPT = 32  # beginnings of orders that are gone on with; chosen
 
-ALONE, IN_TURN, AS_ONE = 0.5, 0.75, 1.15
-"""Shares of the time budget after which each method leaves it to the next; chosen. The last is all
+SHARES = 0.4, 0.6, 0.8, 1.15
+"""Of the time budget, after which each method leaves it to the next; chosen. The last is all
 that a plan may take: an arm that finds nothing must leave time for the others."""
 
+FOLD = next(pose.q for pose in POSES if pose.name == "rest")
 LEAST = 0.01  # shortest search of one arm [s]; chosen
+
+TURN = 0.05
+"""Longest search of one arm among the others [s]: in a bad order it is shut in by where they stand,
+and took all the time of the other orders. Chosen, ten times what a search takes."""
 
 
 def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
@@ -127,17 +137,55 @@ def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Pla
     if any(isinstance(each.request.goal, PathGoal) for each in team):
         return _along_path(planner, team)
     now, budget = time.monotonic(), team[0].request.time_budget
-    alone_ends, in_turn_ends, ends = (now + share * budget for share in (ALONE, IN_TURN, AS_ONE))
-    team = _with_goals(planner, team, alone_ends)
+    alone, in_turn, folded, ends = (now + share * budget for share in SHARES)
+    team = _with_goals(planner, team, alone)
+    return (
+        _each_by_itself(planner, team, alone, in_turn)
+        or (len(team) > 2 and _folded_between(planner, team, folded))
+        or _as_one(planner, team, ends)
+    )
+
+
+def _each_by_itself(
+    planner: Planner, team: Sequence[TeamMember], alone_ends: float, ends: float
+) -> dict[str, Plan] | None:
+    """Plans of arms on paths of their own: all at once, or one after the other."""
     alone = [_alone(planner, each, alone_ends) for each in team]
     at_once = _at_once(team, alone)
     if at_once is not None:  # nothing is quicker
         return at_once
-    for plans in sorted(_in_turn(planner, team, alone, in_turn_ends), key=_makespan):
+    for plans in sorted(_in_turn(planner, team, alone, ends), key=_makespan):
         proven = _proven(team, plans, [each.trajectory for each in plans])
         if proven is not None:
             return proven
-    return _as_one(planner, team, ends)
+    return None
+
+
+def _folded_between(
+    planner: Planner, team: Sequence[TeamMember], ends: float
+) -> dict[str, Plan] | None:
+    """Plans in which all fold before any goes to its goal: folded, arms of a cell are apart."""
+    places = [[each.request.q_start for each in team], [FOLD] * len(team), [*map(_goal_of, team)]]
+    legs = list[dict[str, Plan]]()
+    with suppress(PlanningError):  # there may be no room to fold
+        for stand, goals in pairwise(places):
+            asked = [
+                replace(each, request=replace(each.request, q_start=q, goal=JointGoal(q=goal)))
+                for each, q, goal in zip(team, stand, goals, strict=True)
+            ]
+            leg = _each_by_itself(planner, asked, ends, ends)
+            if leg is None:
+                break
+            legs.append(leg)
+    if len(legs) < 2:
+        return None
+    plans = []
+    for each in team:
+        parts = [leg[each.name] for leg in legs]
+        path = np.concatenate([parts[0].path, parts[1].path[1:]])
+        whole = joined([part.trajectory for part in parts])
+        plans.append(planner.plan_of(planner.context(each.request), whole, path))
+    return _proven(team, plans, [each.trajectory for each in plans])
 
 
 def _until(ends: float, request: PlanRequest) -> PlanRequest:
@@ -187,13 +235,7 @@ def _with_goals(planner: Planner, team: Sequence[TeamMember], ends: float) -> li
         request = replace(member.request, goal=JointGoal(q=q_goal), others=())
         fixed.append(replace(member, request=request))
     for a, b in combinations(fixed, 2):
-        met = first_meeting(
-            (bodies_of(a.request.scene.attached), a.resting(_goal_of(a))),
-            (bodies_of(b.request.scene.attached), b.resting(_goal_of(b))),
-            a.T_cell_base.inverse @ b.T_cell_base,
-            since=0.0,
-        )
-        if met is not None:
+        if (met := _met(a, _goal_of(a)[None], b, _goal_of(b))) is not None:
             near = max(met.distance, 0.0)
             raise InCollision(
                 f"at the goals {a.name}'s {met.first} would be {near * 1e3:.0f} mm from"
@@ -267,7 +309,7 @@ def _in_turn(
                 ]
                 few = min(me.request.route_effort, HURRIED_EFFORT)  # in each of many orders
                 known = replace(me.request, others=tuple(others), route_effort=few)
-                asked = _until(ends, known)
+                asked = _until(min(ends, time.monotonic() + TURN), known)
                 plans[k] = plan_among(planner.plan, asked, alone=alone[k], before=shortest)
                 if plans[k].duration >= shortest:
                     break
@@ -276,21 +318,43 @@ def _in_turn(
     return found
 
 
-def _orders(team: Sequence[TeamMember], alone: Sequence[Plan | None]) -> Iterator[tuple[int, ...]]:
-    """Orders in which to plan: arms first whose own plans meet nobody, the others in many ways."""
-    met = [0 if plan is not None else len(team) for plan in alone]
-    for (i, one), (j, other) in combinations(enumerate(alone), 2):
-        if one is not None and other is not None:
-            pair = [team[i], team[j]]
-            if not _keep_apart(pair, [one.trajectory, other.trajectory]):
-                met[i] += 1
-                met[j] += 1
-    first = [k for k, count in enumerate(met) if not count]
-    rest = sorted((k for k, count in enumerate(met) if count), key=lambda k: -met[k])
-    turned = [rest[k:] + rest[:k] for k in range(len(rest))]
-    many = [order for each in turned for order in (each, each[::-1])]
-    for order in islice(permutations(rest) if len(rest) <= 3 else many, MOST_ORDERS):
-        yield (*first, *order)
+def _orders(team: Sequence[TeamMember], alone: Sequence[Plan | None]) -> list[tuple[int, ...]]:
+    """Orders to plan in: an arm goes after those whose start and before those whose goal it meets.
+
+    None if arms stand at each other's goals.
+    """
+    wrong = [[0] * len(team) for _ in team]  # to plan one before another
+    for (i, one), (j, other) in permutations(enumerate(team), 2):
+        begin, end = other.request.q_start, _goal_of(one)
+        wrong[i][j] += HOPELESS * (_met(one, end[None], other, begin) is not None)
+        if (plan := alone[i]) is not None:
+            wrong[i][j] += _met(one, plan.trajectory.q, other, begin) is not None
+        if (plan := alone[j]) is not None:
+            wrong[i][j] += _met(other, plan.trajectory.q, one, end) is not None
+    random, orders = np.random.default_rng(0), dict[tuple[int, ...], int]({(): 0})
+    for _ in team:
+        longer = {}
+        for order, cost in orders.items():
+            left = [k for k in range(len(team)) if k not in order]
+            for k in left:
+                longer[(*order, k)] = cost + sum(wrong[k][j] for j in left)
+        best = sorted(longer, key=lambda order: (longer[order], random.random()))
+        orders = {order: longer[order] for order in best[:KEPT]}
+    return [order for order, cost in orders.items() if cost < HOPELESS][:MOST_ORDERS]
+
+
+def _met(one: TeamMember, q: Array, other: TeamMember, q_other: Array) -> Meeting | None:
+    """Where an arm that goes through ``q`` (n, 5) meets another one that stands at ``q_other``."""
+    return first_meeting(
+        (
+            bodies_of(one.request.scene.attached),
+            Course.through(q, one.request.q_jaw, t=0.0, dt=1.0),
+        ),
+        (bodies_of(other.request.scene.attached), other.resting(q_other)),
+        one.T_cell_base.inverse @ other.T_cell_base,
+        since=0.0,
+        early=0.0,
+    )
 
 
 def _proven(
