@@ -7,11 +7,15 @@ other. ``bench_arms_apart.py`` measures arms whose targets lead into each other.
 
 The makespan, when both have arrived, is also compared with the shortest that a long search
 (``long_search.py``) finds for the first tasks of the same draw: ``--searched`` says for how many,
-``--search-seconds`` for how much processor time each. ``--only-search`` measures nothing else and
-keeps the other rows of the file.
+``--search-seconds`` for how much processor time each. ``--only-search`` and ``--only-rings``
+measure nothing else and keep the other rows of the file.
 
 Contact is judged by other means than planning (``solids.py``): polytopes around the official
 solids, looked at by coal at single instants, every 5 ms of a plan.
+
+*Rings*: one to eight arms in a circle, as ``so101 view`` places them, each from a random place to
+another one; six also with all tools near the middle. The time budget and what is measured are
+processor time; with half a second it is measured how much longer than allowed planning takes.
 
 Last, how much longer plans of one arm take with 30 components of a machine around it: each motion
 is planned without and with them, in turn, and the fastest of several runs of each counts. They are
@@ -29,11 +33,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks._common import single_thread, summary, update, write
+from benchmarks._common import on_processor_time, single_thread, summary, update, write
+from benchmarks.bench_crowd import Crowd, around
 from benchmarks.long_search import LongSearch, Plans, makespan
 from benchmarks.solids import Solids
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array, rot_z
+from so101_motion.files.cell_file import APART
 from so101_motion.planning.cell.team_requests import TeamMember
 from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision.apart import first_meeting
@@ -49,6 +55,9 @@ from so101_motion.planning.timing.limits import MotionLimits
 
 T_LEFT_RIGHT = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
 COMPONENTS = 30
+FAST = MotionLimits.uniform(velocity=np.pi, acceleration=8.0, jerk=150.0)  # of arms in a circle
+HURRY = 0.5  # a short time budget [s]
+EVERY = 4  # of so many setpoints of arms in a circle, one is examined for contact
 
 
 class Tasks:
@@ -234,6 +243,73 @@ def plans(count: int, seed: int) -> list[dict[str, object]]:
     ]
 
 
+def rings(count: int, seed: int) -> list[dict[str, object]]:
+    """One to eight arms that are planned together."""
+    on_processor_time()
+    planner, found = Planner(RobotModel.load()), list[dict[str, object]]()
+    planner.warm_up()
+
+    def plan(team: list[TeamMember]) -> tuple[Plans | None, float]:
+        begin = time.thread_time()
+        try:
+            plans = plan_together(planner, team)
+        except PlanningError:
+            plans = None
+        return plans, time.thread_time() - begin
+
+    for arms, within in (
+        (1, np.inf),
+        (2, np.inf),
+        (4, np.inf),
+        (6, np.inf),
+        (8, np.inf),
+        (6, 0.15),
+    ):
+        radius = 0.5 * APART / np.sin(np.pi / max(arms, 2))
+        crowd = Crowd(around(radius, arms=arms), seed, within)
+        spent, spans, over = list[float](), list[float](), list[float]()
+        instants = touched = 0
+        for _ in range(count):
+            ends = crowd.goals([]), crowd.goals([])
+            for budget in (5.0, HURRY):
+                team = [
+                    TeamMember(
+                        name=f"arm {k}",
+                        T_cell_base=T,
+                        request=PlanRequest(
+                            q_start=a, goal=JointGoal(q=b), limits=FAST, time_budget=budget
+                        ),
+                    )
+                    for k, (T, a, b) in enumerate(zip(crowd.bases, *ends, strict=True))
+                ]
+                plans, took = plan(team)
+                if budget == HURRY:
+                    over.append(took / budget)
+                    continue
+                spent.append(took)
+                if plans is not None:
+                    spans.append(makespan(plans))
+                    along = (each.trajectory.q[::EVERY] for each in plans.values())
+                    for q in zip(*along, strict=True):
+                        instants += 1
+                        touched += crowd.solids.touch(*(np.append(each, 0.0) for each in q))
+        found.append(
+            {
+                "what": f"{arms} arms in a circle, {'crowded, ' if within < 1.0 else ''}CPU",
+                **summary(spent),
+                "p95": float(np.percentile(spent, 95.0)),
+                "solved": len(spans),
+                "makespan": float(np.median(spans)),
+                "makespan, p95": float(np.percentile(spans, 95.0)),
+                "instants": instants,
+                "touching": touched,
+                f"share of a budget of {HURRY} s, at most": max(over),
+            }
+        )
+        print(found[-1], flush=True)
+    return found
+
+
 def components(count: int, seed: int) -> list[dict[str, object]]:
     """How much longer plans of one arm take with 30 components around it."""
     tasks = Tasks(seed)
@@ -300,14 +376,20 @@ def main() -> None:
     parser.add_argument("--motions", type=int, default=200)
     parser.add_argument("--searched", type=int, default=40)
     parser.add_argument("--search-seconds", type=float, default=15.0)
+    parser.add_argument("--rings", type=int, default=40, help="tasks of each number of arms")
     parser.add_argument("--only-search", action="store_true")
+    parser.add_argument("--only-rings", action="store_true")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
+    if asked.only_rings:
+        update("bench_cell", rings(asked.rings, asked.seed))
+        return
     rows = searched(asked.searched, asked.search_seconds, asked.seed)
     if asked.only_search:
         update("bench_cell", rows)
         return
     rows = [*plans(asked.tasks, asked.seed), *rows, *components(asked.motions, asked.seed)]
+    rows += rings(asked.rings, asked.seed)
     write("bench_cell", rows)
 
 

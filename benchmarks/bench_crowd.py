@@ -57,11 +57,11 @@ TRIES = 20
 CAPS = MotionLimits.uniform(velocity=np.pi, acceleration=8.0, jerk=150.0)
 
 
-def around(radius: float, turned: float = 0.0) -> list[SE3]:
+def around(radius: float, turned: float = 0.0, arms: int = len(ARMS)) -> list[SE3]:
     """Bases on a ring, each looking at its middle."""
     found = []
-    for k in range(len(ARMS)):
-        angle = turned + 2.0 * np.pi * k / len(ARMS)
+    for k in range(arms):
+        angle = turned + 2.0 * np.pi * k / arms
         place = (radius * np.cos(angle), radius * np.sin(angle), 0.0)
         found.append(SE3.from_rpy((0.0, 0.0, angle + np.pi), place))
     return found
@@ -84,6 +84,7 @@ class Crowd:
     Args:
         bases: Where they stand.
         seed: Of what is asked of them.
+        within: How far from the middle their tools are sent [m]; infinity for anywhere.
 
     Attributes:
         ticks: How many were looked at.
@@ -91,7 +92,8 @@ class Crowd:
         solids: Knows how near they came.
     """
 
-    def __init__(self, bases: Sequence[SE3], seed: int) -> None:
+    def __init__(self, bases: Sequence[SE3], seed: int, within: float = 0.15) -> None:
+        self._within = within
         self.bases, self.random = bases, np.random.default_rng(seed)
         self.solids, self._clock = Solids(*bases), ManualClock()
         self.ticks = self.touching = 0
@@ -116,7 +118,8 @@ class Crowd:
         while True:
             q = self.random.uniform(self._model.lower, self._model.upper)
             p = self.bases[k] @ self._model.frame(q).p
-            if np.hypot(p[0], p[1]) < 0.15 and p[2] < 0.25 and self._collision.is_free(q):
+            is_near = np.hypot(p[0], p[1]) < self._within and p[2] < max(0.25, self._within)
+            if is_near and self._collision.is_free(q):
                 return q
 
     def are_apart(self, k: int, q: Array, j: int, q_other: Array, room: float = CLEAR) -> bool:

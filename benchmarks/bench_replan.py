@@ -15,12 +15,15 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks import _common
 from so101_motion.arm import replanned_motion
@@ -29,6 +32,8 @@ from so101_motion.common.errors import Interrupted, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.realtime import reduce_jitter
 from so101_motion.common.state import JointState
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene, Sphere
 from so101_motion.planning.kinematics.model import RobotModel
@@ -39,7 +44,9 @@ from so101_motion.rig.rig import HARD_STOP, TICK, Rig
 from so101_motion.rig.simulated_rig import open_simulated
 
 SEED = 49
+TOGETHER = 20  # runs of one arm, between which a benchmark that was interrupted is resumed
 SCENES_EVERY = 4  # ticks
+AT_ONCE = 10  # ticks that are first examined together for contact
 FASTEST = 0.3  # of an obstacle [m/s]
 MARGIN = 0.02  # that the arm keeps from obstacles [m]
 LONGEST = 30.0  # a run that takes longer has not reached its goal [s]
@@ -114,6 +121,20 @@ class SimulatedPlanner:
         self._due = [each for each in self._due if each[0] > state.t]
         for give in due:
             give()
+
+
+@contextmanager
+def planning_here(model: RobotModel, clock: ManualClock, slow: float) -> Iterator[Rig]:
+    """A simulated arm without a planning process."""
+    _common.on_processor_time()
+    planner = SimulatedPlanner(model, clock, slow)
+    speed, acceleration = to_rad(90.0), to_rad(100.0)
+    with Rig(
+        SimArm(clock), clock=clock, speed=speed, acceleration=acceleration, scene=Scene()
+    ) as rig:
+        rig.arm._planner = planner.plan
+        rig.executor.listen(planner.note)
+        yield rig
 
 
 VERDICTS: list[Callable[[bool], None]] = []
@@ -210,12 +231,7 @@ def one_run(rig: Rig, clock: ManualClock, course: Course, model: RobotModel) -> 
     VERDICTS.clear()
     end_of_tape()
     q, t = np.array(tape.q), np.array(tape.t)
-    touches = np.array(
-        [
-            not CollisionModel(model, scene_at(moving, at - begin, 1e-6)).is_free(each)
-            for at, each in zip(t, q, strict=True)
-        ]
-    )
+    touches = _touching(model, moving, t - begin, q)
     moves = np.abs(np.diff(q, axis=0)).max(axis=1) > 1e-6
     contacts = 1 + np.flatnonzero(touches[1:] & ~touches[:-1] & moves)
     avoidable = sum(_was_avoidable(model, moving, begin, t, q, int(k), verdicts) for k in contacts)
@@ -229,6 +245,21 @@ def one_run(rig: Rig, clock: ManualClock, course: Course, model: RobotModel) -> 
         "speed": float(speed.max()),
         "blocked": sum(not is_free for _, is_free in verdicts),
     }
+
+
+def _touching(model: RobotModel, moving: list[Moving], t: Array, q: Array) -> NDArray[np.bool_]:
+    """At which ticks the arm touches something."""
+    touches = np.zeros(len(t), dtype=bool)
+    for begin in range(0, len(t), AT_ONCE):
+        some = slice(begin, begin + AT_ONCE)
+        middle = 0.5 * (t[some][0] + t[some][-1])
+        room = FASTEST * (t[some][-1] - middle) + 1e-6  # nothing goes further until then
+        if CollisionModel(model, scene_at(moving, middle, room)).touching(q[some]).any():
+            touches[some] = [
+                not CollisionModel(model, scene_at(moving, at, 1e-6)).is_free(each)
+                for at, each in zip(t[some], q[some], strict=True)
+            ]
+    return touches
 
 
 def _was_avoidable(
@@ -257,23 +288,30 @@ def _was_avoidable(
     )
 
 
-def runs(count: int, slow: float) -> _common.Row:
-    """Runs among moving obstacles on the simulated clock."""
-    clock, model = ManualClock(), RobotModel.load()
-    watch()
-    planner, course = SimulatedPlanner(model, clock, slow), Course(model, SEED)
-    found = []
-    with open_simulated(clock=clock) as rig:
-        rig.arm._planner = planner.plan
-        rig.executor.listen(planner.note)
-        for number in range(count):
+def piece(first: int, slow: float) -> list[dict[str, Any]]:
+    """``TOGETHER`` runs, one after the other, on the simulated clock."""
+    clock, model, found = ManualClock(), RobotModel.load(), []
+    course = Course(model, SEED + first)
+    with planning_here(model, clock, slow) as rig:
+        for number in range(first, first + TOGETHER):
             found.append(one_run(rig, clock, course, model))
             print(number, found[-1], flush=True)
+    return found
+
+
+def runs(count: int, slow: float, since: str | None) -> _common.Row:
+    """Runs among moving obstacles."""
+    watch()
+    pieces = {
+        f"runs from {first}, slow {slow}": partial(piece, first, slow)
+        for first in range(0, count, TOGETHER)
+    }
+    found = sum(_common.in_pieces("bench_replan", pieces, since), list[dict[str, Any]]())
     outcomes = [each["outcome"] for each in found]
     return {
-        "case": "runs among moving obstacles",
-        "n": count,
-        "reached": outcomes.count("reached") / count,
+        "what": "runs among moving obstacles",
+        "n": len(found),
+        "reached": outcomes.count("reached") / len(found),
         "other": {each: outcomes.count(each) for each in set(outcomes) - {"reached"}},
         "contacts": sum(each["contacts"] for each in found),
         "avoidable": sum(each["avoidable"] for each in found),
@@ -343,19 +381,17 @@ def latency(count: int) -> list[_common.Row]:
             first.old = None
             arm.stop()
     rows: list[_common.Row] = [
-        {"case": f"new {what} to new setpoints", "n": len(each), **_common.summary(each)}
+        {"what": f"new {what} to new setpoints", **_common.summary(each)}
         for what, each in times.items()
     ]
-    return [*rows, {"case": "check of what is left", "n": len(checks), **_common.summary(checks)}]
+    return [*rows, {"what": "check of what is left", **_common.summary(checks)}]
 
 
 def switches(seconds: float, slow: float) -> _common.Row:
     """A new goal every 300 ms, on the simulated clock."""
     clock, model = ManualClock(), RobotModel.load()
-    planner, course, tape = SimulatedPlanner(model, clock, slow), Course(model, SEED), Tape()
-    with open_simulated(clock=clock) as rig:
-        rig.arm._planner = planner.plan
-        rig.executor.listen(planner.note)
+    course, tape = Course(model, SEED), Tape()
+    with planning_here(model, clock, slow) as rig:
         rig.executor.listen(tape.note)
         failed = 0
         while clock.now() < seconds:
@@ -374,7 +410,7 @@ def switches(seconds: float, slow: float) -> _common.Row:
         for n, cap in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk))
     )
     return {
-        "case": "a new goal every 300 ms",
+        "what": "a new goal every 300 ms",
         "n": round(seconds / SWITCH_EVERY),
         "failed": failed,
         "speed": speed,
@@ -390,11 +426,14 @@ def main() -> None:
     parser.add_argument("--changes", type=int, default=400, help="in real time")
     parser.add_argument("--seconds", type=float, default=3600.0, help="of switching goals")
     parser.add_argument("--slow", type=float, default=1.0)
+    parser.add_argument(
+        "--since", metavar="COMMIT", help="use the pieces of an earlier commit, too"
+    )
     options = parser.parse_args()
     _common.single_thread()
     rows = list[_common.Row]()
     if options.runs:
-        rows.append(runs(options.runs, options.slow))
+        rows.append(runs(options.runs, options.slow, options.since))
     if options.changes:
         rows += latency(options.changes)
     if options.seconds:
