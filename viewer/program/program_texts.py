@@ -33,7 +33,8 @@ ONE_OF_ONE, ONE_OF_ALL = "waypoint", "step"  # what a step of one arm is called,
 
 
 def welcome(step: str) -> Sentence:
-    return Sentence(f"Move to where the program begins, then press Record {step}.")
+    arms = "arm" if step == ONE_OF_ONE else "arms"
+    return Sentence(f"Move the {arms} to where the program begins, then press Record {step}.")
 
 
 def planning(step: str) -> Sentence:
