@@ -219,7 +219,7 @@ class OperationPanel(Part):
         if doing:  # the page that has the worker shows what it does
             html += cards.going_on(doing)
         elif due is not None and due.due_in:
-            html += cards.going_on(f"{due.title} in {due.due_in:.1f} s")
+            html += cards.going_on(f"By itself in {due.due_in:.0f} s: {due.title}")
         first = next((o for o in view.offers if not o.is_look), None)
         if first is not None and first.why_not and not view.trouble:
             html += cards.note(f"{first.title}: {texts.capital(first.why_not)}")

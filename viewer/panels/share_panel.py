@@ -29,7 +29,7 @@ KINDS = {
 
 PLAN, RUN = "The plan", "The last run"
 
-NOTHING = Sentence("Nothing to share yet: plan a motion first.")
+NOTHING = Sentence("Nothing to share yet: plan a motion on the Move tab first.")
 READY = "Choose a file type. The file goes to this browser's downloads."
 
 

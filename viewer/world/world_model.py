@@ -232,7 +232,7 @@ class WorldModel:
 
     def adopt(self, scene: Scene) -> None:
         """Use a scene that another program gave the arm; it can be undone."""
-        self._change(scene, "The scene was changed elsewhere.")
+        self._change(scene, "Changed by a pick or by another program.")
         self._given = scene
         self.select(self.selected)
 

@@ -186,14 +186,8 @@ class TeachingOperation(LocalOperation):
         todo = "Guide the arm by hand."
         if self._rig.connection.is_simulated:
             todo = "A simulated arm stands still."
-        text = (
-            f'Recording "{recording.file.stem}", {points} point{"" if points == 1 else "s"}. {todo}'
-        )
-        if recording.until is None:
-            return text
-        return (
-            f"{text} It holds again in {max(recording.until - self._rig.clock.now(), 0.0):.0f} s."
-        )
+        count = f"{points} point{'' if points == 1 else 's'}"
+        return f'Recording "{recording.file.stem}", {count}. {todo}'
 
     def _stands_at(self, replay: Replay) -> bool:
         return stands_at(replay.approach.q_start, self._rig.arm.state.q_ref)
