@@ -130,7 +130,7 @@ static void foresee(Goals *g, double dt, double *ways) {
         if (g->qdd[i] != 0.0) {
             const double turn = 2.0 * so101_servo_friction(s, weight, 1.0, 0.0) /
                                 so101_servo_stiffness(s);
-            ahead += (g->delay + t->later + s->goal_delay + EARLY * sqrt(turn / s->braking)) * g->qdd[i];
+            ahead += (g->delay + t->later[i] + s->goal_delay + EARLY * sqrt(turn / s->braking)) * g->qdd[i];
         }
         if (fabs(ahead) > STANDS) ways[i] = within_change(copysign(1.0, ahead), t->ways[i], 2.0 * dt / FLIP);
         if (s->play > 0.0 && dt > 0.0 && (fabs(ahead) > STANDS || fabs(weight) > PRESSED)) {
@@ -192,7 +192,7 @@ static double lead(Goals *g, int i, double dt) {
     Trim *t = g->trim;
     const Servo *s = t->servo[i];
     const double qd = g->qd[i], qdd = g->qdd[i], before = g->setpoint_qd[i], wanted = g->is_told;
-    const double delay = g->delay + (t->is_planned != 0.0 ? t->later : 0.0), late = delay + so101_servo_lag(s);
+    const double delay = g->delay + (t->is_planned != 0.0 ? t->later[i] : 0.0), late = delay + so101_servo_lag(s);
     const double lag = g->lags[i] + (qd * dt - least(dt / late, 1.0) * g->lags[i]);
     double share = g->foreseen[i];
     g->lags[i] = lag;

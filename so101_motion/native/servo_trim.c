@@ -4,38 +4,44 @@
 /* An integral gain [1/s]: an error shrinks to a tenth in 0.3 s. Chosen; the servo's own response, its delay
  * included, is twice as fast. */
 #define GAIN 8.0
-/* The same while the command moves, for joints that bear weight: an unknown load acts on them too. The error
- * of the others is lag, which ends when they rest. Chosen: with 4 a shoulder that follows as hard as it can
- * swings farther past. */
-#define GAIN_MOVING 2.0
-/* The same for servos whose own figures are known, and the share of it for errors that no mass in the gripper
- * explains: such a servo seldom has another error. Chosen by trial. */
-#define GAIN_KNOWN 4.0
-#define REST_KNOWN 0.2
-#define BEARING 0.3                 /* joints that bear less weight learn less while they move [N m]; chosen */
+/* While the command moves, what is not known is found from the errors of all joints at once, each counted by how
+ * well it is known otherwise (a Kalman filter): of each servo by which share it is weaker and its friction greater
+ * than its type's, what else is off [N m], how much later it comes [s]; and the mass in the gripper [kg]. Standard
+ * deviations beforehand; servos whose own figures are known differ by a share of them. Chosen: emulated servos differ
+ * by a fifth at most, and the two types come later by 0.05 and 0.04 s. */
+#define WEAKER 0.12
+#define ROUGHER 0.12
+#define OTHERWISE 0.08
+#define COMES_LATER 0.03 /* all of them alike */
+#define ITS_OWN 0.003
+#define CARRIED 0.1
+#define KNOWN 0.3
+/* How these change in a second: heat and supply, what is gripped. Chosen. */
+#define DRIFTS 0.01
+#define DRIFTS_OTHERWISE 0.03
+#define DRIFTS_LATER 0.002
+#define DRIFTS_CARRIED 0.02
+/* Errors have other reasons of about so much [N m], and of twice the friction near rest, less by 1/e for each so
+ * much speed [rad/s]; they last so long [s]. Chosen by trial. */
+#define NOISE 0.25
+#define UNCLEAR 2.0
+#define CLEARS 0.3
+#define LASTS 0.1
+#define MOST_SHARE 0.3      /* most that a servo may be weaker or its friction greater; chosen */
+#define BEARING 0.3         /* joints that bear less weight learn less while they follow a target [N m]; chosen */
 #define DEG (3.141592653589793 / 180.0)
 #define MOVING_ERROR (4.0 * DEG)    /* a moving joint with a larger error is blocked [rad]; chosen */
 /* How fast friction is turned over to the other side at rest [rad/s]. Chosen: done in 0.2 s under the arm's
  * weight, and not 4 ticks too far when the joint breaks loose. */
 #define TURNING (10.0 * DEG)
+/* Share of that speed after each time that a joint went past its goal, but for the first times after it was switched
+ * on: then its load is not known. Chosen. */
+#define CALMS 0.6
+#define BEGINS (1.0 / (CALMS * CALMS))
 #define DEAD_BAND (2.5 * 2.0 * 3.141592653589793 / 4096.0) /* smaller errors are ignored [rad]; chosen */
 #define LATE 0.45    /* how long after the last command small errors are still corrected [s]; chosen */
-/* Where a kilogram adds this torque [N m], half of an error is taken for carried mass and half for something
- * else; less where it adds less. Chosen by trial: without that, errors near the upright looked like 0.2 kg. */
-#define DOUBT 2.0
-/* An error of a servo that drives with so much [N m] is half taken for a servo that is weaker than its type; more if
- * it drives more. At most it is weaker by so much. Chosen by trial. */
-#define STRONG 0.3
-#define WEAKEST 0.3
 #define RECENT 0.05         /* rates are known over no more time than this [s] */
-/* How much later joints come is looked for in the errors of those faster than this [rad/s]. Other reasons cause
- * errors of about so much [rad], and those of unknown mass; they last about so long [s]. What was found changes
- * with heat and supply, by so much in a second [s]. A changed lead acts after so long [s]. Chosen. */
-#define MOVES 0.03
-#define OTHERWISE (0.5 * DEG)
-#define LASTS 0.1
-#define DRIFTS 0.002
-#define FELT_AFTER 0.06
+#define FELT_AFTER 0.06     /* a changed goal acts after so long [s]; chosen */
 #define CATCHES_UP 0.4      /* after a silence of all servos, which may have missed goals [s]; chosen */
 #define LATEST 0.07         /* most that joints may come later [s]; chosen, the two types differ by 0.05 */
 #define GENTLY 0.03         /* a changed lead makes joints faster than planned by this share at most; chosen */
@@ -108,7 +114,7 @@ static void find(Trim *t, int i) {
     double torque = t->weights[i];
     if (t->ways[i] != 0.0) {
         const double load = torque + t->rest[i] * so101_servo_stiffness(s);
-        torque += t->ways[i] * so101_servo_friction(s, load, t->ways[i], t->qd[i]);
+        torque += t->ways[i] * (1.0 + t->rougher[i]) * so101_servo_friction(s, load, t->ways[i], t->qd[i]);
     }
     torque *= 1.0 + t->weaker[i];
     t->torque[i] = torque;
@@ -116,11 +122,37 @@ static void find(Trim *t, int i) {
     t->known[i] = limited(t->without_speed[i], so101_servo_error_for(s, s->largest_load));
 }
 
+/* Where in `doubt` what is not known of a joint stands, and the mass. */
+enum { SHARE, ROUGH, REST, LATER, EACH, MASS = EACH * JAW };
+
+static void doubt_anew(Trim *t, int from, int to) {
+    for (int r = from; r < to; r++)
+        for (int c = 0; c < UNKNOWN; c++) t->doubt[r][c] = t->doubt[c][r] = 0.0;
+}
+
+/* Forget what was learnt of servo i, which was replaced, and how late all come. */
+void so101_trim_forget(Trim *t, int i) {
+    t->weaker[i] = t->rougher[i] = 0.0;
+    if (i >= JAW) return;
+    const double unknown = t->servo[i]->is_known != 0.0 ? KNOWN : 1.0;
+    const double sd[] = {unknown * WEAKER, unknown * ROUGHER, OTHERWISE};
+    doubt_anew(t, EACH * i, EACH * (i + 1));
+    for (int k = 0; k < LATER; k++) t->doubt[EACH * i + k][EACH * i + k] = sd[k] * sd[k];
+    for (int j = 0; j < JAW; j++) {
+        doubt_anew(t, EACH * j + LATER, EACH * (j + 1));
+        t->later[j] = t->later_seen[j] = t->later_felt[j] = 0.0;
+    }
+    for (int j = 0; j < JAW; j++)
+        for (int k = 0; k < JAW; k++)
+            t->doubt[EACH * j + LATER][EACH * k + LATER] =
+                COMES_LATER * COMES_LATER + (j == k ? ITS_OWN * ITS_OWN : 0.0);
+}
+
 /* `own`: torques that hold the pose; `per_kg`: what each kilogram carried adds. */
 static void take_up(Trim *t, const double *goal, const double *own, const double *per_kg, double now) {
     t->since = now, t->has_goal = 1.0;
     for (int i = 0; i < SERVOS; i++) {
-        t->goal[i] = goal[i], t->arrived[i] = 0.0, t->per_kg[i] = per_kg[i];
+        t->goal[i] = goal[i], t->arrived[i] = 0.0, t->pace[i] = 1.0, t->side[i] = 0.0, t->per_kg[i] = per_kg[i];
         t->weights[i] = own[i] + t->carried * per_kg[i];
     }
 }
@@ -128,10 +160,18 @@ static void take_up(Trim *t, const double *goal, const double *own, const double
 void so101_trim_start(Trim *t, const double *goal, const double *sag, const double *own, const double *per_kg,
                       double now) {
     t->carried = 0.0;
-    for (int i = 0; i < SERVOS; i++) t->gives_way[i] = t->qd[i] = 0.0;
+    for (int i = 0; i < SERVOS; i++) t->gives_way[i] = t->qd[i] = t->unfelt[i] = 0.0;
+    for (int i = 0; i < JAW; i++) {
+        const int at = EACH * i + REST;
+        doubt_anew(t, at, at + 1);
+        t->doubt[at][at] = OTHERWISE * OTHERWISE;
+    }
+    doubt_anew(t, MASS, MASS + 1);
+    t->doubt[MASS][MASS] = CARRIED * CARRIED;
     take_up(t, goal, own, per_kg, now);
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
+        t->pace[i] = BEGINS;
         t->ways[i] = t->rest[i] = t->weight_rate[i] = 0.0;
         find(t, i);
         if (isnan(sag[i])) continue;
@@ -171,71 +211,131 @@ void so101_trim_give_way(Trim *t, int i) {
     find(t, i);
 }
 
-/* Increase the offsets by `steps` [rad]: as carried mass first, then joint by joint. */
-static void learn(Trim *t, const double *steps, int moving) {
-    double heaviness = 0.0, more = 0.0;
-    int any = 0;
-    for (int i = 0; i < JAW; i++) {
-        any |= steps[i] != 0.0;
-        heaviness += t->per_kg[i] * t->per_kg[i];
-        more += t->per_kg[i] * (steps[i] * so101_servo_stiffness(t->servo[i]));
+/* How much more torque joint i needs for each of what is not known of it, and where in `doubt` that stands. */
+typedef struct { double by[EACH + 1]; int at[EACH + 1]; } Need;
+
+static Need need(const Trim *t, int i) {
+    const Servo *s = t->servo[i];
+    const double weaker = 1.0 + t->weaker[i], way = t->ways[i], stiff = so101_servo_stiffness(s);
+    const double friction = so101_servo_friction(s, t->weights[i] + t->rest[i] * stiff, way, t->qd[i]);
+    const double grows = 1.0 + way * copysign(s->load_external + s->load_motor, t->weights[i]);
+    const int at = EACH * i;
+    return (Need){{t->torque[i] / weaker, way * friction * weaker, 1.0, t->qd[i] * stiff,
+                   t->per_kg[i] * weaker * grows},
+                  {at + SHARE, at + ROUGH, at + REST, at + LATER, MASS}};
+}
+
+/* What all that is not known has to do with what joint i needs; returns that need's variance. */
+static double related(const Trim *t, const Need *n, double *k) {
+    double variance = 0.0;
+    for (int r = 0; r < UNKNOWN; r++) {
+        k[r] = 0.0;
+        for (int c = 0; c <= EACH; c++) k[r] += t->doubt[r][n->at[c]] * n->by[c];
     }
-    if (!any) return;
+    for (int c = 0; c <= EACH; c++) variance += n->by[c] * k[n->at[c]];
+    return variance;
+}
+
+/* Change what is known by `change`. The joints `stay` do not move for it: friction bears what it can. */
+static void take(Trim *t, const double *change, uint32_t stay) {
     const double before = t->carried;
-    t->carried = limited(before + more / (heaviness + DOUBT * DOUBT), t->heaviest);
+    t->carried = limited(before + change[MASS], t->heaviest);
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
-        const double change = (t->carried - before) * t->per_kg[i], rest = t->rest[i];
-        const double bound = so101_servo_error_for(s, t->largest_drive);
-        t->weights[i] += change;
-        const double stiff = so101_servo_stiffness(s);
-        double step = (steps[i] - change / stiff) * (moving && s->is_known != 0.0 ? REST_KNOWN : 1.0);
-        if (s->is_known == 0.0 && t->torque[i] != 0.0) {
-            const double torque = t->torque[i] / (1.0 + t->weaker[i]), was = t->weaker[i];
-            const double share = torque / (torque * torque + STRONG * STRONG);
-            t->weaker[i] = limited(was + share * step * stiff, WEAKEST);
-            step -= (t->weaker[i] - was) * torque / stiff;
-        }
+        const double stiff = so101_servo_stiffness(s), bound = so101_servo_error_for(s, t->largest_drive);
+        const double *own = change + EACH * i, rest = t->rest[i], was = t->known[i] + rest;
+        t->weights[i] += (t->carried - before) * t->per_kg[i];
+        t->weaker[i] = limited(t->weaker[i] + own[SHARE], MOST_SHARE);
+        t->rougher[i] = limited(t->rougher[i] + own[ROUGH], MOST_SHARE);
+        t->later_seen[i] = limited(t->later_seen[i] + own[LATER], LATEST);
         /* One that began beyond its bound may only come back. */
-        t->rest[i] = least(most(rest + step, least(rest, -bound)), most(rest, bound));
+        t->rest[i] = least(most(rest + own[REST] / stiff, least(rest, -bound)), most(rest, bound));
         find(t, i);
+        if (holds(stay, i)) {
+            const double friction = so101_servo_friction(s, t->weights[i], t->ways[i], 0.0);
+            if (t->gives_way[i] == 0.0)
+                t->ways[i] = limited(t->ways[i] - (t->known[i] + t->rest[i] - was) * stiff / friction, 1.0);
+            find(t, i);
+        }
+        t->unfelt[i] += (t->known[i] + t->rest[i] - was) * stiff;
+    }
+}
+
+/* Increase the offsets of resting joints by `steps` [rad], as their reasons are likely. */
+static void learn(Trim *t, const double *steps) {
+    double was[JAW], k[UNKNOWN];
+    uint32_t stay = 0;
+    for (int i = 0; i < JAW; i++) was[i] = t->known[i] + t->rest[i], stay |= (uint32_t)(steps[i] == 0.0) << i;
+    for (int i = 0; i < JAW; i++) {
+        if (steps[i] == 0.0) continue;
+        Need n = need(t, i);
+        double change[UNKNOWN] = {0};
+        n.by[LATER] = 0.0;
+        related(t, &n, k);
+        double all = 0.0;
+        for (int c = 0; c <= EACH; c++) all += n.by[c] * k[n.at[c]];
+        /* A mass that another joint felt has moved it already. */
+        const double left = (steps[i] + was[i] - t->known[i] - t->rest[i]) * so101_servo_stiffness(t->servo[i]);
+        for (int c = 0; c <= EACH; c++)
+            if (c != LATER) change[n.at[c]] = left * k[n.at[c]] / all;
+        take(t, change, stay);
     }
 }
 
 static void learn_moving(Trim *t, const double *q, uint32_t fresh, double dt, double now) {
     if (!fresh) t->missed = now;
-    const int follows_plan = t->is_planned != 0.0 && now - t->missed > CATCHES_UP;
-    double steps[JAW] = {0}, seen = 0.0, later = 0.0;
+    const int is_planned = t->is_planned != 0.0, is_sure = now - t->missed > CATCHES_UP;
+    const double felt = least(dt / FELT_AFTER, 1.0);
+    double change[UNKNOWN] = {0}, k[UNKNOWN];
+    t->doubt[MASS][MASS] += DRIFTS_CARRIED * DRIFTS_CARRIED * dt;
+    for (int i = 0; i < JAW; i++) {
+        const int at = EACH * i;
+        t->doubt[at + SHARE][at + SHARE] += DRIFTS * DRIFTS * dt;
+        t->doubt[at + ROUGH][at + ROUGH] += DRIFTS * DRIFTS * dt;
+        t->doubt[at + REST][at + REST] += DRIFTS_OTHERWISE * DRIFTS_OTHERWISE * dt;
+        for (int j = 0; j < JAW; j++) t->doubt[at + LATER][EACH * j + LATER] += DRIFTS_LATER * DRIFTS_LATER * dt;
+        t->unfelt[i] -= felt * t->unfelt[i];
+    }
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
         const double error = t->goal[i] - t->lags[i] - q[i], qd = t->qd[i];
-        if (!holds(fresh, i) || !(fabs(error) < MOVING_ERROR)) continue;
+        if (!holds(fresh, i) || !(fabs(error) < MOVING_ERROR) || qd == 0.0) continue;
         const double demand = so101_servo_distance(s, t->torque[i], qd) + t->rest[i] + error;
         /* It can do no more; what was learnt then would throw it past its goal. */
         if (demand * error > 0.0 && so101_servo_drive(s, demand) >= s->most_drive) continue;
-        if (follows_plan && fabs(qd) > MOVES) {
-            const double load = CARRIES * t->per_kg[i] / so101_servo_stiffness(s);
-            const double weight = dt / LASTS / (OTHERWISE * OTHERWISE + load * load);
-            seen += weight * qd * qd, later += weight * qd * (error + (t->later_felt - t->later_seen) * qd);
+        Need n = need(t, i);
+        if (!is_planned || !is_sure) n.by[LATER] = 0.0;
+        const double unclear = UNCLEAR * n.by[ROUGH] * exp(-fabs(qd) / CLEARS);
+        const double bears = is_planned ? 1.0 : least(fabs(t->weights[i]) / BEARING, 1.0);
+        if (bears == 0.0) continue;
+        const double noise = (NOISE * NOISE + unclear * unclear) / (bears * bears) * LASTS / dt;
+        double variance = related(t, &n, k) + noise;
+        double left = (error - (t->later_seen[i] - t->later_felt[i]) * qd) * so101_servo_stiffness(s) - t->unfelt[i];
+        for (int c = 0; c <= EACH; c++) left -= n.by[c] * change[n.at[c]];
+        for (int r = 0; r < UNKNOWN; r++) {
+            change[r] += k[r] * left / variance;
+            for (int c = 0; c < UNKNOWN; c++) t->doubt[r][c] -= k[r] * k[c] / variance;
         }
-        if (fabs(error) <= DEAD_BAND) continue;
-        const double bears = least(fabs(t->weights[i]) / BEARING, 1.0);
-        steps[i] = bears * (s->is_known != 0.0 ? GAIN_KNOWN : GAIN_MOVING) * dt * error;
     }
-    learn(t, steps, 1);
-    t->doubt = 1.0 / (1.0 / (t->doubt + DRIFTS * DRIFTS * dt) + seen);
-    t->later_seen = limited(t->later_seen + t->doubt * later, LATEST);
-    t->later += limited(t->later_seen - t->later, GENTLY * dt);
-    t->later_felt += (t->later - t->later_felt) * least(dt / FELT_AFTER, 1.0);
+    take(t, change, 0);
+    for (int i = 0; i < JAW; i++) {
+        t->later[i] += limited(t->later_seen[i] - t->later[i], GENTLY * dt);
+        t->later_felt[i] += felt * (t->later[i] - t->later_felt[i]);
+    }
 }
 
 /* Turn the friction of joint i over; return what to learn once that is done [rad]. */
 static double turn_over(Trim *t, int i, double error, double dt) {
     const Servo *s = t->servo[i];
     const double side = error > 0.0 ? 1.0 : -1.0;
-    if (t->ways[i] * side >= 1.0) return GAIN * dt * error;
+    /* A joint that broke loose and went past its goal is brought back more slowly each time, or it would go to and
+     * fro: its friction is less than is taken for likely. */
+    if (t->side[i] * side < 0.0) t->pace[i] *= CALMS;
+    t->side[i] = side;
+    if (t->ways[i] * side >= 1.0) return least(t->pace[i], 1.0) * GAIN * dt * error;
     const double load = t->weights[i] + t->rest[i] * so101_servo_stiffness(s);
-    const double turn = TURNING * dt * so101_servo_stiffness(s) / so101_servo_friction(s, load, side, 0.0);
+    const double speed = least(t->pace[i], 1.0) * TURNING;
+    const double turn = speed * dt * so101_servo_stiffness(s) / so101_servo_friction(s, load, side, 0.0);
     t->ways[i] = limited(t->ways[i] + side * turn, 1.0);
     find(t, i);
     return 0.0;
@@ -261,7 +361,7 @@ void so101_trim_measure(Trim *t, const double *q, const double *qd, uint32_t fre
         if (is_droop && t->gives_way[i] == 0.0 && fabs(qd[i]) < AT_REST && holds(fresh, i))
             steps[i] = turn_over(t, i, error, dt);
     }
-    learn(t, steps, 0);
+    learn(t, steps);
 }
 
 uint32_t so101_trim_in_play(const Trim *t) {

@@ -25,6 +25,8 @@ typedef struct {
     struct { double R[9], p[3], mass, centre[3]; } body[SERVOS];
 } Weight;
 
+#define UNKNOWN 21 /* four of each joint of the arm, and a mass; servo_trim.c */
+
 /* As Trim in gravity_compensation.py. */
 typedef struct {
     double engaging, heaviest, largest_drive, settle_position, left_alone; /* constants of that file */
@@ -32,7 +34,9 @@ typedef struct {
     double lags[SERVOS], per_kg[SERVOS], weights[SERVOS], ways[SERVOS], torque[SERVOS];
     double without_speed[SERVOS], known[SERVOS], rest[SERVOS], goal[SERVOS], qd[SERVOS];
     double arrived[SERVOS], gives_way[SERVOS], weight_rate[SERVOS];
-    double weaker[SERVOS], is_planned, later, later_seen, later_felt, doubt, missed;
+    double weaker[SERVOS], rougher[SERVOS], later[SERVOS], later_seen[SERVOS], later_felt[SERVOS], unfelt[SERVOS];
+    double pace[SERVOS], side[SERVOS];
+    double is_planned, missed, doubt[UNKNOWN][UNKNOWN];
     const Servo *servo[SERVOS];
     const Weight *arm; /* 0 if its torques are given */
 } Trim;

@@ -122,7 +122,8 @@ class FeetechArm:
         known = {JOINTS.index(joint): each for joint, each in (figures or {}).items()}
         self._compensation = GoalCompensation(
             self._maps, gravity, limiter, per_kg, known, compensates=compensates)  # fmt: skip
-        self.models: Sequence[ServoModel] = self._compensation.trim.models
+        self.trim = self._compensation.trim
+        self.models: Sequence[ServoModel] = self.trim.models
         self._chain = Chain(
             open_port, clock, self._maps, self._compensation, names=JOINTS, ram=ram,
             reply_timeout=reply_timeout, counters=counters,

@@ -41,7 +41,7 @@ _Given = ctypes.c_double * 28  # as so101_goals_point takes them
 _AHEAD = 0.06
 """Time from sending a goal until it acts [s]: delay and lag together, at a P gain of 32."""
 
-_SMOOTHING = 0.1
+_SMOOTHING = 0.3
 """Weight of a new reading of the supply in its average; ten come a second."""
 
 
@@ -113,6 +113,7 @@ class GoalCompensation(ctypes.Structure):
         own = self._figures.get(i, AS_SOLD)
         self.trim.put(i, ServoModel(servo.kind, servo.p_gain, brakes, own))
         self.trim.models[i].most_drive = servo.torque_limit / 1000.0
+        self.trim.models[i].volts = servo.volts
 
     def supplied(self, i: int, volts: float) -> None:
         """Take in the supply voltage that joint ``i``'s servo reports [V]."""

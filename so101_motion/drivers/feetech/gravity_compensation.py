@@ -7,18 +7,19 @@ motion, turned into a distance by ``servo_model.py``; it acts while the arm move
 turns round, its friction does not change sides at once but over twice ``ENGAGING`` of travel, so a
 trembling command does not shake the goals. At rest it stays on the side it was.
 
-*A slow integral*, for the rest: while command and joint stand still, the measured error is added
-up. It first turns friction over to the side where it is needed, quickly, as long as nothing moves.
-The rest is load that the model does not know, and is kept for the motions that follow: the part
-that a mass in the gripper explains as that mass, because its torque changes with the pose, the
-remainder joint by joint: of one that drives much as a servo that is weaker than its type, so that
-less is added where it bears less. While the command moves it learns slowly, from the error beyond
-the uncompensated lag: when that lag was taken for weight, a joint that followed a target at 50
-deg/s went up to 3 deg past the place where it was stopped.
+*What is not known*, of all servos at once: by which share each is weaker than its type and its
+friction greater, how much later it comes, what else is off, and the mass in the gripper. While the
+command moves, a Kalman filter finds it from the errors: which of these is the reason shows in how
+an error changes with pose, speed and direction. Errors near rest count little, because friction may
+bear anything there. In motions that follow a target only joints that bear weight are looked at:
+when their lag was taken for weight, a joint went up to 3 deg past the place where it was stopped.
 
-In planned motions *how much later the joints come* than servos of their types would is found from
-all of them at once, by least squares, each counted by how well its error is known otherwise. Servos
-of one type that are taken for the other come 0.05 s later or sooner, 5 deg at 90 deg/s. It counts
+*A slow integral at rest*: while command and joint stand still, the measured error is added up. It
+first turns friction over to the side where it is needed, quickly, as long as nothing moves. What is
+left is counted as what the filter takes for likely; a joint that stands without an error is no
+evidence against a mass that another one feels, as long as its friction can bear it.
+
+Servos of one type taken for the other come 0.05 s later or sooner, 5 deg at 90 deg/s. That counts
 in the lead (``servo_goals.c``), but grows so slowly that no joint gets more than 3 % faster than
 planned by it: answers of the servos that come late look the same.
 
@@ -73,10 +74,6 @@ HEAVIEST = 0.4
 """Largest mass that is learnt, positive or negative [kg]. Chosen; a weaker motor looks like a mass
 too."""
 
-DOUBT = 0.03
-"""How much later, or sooner, joints may come than servos of their types would [s], one standard
-deviation. Chosen: of the two types one is later by 0.05 at 7.4 V and by 0.04 at 12 V."""
-
 _FELT = 0.5
 """Nothing is taken for a mass where a kilogram needs less torque than this [N m]."""
 
@@ -95,8 +92,9 @@ class Trim(ctypes.Structure):
         weights: The torques that hold the joints where they will be when the last goal acts [N m].
         ways: Which way and how fully friction is overcome, -1 to 1.
         weaker: By what share each servo seems to be weaker than its model.
-        rest: The part of ``offset`` that weight, friction and ``weaker`` do not explain [rad].
-        later: By how much the joints come later than servos of their types would [s].
+        rougher: By what share its friction seems to be greater.
+        rest: The part of ``offset`` that weight, friction and these two do not explain [rad].
+        later: By how much each joint comes later than a servo of its type would [s].
         models: The servos; ``put`` replaces one.
         at: Its address, for C.
         weighs_itself: Whether C knows the arm's weight, and need not be given its torques.
@@ -108,9 +106,10 @@ class Trim(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("carried", "since", "last", "has_goal")),
         *((name, SIX) for name in ("lags", "added_per_kg", "weights", "ways", "torque")),
         *((name, SIX) for name in ("without_speed", "known", "rest", "goal", "qd")),
-        *((name, SIX) for name in ("arrived", "gives_way", "weight_rate", "weaker")),
-        *((name, ctypes.c_double) for name in ("is_planned", "later", "later_seen", "later_felt")),
-        *((name, ctypes.c_double) for name in ("doubt", "missed")),
+        *((name, SIX) for name in ("arrived", "gives_way", "weight_rate", "weaker", "rougher")),
+        *((name, SIX) for name in ("later", "later_seen", "later_felt", "unfelt", "pace", "side")),
+        *((name, ctypes.c_double) for name in ("is_planned", "missed")),
+        ("doubt", ctypes.c_double * 21**2),
         ("servo", ctypes.POINTER(ServoModel) * 6),
         ("arm", ctypes.POINTER(ArmWeight)),
     ]
@@ -122,7 +121,7 @@ class Trim(ctypes.Structure):
     known: Six
     torque: Six
     weaker: Six
-    later: float
+    later: Six
 
     def __init__(self, gravity: Gravity, per_kg: Gravity | None = None) -> None:
         super().__init__(
@@ -140,8 +139,7 @@ class Trim(ctypes.Structure):
 
     def put(self, i: int, model: ServoModel) -> None:
         self.models[i], self.servo[i] = model, ctypes.pointer(model)
-        self.weaker[i], self.doubt = 0.0, DOUBT**2
-        self.later = self.later_seen = self.later_felt = 0.0
+        self._in_c.so101_trim_forget(self.at, i)
 
     @property
     def full_drive_errors(self) -> list[float]:
@@ -198,6 +196,23 @@ class Trim(ctypes.Structure):
             for torque, arm, model in zip(torques, arms, self.models, strict=False)
         ]
         return mass, left
+
+    def drive(self, i: int) -> tuple[float, float, float, float]:
+        """What joint ``i``'s servo can do, as far as is known.
+
+        Returns:
+            Its torque at rest [N m], its speed without torque [rad/s], the torque that friction
+            takes without load [N m], and what lifts a load, as a share of the load.
+        """
+        servo, rough = self.models[i], 1.0 + self.rougher[i]
+        kind = servo.kind
+        driven = 1.0 - rough * kind.load_motor
+        return (
+            servo.volts * kind.torque_per_volt / (1.0 + self.weaker[i]),
+            servo.volts / kind.back_emf,
+            rough * kind.coulomb / driven,
+            (1.0 + rough * kind.load_external) / driven,
+        )
 
     @property
     def learnt(self) -> list[float]:

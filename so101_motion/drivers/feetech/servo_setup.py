@@ -56,6 +56,8 @@ travel of the fastest joint in 2 ms. Chosen."""
 _NEAR_LOAD = 100
 """Two readings of the load agree if they are no farther apart [0.1 % drive]. Chosen."""
 
+_NEAR_VOLTS = 3  # the same of the supply [0.1 V]
+
 _READINGS = 12  # after so many that do not agree it is given up
 
 _START = reg.TORQUE_ENABLE.address
@@ -72,7 +74,8 @@ class ServoCondition:
     goal_ticks: Ticks | None
     present_ticks: Ticks
     p_gain: int
-    kind: ServoType  # its type, by its supply
+    volts: float  # its supply [V]
+    kind: ServoType  # its type, by its supply and its limit of that
     max_acceleration: int  # cap of its acceleration, in units of register 41
     torque_limit: int  # its torque limit now, in thousandths of full drive
     # whether its caps have been set to a crawl, because its goal is outside its limits
@@ -89,10 +92,13 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
     shift = 0
     if joint.homing_offset is not None:
         shift = agreed(lambda: bus.read(servo_id, reg.HOMING_OFFSET)) - joint.homing_offset
-    kind = agreed(
-        lambda: type_of(reg.PRESENT_VOLTAGE.scale * bus.read(servo_id, reg.PRESENT_VOLTAGE))
+    raw = agreed(
+        lambda: bus.read(servo_id, reg.PRESENT_VOLTAGE), lambda a, b: abs(a - b) <= _NEAR_VOLTS
     )
-    changed = _adapt(bus, joint, kind)
+    volts = reg.PRESENT_VOLTAGE.scale * raw
+    highest = reg.MAX_VOLTAGE.scale * agreed(lambda: bus.read(servo_id, reg.MAX_VOLTAGE))
+    kind = type_of(volts, round(highest, 1))
+    changed = _adapt(bus, joint, type_of(volts))
     full = agreed(lambda: bus.read(servo_id, reg.MAX_TORQUE))
     p_gain = agreed(lambda: bus.read(servo_id, reg.P_GAIN))
     block = agreed(lambda: bus.read_block(servo_id, _START, _COUNT, what="a read of its settings"))
@@ -118,6 +124,7 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
         goal_ticks=None if goal is None else Ticks(here),
         present_ticks=Ticks(read_position(bus, servo_id)),
         p_gain=p_gain,
+        volts=volts,
         kind=kind,
         max_acceleration=agreed(lambda: bus.read(servo_id, reg.MAX_ACCELERATION)),
         torque_limit=ram[reg.TORQUE_LIMIT],
