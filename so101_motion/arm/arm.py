@@ -6,6 +6,7 @@ motion")``, then the new one is planned from there. Only a retarget does not sto
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
@@ -58,6 +59,8 @@ if TYPE_CHECKING:
     from so101_motion.planning.cell.team_requests import TeamTask
     from so101_motion.planning.kinematics.model import RobotModel
 
+
+_log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -640,6 +643,8 @@ class Arm(CappedJoints):
         def note(done: Future[Plan]) -> None:
             if not done.cancelled() and done.exception() is None:
                 self.newest = (request, done.result())
+                if reason := done.result().report.short_of_drive:
+                    _log.info("the arm %s", reason)
 
         planning.add_done_callback(note)
         return planning
@@ -672,7 +677,7 @@ class Arm(CappedJoints):
             scene=self._with_surroundings(self._tooled(search.scene or self.scene)),
             others=() if self.cell_member is None else self.cell_member.others(),
             payload=self._payload,
-            strength=self._strength,
+            strength=replace(self._strength, drive=self.drive()),
             frames={**({} if self._tool is None else self._tool.frames), **search.frames},
             lower=lower,
             upper=upper,

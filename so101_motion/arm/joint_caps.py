@@ -16,6 +16,7 @@ from so101_motion.common.public import Complete
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import range_deg, to_deg, to_rad
 from so101_motion.planning.timing.limits import MotionLimits, checked_limits
+from so101_motion.planning.timing.torque import Drive
 
 JERK_TIME = 0.1
 """Time to build up full acceleration [s]: jerk cap = acceleration cap / this. Chosen: at the
@@ -73,6 +74,7 @@ class CappedJoints(Complete):
 
     Attributes:
         slowdown: Called before each motion; returns the share of its caps that it may use, 0 to 1.
+        drive: Called before each plan; returns what the servos can do then, None if not known.
         servo_acceleration: What each servo itself keeps up with, shape (5,), [rad/s^2].
     """
 
@@ -82,6 +84,7 @@ class CappedJoints(Complete):
             speed=to_rad(SPEED_RANGE_DEG[1]), acceleration=to_rad(ACCELERATION_RANGE_DEG[1])
         )
         self.slowdown: Callable[[], float] = lambda: 1.0
+        self.drive: Callable[[], Drive | None] = lambda: None
         self.servo_acceleration: Array = np.full(len(ARM_JOINTS), np.inf)
 
     @property

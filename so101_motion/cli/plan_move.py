@@ -256,7 +256,7 @@ def plan_table(plan: Plan) -> str:
         f"{plan.duration:.2f} s, {len(trajectory)} setpoints {1e3 * trajectory.dt:g} ms apart, "
         f"tool path {tool_mm:.0f} mm, planned in {planned_ms:.1f} ms"
         + (" (the time was up, a quicker route may exist)" if plan.report.out_of_time else ""),
-        "",
+        plan.report.short_of_drive,
         f"{'joint':<14}{'travel':>10}{'peak speed':>13}   speed over time"[
             : _NUMBERS + max(width, 0)
         ],

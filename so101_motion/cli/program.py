@@ -123,7 +123,7 @@ def _planned(rehearsal: Rehearsal) -> str:
 
 
 def said_for_others(plans: Mapping[str, Plan]) -> Iterator[str]:
-    """A line for each arm whose plan waits for another."""
+    """A line for each arm whose plan waits for another, or lacks drive."""
     for name, plan in plans.items():
-        if plan.report.for_others:
-            yield f"  {name} {plan.report.for_others}"
+        if remark := plan.report.for_others or plan.report.short_of_drive:
+            yield f"  {name} {remark}"

@@ -28,6 +28,8 @@ def in_words(plan: Plan) -> str:
     used.append(_used("acceleration", trajectory.qdd, limits.acceleration))
     if report.effort:
         used.append(f"torque {report.effort:.0%}")
+    if report.short_of_drive:
+        used.append(report.short_of_drive)
     return "\n".join(
         (
             f"duration   {plan.duration:.2f} s",

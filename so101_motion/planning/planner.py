@@ -148,6 +148,9 @@ class Planner:
                 blind=departure
                 and bool(context.moves.collision.in_surface(request.q_start, request.q_jaw).any()),
                 effort=context.effort,
+                short_of_drive=""
+                if context.moves.load is None
+                else context.moves.load.short_of_drive,
                 path_deviation=context.path_deviation,
                 routes=context.routes,
                 out_of_time=context.out_of_time,

@@ -135,6 +135,7 @@ class PlanReport(Brief):
         departure: Whether the start had to be left slowly first, see ``start_recovery.py``.
         blind: Whether how deep it was in contact is not known: the way out may lead deeper.
         effort: Largest share of a servo's torque limit that is used; 0 if not checked.
+        short_of_drive: Why it is slower than its caps, if its servos lack drive; else empty.
         waits: How long the arm waits for others before it moves [s]; part of the motion.
         waits_for: The names of the arms it waits for, or goes around.
         clearance: Distance of the closest bodies at the goal [m].
@@ -152,6 +153,7 @@ class PlanReport(Brief):
     closest: tuple[str, str]
     path_deviation: PathDeviation | None = None
     effort: float = 0.0
+    short_of_drive: str = ""
     waits: float = 0.0
     waits_for: tuple[str, ...] = ()
     blind: bool = False

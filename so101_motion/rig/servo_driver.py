@@ -40,6 +40,7 @@ from so101_motion.drivers.feetech.presence import missing_servos
 from so101_motion.drivers.feetech.servo_judgement import alarms, let_go, share_of_speed
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.port.serial_port import PortOpener
+from so101_motion.planning.timing.torque import Drive
 from so101_motion.rig.bus_monitor import BusMonitor
 from so101_motion.rig.joint_setup import JointSetup, JointSetups, find_joints
 from so101_motion.rig.port_settings import ServoSettings
@@ -302,6 +303,17 @@ class ServoDriver:
         """The models of the servos that this program drives, by joint."""
         models = self._arm.models if self._arm is not None else ()
         return dict(zip(JOINTS, models, strict=False))
+
+    @property
+    def drive(self) -> Drive | None:
+        """What the servos can do now and what they carry; None unless the whole arm is known."""
+        arm = self._arm
+        if arm is None or not all(joint in self.setups for joint in ARM_JOINTS):
+            return None
+        trim, volts = arm.trim, min(each.volts for each in arm.models[: len(ARM_JOINTS)])
+        rows = [trim.drive(i) for i in range(len(ARM_JOINTS))]
+        stall, fastest, friction, growth = zip(*rows, strict=True)
+        return Drive(stall, fastest, friction, growth, volts, max(trim.carried, 0.0))
 
     @property
     def has_port(self) -> bool:

@@ -175,6 +175,7 @@ class SharedPort:
             self.rig.executor.call(lambda _: use_realtime_priority())
         self.rig.gripper.limits = HARDWARE_JAW_LIMITS
         self.rig.arm.slowdown = lambda: self.servos.speed_share
+        self.rig.arm.drive = lambda: self.servos.drive
         self.take_ranges()
 
     def leave_as_configured(self) -> None:

@@ -180,8 +180,9 @@ def plan_facts(plan: CommonPlan | None) -> tuple[tuple[str, str], ...]:
     if plan is None:
         return (("Duration", "–"),)
     pairs = (texts.between(each.first, each.second, each.least) for each in plan.clearances)
-    others = [(name, each.report.for_others) for name, each in plan.plans.items()]
-    return (("Duration", f"{plan.duration:.2f} s"), *(each for each in others if each[1]), *pairs)
+    reports = {name: each.report for name, each in plan.plans.items()}
+    remarks = [(name, each.for_others or each.short_of_drive) for name, each in reports.items()]
+    return (("Duration", f"{plan.duration:.2f} s"), *(each for each in remarks if each[1]), *pairs)
 
 
 class TargetControls:

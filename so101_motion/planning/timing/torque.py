@@ -10,8 +10,10 @@ configuration. In a motion that is ``k`` times slower the inertial part falls wi
 gives directly how much slower it must be. Along a path the limits are two more rows for each joint
 in :mod:`retime`, so that only the heavy part of it takes longer.
 
-Friction is ignored, and so is the loss of torque with speed: speeds are capped well below a servo's
-no-load speed.
+Of servos that a driver knows (``Drive``) a motion is also slowed down until they have the drive for
+it: with their supply, against the voltage that their speed induces, their friction, and the load
+that was felt in the gripper. This never refuses a motion: what was felt is not certain, and a
+servo that has not enough drive falls behind and catches up.
 """
 
 from __future__ import annotations
@@ -51,6 +53,11 @@ two seconds."""
 
 MOVING = 0.75  # while moving; chosen below 0.8, where its overload timer starts
 GRID_SHARE = 0.98  # of what gravity leaves, for the profile; chosen, the rest for smoothing
+DRIVE = 0.85
+"""Largest share of its drive that a servo needs in a plan. Chosen: full drive is 0.97, supplies sag
+by 5 % under load, and what is known of a servo and its load may be off by as much."""
+
+_SLOWER = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 4.0)  # times that a motion is slowed down for its drive
 _EVERY = 4  # samples between checks of gravity
 NEARLY = 0.85  # share of the holding limit that counts as near; chosen
 _STEP = 1e-4  # step of the differences for gradients [rad]
@@ -109,6 +116,17 @@ def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | 
     return Payload(mass=mass, com=(x, y, z))
 
 
+class Drive(NamedTuple):
+    """What the arm's servos can do with their supply, and what they carry; values by joint."""
+
+    stall: tuple[float, ...]  # torque at rest [N m]
+    fastest: tuple[float, ...]  # speed without torque [rad/s]
+    friction: tuple[float, ...]  # torque that friction takes without load [N m]
+    growth: tuple[float, ...]  # torque to lift a load, as a share of the load
+    volts: float  # the lowest supply of a servo [V]
+    felt: float  # mass that was felt in the gripper [kg]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strength:
     """The torque limits of the servos."""
@@ -117,6 +135,7 @@ class Strength:
     moving: float  # torque limit of a nominal servo in motion [N m]
     # share of these limits for each joint's own servo, at most 1
     shares: tuple[float, ...] = (1.0,) * len(ARM_JOINTS)
+    drive: Drive | None = None  # None if it is not known
 
     @classmethod
     def of_servos(cls, voltage: float) -> Strength:
@@ -151,6 +170,9 @@ class Load:
         strength: Torque limits of its servos.
         q_start: Joint angles at the start of the motions, shape (5,), [rad].
         payload: The payload of ``model``, for messages.
+
+    Attributes:
+        short_of_drive: Why a motion was slowed down for want of drive; empty if none was.
     """
 
     def __init__(
@@ -158,7 +180,12 @@ class Load:
     ) -> None:
         self._model, self._strength, self._payload = model, strength, payload
         self._is_weak = strength.moving < MOVING * STALL[STRONGEST]
+        self.short_of_drive = ""
         self._newest: tuple[Trajectory, Array] | None = None
+        self._felt, known = model, 0.0 if payload is None else payload.mass
+        if strength.drive is not None and strength.drive.felt > known:
+            more = strength.drive.felt - known
+            self._felt = model.with_payload(more, tuple(place_in_hand(model).tolist()))
         self._may_hold, self._may_move = strength.limits()
         self._bearable: list[float] = self._may_hold.tolist()
         there = np.abs(model.holding_torques(q_start[None]))[0]
@@ -295,14 +322,38 @@ class Load:
 
         Gravity alone must be bearable, see :meth:`check_holding`.
         """
+        drive = self._strength.drive
+        slower = 1.0 if drive is None else self._stretch_to_drive(trajectory, drive)
         torques = self._torques(trajectory)
         over = np.flatnonzero(np.any(np.abs(torques) > self._moving, axis=1))
         if len(over) == 0:
-            return 1.0
+            return slower
         gravity = self._model.holding_torques(trajectory.q[over])
         inertial = torques[over] - gravity
         left = np.maximum(self._moving - np.sign(inertial) * gravity, 1e-3 * self._moving)
-        return math.sqrt(max(1.0, float(np.max(np.abs(inertial) / left))))
+        return max(slower, math.sqrt(max(1.0, float(np.max(np.abs(inertial) / left)))))
+
+    def _stretch_to_drive(self, trajectory: Trajectory, drive: Drive) -> float:
+        """The least of ``_SLOWER`` that leaves the servos enough drive, as far as that helps."""
+        q, qd, qdd = trajectory.q[::_EVERY], trajectory.qd[::_EVERY], trajectory.qdd[::_EVERY]
+        gravity = self._felt.holding_torques(q)
+        inertial = self._felt.torques(q, qd, qdd) - gravity
+        stall, fastest, friction, growth = (np.array(each) for each in drive[:4])
+
+        def needed(slower: float) -> float:
+            lifted = np.sign(qd) * (gravity + inertial / slower**2)
+            torque = friction + np.where(lifted > 0.0, growth, 1.0) * lifted
+            share = np.maximum(torque, 0.0) / stall + np.abs(qd) / slower / fastest
+            return float(np.where(qd == 0.0, 0.0, share).max())
+
+        at_once = needed(1.0)
+        enough = max(DRIVE, needed(_SLOWER[-1]) + 0.05)
+        if at_once > DRIVE:
+            self.short_of_drive = (
+                f"moves slower than its caps: a servo would need {at_once:.0%} of its drive at"
+                f" {drive.volts:.1f} V, with {max(drive.felt, 0.0) * 1e3:.0f} g felt in the gripper"
+            )
+        return next(each for each in _SLOWER if needed(each) <= enough)
 
     def rows(self, points: PathPoints) -> LimitRows:
         """The torque limits along a path, for :func:`retime.retime`.

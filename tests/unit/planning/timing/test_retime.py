@@ -7,6 +7,9 @@ import pytest
 from so101_motion.common.errors import ConfigError, Overloaded, PlanningError
 from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS
+from so101_motion.drivers.feetech.gravity_compensation import Trim
+from so101_motion.drivers.feetech.servo_model import ServoModel
+from so101_motion.drivers.servo_types import STS3215_7V4
 from so101_motion.planning.collision.scene import Attached, Scene, Sphere
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
@@ -19,7 +22,15 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import JointPath, blended_path, spline_path
 from so101_motion.planning.timing.retime import LimitRows, retime
-from so101_motion.planning.timing.torque import NEARLY, Load, Payload, Strength, carried, slowed
+from so101_motion.planning.timing.torque import (
+    NEARLY,
+    Drive,
+    Load,
+    Payload,
+    Strength,
+    carried,
+    slowed,
+)
 from so101_motion.planning.timing.verify import check, limit_report
 
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
@@ -370,6 +381,21 @@ def test_a_straight_line_of_the_tool_is_slowed_as_a_whole() -> None:
     assert shares(slow, 0.1, just).max() <= 1.001
     assert slow.duration > 1.1 * quick.duration
     assert np.allclose(slow.q[-1], quick.q[-1])
+
+
+def test_a_motion_is_as_slow_as_the_drive_of_its_servos_asks_and_says_so() -> None:
+    servo, durations = ServoModel(STS3215_7V4), {}
+    for felt, volts in ((0.0, 12.0), (0.0, 7.4), (0.2, 7.4), (0.2, 6.0), (0.6, 5.0)):
+        servo.volts = volts
+        own = Trim(lambda q: np.zeros(6))
+        own.put(1, servo)
+        drive = Drive(*zip(*[own.drive(1)] * 5, strict=True), volts=volts, felt=felt)
+        known = replace(STRONG, drive=drive)
+        plan = PLANNER.plan(request(JointGoal(q=FOLDED), 0.0, known, STRETCHED))
+        durations[felt, volts] = plan.duration
+        assert bool(plan.report.short_of_drive) == (volts < 12.0 and (felt > 0.0 or volts < 7.0))
+    assert durations[0.0, 12.0] == durations[0.0, 7.4] < durations[0.2, 7.4] < durations[0.2, 6.0]
+    assert "of its drive at 5.0 V, with 600 g felt" in plan.report.short_of_drive
 
 
 @pytest.mark.parametrize("k", [1.0, 1.3, 4.0])
