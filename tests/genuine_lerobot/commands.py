@@ -16,7 +16,6 @@ import struct
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -95,15 +94,10 @@ def calibrate_leader(bench):
 
 @contextmanager
 def both(bench):
-    """A follower, and a leader that a hand sweeps."""
+    """A follower, and a leader that a hand holds up, and sweeps when "sweep" is typed."""
     with bench.arm("arm") as arm, bench.arm("leader") as leading:
         leading.type("pose")
-        sweeping = threading.Timer(12.0, lambda: leading.type("sweep"))
-        sweeping.start()
-        try:
-            yield arm, leading
-        finally:
-            sweeping.cancel()
+        yield arm, leading
 
 
 def teleoperate(bench):
@@ -112,6 +106,8 @@ def teleoperate(bench):
         running = bench.begin(
             "teleoperate", *robot(arm), *leader(leading), "--fps=60", "--teleop_time_s=40"
         )
+        running.await_text("Teleop loop time")
+        leading.type("sweep")
         running.end(90)
         loops = running.said.count("Teleop loop time")
         return {"loops": loops, "dropped_deg": arm.dropped()}
@@ -165,7 +161,9 @@ def _ended_by(bench, number, code):
     with both(bench) as (arm, leading):
         running = bench.begin("teleoperate", *robot(arm), *leader(leading), "--fps=60")
         running.await_text("Teleop loop time")
-        time.sleep(9.0)  # in mid-motion
+        time.sleep(3.0)  # it has come to the leader's pose
+        leading.type("sweep")
+        time.sleep(4.7)  # the base is on its way from one stop to the other
         running.send(number)
         took = running.end(30, code)
         here = arm.degrees()
@@ -174,6 +172,7 @@ def _ended_by(bench, number, code):
         return {
             "ended_after_s": round(took, 2),
             "went_on_deg": round(went_on, 1),
+            "pan_deg": round(float(here[0]) - 180.0, 1),
             "dropped_deg": arm.dropped(),
         }
 
@@ -190,7 +189,10 @@ def terminated(bench):
 
 def killed(bench):
     """SIGKILL in mid-motion: it goes on to its servos' last goals and holds there."""
-    return _ended_by(bench, signal.SIGKILL, -signal.SIGKILL)
+    found = _ended_by(bench, signal.SIGKILL, -signal.SIGKILL)
+    if not 8.0 < abs(found["pan_deg"]) < 95.0:
+        raise Failure(f"it was not on its way between the stops: {found}")
+    return found
 
 
 def _dataset(bench, name):
@@ -206,6 +208,8 @@ def record(bench):
             "--dataset.fps=30", "--dataset.single_task=wave", "--dataset.push_to_hub=false",
             "--play_sounds=false",
         )  # fmt: skip
+        running.await_text("Recording episode")
+        leading.type("sweep")
         running.end(150)
         info = json.loads((bench.folder / "seen" / "meta" / "info.json").read_text())
         return {"frames": info["total_frames"], "dropped_deg": arm.dropped()}
