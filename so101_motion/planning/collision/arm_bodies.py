@@ -7,7 +7,6 @@ the joints, and their places at a configuration.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 from functools import cache, lru_cache
 from typing import Any
 
@@ -17,7 +16,7 @@ import pinocchio as pin
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.batch_check import BatchCheck, pointer
-from so101_motion.planning.collision.bodies import Body, bodies_without
+from so101_motion.planning.collision.bodies import bodies_without
 from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -41,11 +40,9 @@ class ArmBodies:
     ) -> None:
         self.model, self.passed = model.pin_model, passed
         self._robot, self._attached = model, attached
-        bodies = bodies_without(self.model, attached, left_out)
+        bodies, self.levers = bodies_without(self.model, attached, left_out)
         self.objects = bodies.bodies
         self.names = tuple(each.name for each in self.objects)
-        offsets = [np.array(self.model.jointPlacements[j].translation) for j in range(1, 7)]
-        self.levers = np.array([_levers(each, offsets) for each in self.objects], dtype=float)
         self.levers_pointer = pointer(self.levers)
         self._without = dict[frozenset[str], ArmBodies]()
         self._batch = BatchCheck(self.model, bodies, 0.0)
@@ -88,28 +85,3 @@ def bodies_of(attached: tuple[Attached, ...] = (), to: str | None = None) -> Arm
 @lru_cache(maxsize=32)
 def _bodies_in(scene: Scene, passed: frozenset[str]) -> ArmBodies:
     return ArmBodies(_model(), scene.attached, passed=passed)
-
-
-def _levers(body: Body, offsets: Sequence[Array]) -> Array:
-    """Bounds on the distance of a body's points from each joint's axis, shape (6,), [m]."""
-    levers, joint = np.zeros(6), body.joint
-    if joint == 0:
-        return levers
-    points = _corners(body.shape) @ body.placement.rotation.T + body.placement.translation
-    extra = float(body.shape.getSweptSphereRadius())
-    levers[joint - 1] = float(np.linalg.norm(points[:, :2], axis=1).max()) + extra
-    ball = float(np.linalg.norm(points, axis=1).max()) + extra
-    for j in range(joint - 1, 0, -1):
-        offset = offsets[j]
-        levers[j - 1] = float(np.linalg.norm(offset[:2])) + ball
-        ball += float(np.linalg.norm(offset))
-    return levers
-
-
-def _corners(shape: Any) -> Array:
-    if isinstance(shape, coal.ConvexBase):
-        return np.array(shape.points())
-    shape.computeLocalAABB()
-    box = shape.aabb_local
-    low, high = np.array(box.min_), np.array(box.max_)
-    return np.array([np.where(pick, low, high) for pick in np.ndindex(2, 2, 2)])

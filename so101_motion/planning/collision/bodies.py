@@ -197,11 +197,24 @@ def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = never_abandoned
     return gathered.bodies(allowed, scene.margin)
 
 
-def bodies_without(model: Any, attached: tuple[Attached, ...], left_out: frozenset[str]) -> Bodies:
-    """The bodies of an arm and of held objects without those left out; no pairs are checked."""
+def bodies_without(
+    model: Any, attached: tuple[Attached, ...], left_out: frozenset[str]
+) -> tuple[Bodies, Array]:
+    """The bodies of an arm and of held objects without those left out; no pairs are checked.
+
+    Also bounds on the distance of each one's points from each joint's axis, shape (n, 6), [m].
+    """
     carried = _carried(Keyed(id(model), model), attached)
     kept = [each for each in carried.movers if each.body.name not in left_out]
-    return _Gathered(model, carried._replace(movers=kept)).bodies(set(), 0.0)
+    levers = np.zeros((len(kept), 6))
+    for row, (body, points) in zip(levers, kept, strict=True):
+        if body.joint:
+            row[body.joint - 1], ball = _extent(points)
+        for j in range(body.joint - 1, 0, -1):
+            offset = model.jointPlacements[j + 1].translation
+            row[j - 1] = float(np.linalg.norm(offset[:2])) + ball
+            ball += float(np.linalg.norm(offset))
+    return _Gathered(model, carried._replace(movers=kept)).bodies(set(), 0.0), levers
 
 
 def _passed(attached: tuple[Attached, ...], other: StandingArm) -> set[frozenset[str]]:
