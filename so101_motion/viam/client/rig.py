@@ -473,7 +473,7 @@ class MachineRig(Machine):
         if wanted is not None and wanted not in there:
             # one without any may still be starting
             refused = ChoiceNeeded if there else ConfigError
-            raise refused(what, wanted, f"is not on the machine; {suggest(wanted, there)}")
+            raise refused(what, wanted, f"is not on the machine; {suggest(wanted, sorted(there))}")
         if wanted is None and len(there) > 1:
             several = f"the machine has several; name one of {', '.join(sorted(there))}"
             if what == "arm":
