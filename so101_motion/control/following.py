@@ -19,6 +19,7 @@ wait; the following goes on.
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,11 +35,12 @@ from so101_motion.common.geometry import Array, frozen_array, is_finite, joint_a
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import angles_deg, to_deg, to_rad
 from so101_motion.control.motion_source import MotionSource, OpenEndedMotion, PlannedMotion
+from so101_motion.native.library import quick, shown
 from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits, checked_limits
 from so101_motion.planning.timing.pursuit import FORESIGHT, Arrival, Pursuit
-from so101_motion.planning.timing.stop_paths import PathToRest, StopPaths
+from so101_motion.planning.timing.stop_paths import JOINTS, StopPaths
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 if TYPE_CHECKING:  # it brings Pinocchio along, which an unguarded following has no use for
@@ -98,6 +100,8 @@ class Approach:
         return self._slow.eased_to(self._full, (t - self._t_near) / EASE)
 
 
+_ROW = ctypes.c_double * JOINTS
+_TOO_FAST, _NO_ROOM, _NO_STOP = -1, -2, -3  # as in following.c
 _ROUNDING = 1e-9
 _THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
 
@@ -118,87 +122,16 @@ def gentle(limits: MotionLimits, stop: MotionLimits) -> MotionLimits:
     return replace(limits, jerk=np.minimum(limits.jerk, stop.jerk))
 
 
-def landed(setpoint: Setpoint, q: Array, qd: Array) -> Setpoint:
-    """Put joints that have arrived at a goal that stands still exactly there, at rest.
+class _Step(ctypes.Structure):
+    """The next step of a following, for ``following.c``, with rows of a number for each joint."""
 
-    The goal is ``q``, shape (n,), [rad], and moves at ``qd`` [rad/s].
-    """
-    there = [
-        w == 0.0 and abs(v) < _THERE and abs(a) < 100.0 * _THERE and abs(x - goal) < _THERE
-        for x, v, a, goal, w in zip(
-            setpoint.q.tolist(),
-            setpoint.qd.tolist(),
-            setpoint.qdd.tolist(),
-            q.tolist(),
-            qd.tolist(),
-            strict=True,
-        )
+    _fields_ = [
+        *((name, _ROW) for name in ("least", "most", "hardest", "stop_jerk", "fastest")),
+        *((name, _ROW) for name in ("jerk", "now")),
+        *((name, _ROW * n) for name, n in (("braked", 3), ("target", 2), ("next", 3))),
+        *((name, ctypes.c_void_p) for name in ("given", "told")),
+        *((name, ctypes.c_int) for name in ("n", "room")),
     ]
-    if not any(there):
-        return setpoint
-    return Setpoint(
-        q=np.where(there, q, setpoint.q),
-        qd=np.where(there, 0.0, setpoint.qd),
-        qdd=np.where(there, 0.0, setpoint.qdd),
-    )
-
-
-class JointBounds:
-    """Says which joints could not stop within their range and below their speed cap.
-
-    It runs several times in every control cycle, so it uses plain numbers: for five joints numpy
-    takes five times as long.
-
-    Args:
-        least: Lowest angles, shape (n,), [rad].
-        most: Highest angles, shape (n,), [rad].
-        limits: Largest caps of their setpoints.
-        stop: How hard they brake.
-        begin: Where they begin; joints that are faster there may be as fast.
-    """
-
-    def __init__(
-        self, least: Array, most: Array, limits: MotionLimits, stop: MotionLimits, begin: Setpoint
-    ) -> None:
-        hardest = limits.acceleration + _ROUNDING
-        there = np.abs(begin.qd + 0.5 * begin.qdd * np.abs(begin.qdd) / stop.jerk)
-        fastest = np.maximum(limits.velocity, there) + _ROUNDING
-        rows = least - _ROUNDING, most + _ROUNDING, hardest, stop.jerk, fastest
-        self._rows = np.column_stack(rows).tolist()
-
-    def outside(
-        self, setpoint: Setpoint, limits: MotionLimits, lowest: list[float], highest: list[float]
-    ) -> list[bool]:
-        """Which joints could not stop in time, or would turn round too hard, after ``setpoint``.
-
-        ``lowest`` and ``highest`` are their angles on the path to rest from there [rad].
-        """
-        found = list[bool]()
-        for low, high, qd, qdd, jerk, row in zip(
-            lowest, highest, setpoint.qd.tolist(), setpoint.qdd.tolist(), limits.jerk.tolist(),
-            self._rows, strict=True,
-        ):  # fmt: skip
-            least, most, hardest, stop_jerk, fastest = row
-            more = 0.5 * qdd * abs(qdd)
-            # One that has braked harder than it may speed up must not turn round with that.
-            turns = abs(qdd) > hardest and ((qd + more / jerk) * qd <= 0.0 or qdd * qd > 0.0)
-            found.append(
-                turns
-                or low < least
-                or high > most
-                # While its acceleration is taken back, a joint still gets faster.
-                or abs(qd + more / stop_jerk) > fastest
-            )
-        return found
-
-    def too_fast(self, setpoint: Setpoint) -> bool:
-        """Whether a joint would exceed its speed cap while its acceleration is taken back."""
-        return any(
-            abs(qd + 0.5 * qdd * abs(qdd) / stop_jerk) > fastest
-            for qd, qdd, (_, _, _, stop_jerk, fastest) in zip(
-                setpoint.qd.tolist(), setpoint.qdd.tolist(), self._rows, strict=True
-            )
-        )
 
 
 KNOWN_JERK = 200.0
@@ -367,6 +300,13 @@ class Following(OpenEndedMotion):
         self._held: tuple[str, ...] = ()
         self._stopped_by: tuple[str, ...] = ()  # while it held last
         self._t_gentle = self._t_held = -math.inf
+        self._step = _Step(given=self._stops.given_at, n=n)
+        rows = (("now", 1), ("braked", 3), ("target", 2), ("next", 3))
+        self._c_now, self._c_braked, self._c_target, self._c_next = (
+            shown(self._step, name, count, JOINTS)[:, :n] for name, count in rows
+        )
+        self._caps: MotionLimits | None = None  # those that ``_step`` has the jerk of
+        self._in_c, self._step_at = quick(), ctypes.addressof(self._step)
         self._slowing: PlannedMotion | None = None
         self._k = 0  # of the next setpoint of what is slowing
         self._still = frozen_array(np.zeros(n))
@@ -522,7 +462,7 @@ class Following(OpenEndedMotion):
             self._k += 1
             if self._slowing.is_over:
                 self._slowing = None
-            self._braked = self.now
+            self._take(self.now, self.now)
             self.expected_acceleration.braking(self.now)
             return self.now
         if aim is None:
@@ -547,8 +487,27 @@ class Following(OpenEndedMotion):
         self._start = self.now = now
         # Joints that begin a little outside may stay there, and come in.
         self._least, self._most = np.minimum(self._lower, now.q), np.maximum(self._upper, now.q)
-        self._bounds = JointBounds(self._least, self._most, self.limits, self._stop_limits, now)
-        self._braked = self._stops.to_rest(now).after
+        self._bound(now)
+        self._take(now, self._stops.to_rest(now).after)
+
+    def _bound(self, now: Setpoint) -> None:
+        """Keep joints that begin at ``now`` where they can stop in their range and below their cap.
+
+        Joints that are faster there may be as fast.
+        """
+        limits, stop = self.limits, self._stop_limits
+        there = np.abs(now.qd + 0.5 * now.qdd * np.abs(now.qdd) / stop.jerk)
+        fastest = np.maximum(limits.velocity, there) + _ROUNDING
+        least, most, hardest = (
+            self._least - _ROUNDING, self._most + _ROUNDING, limits.acceleration + _ROUNDING,
+        )  # fmt: skip
+        rows = shown(self._step, "least", 5, JOINTS)[:, : len(least)]
+        rows[:] = least, most, hardest, stop.jerk, fastest
+
+    def _take(self, now: Setpoint, braked: Setpoint) -> None:
+        """Go to ``now``; if the joints brake then, they are ``braked`` a period later."""
+        self.now, self._braked = now, braked
+        self._c_now[0], self._c_braked[:] = now.q, (braked.q, braked.qd, braked.qdd)
 
     def _is_inside(self, q: ArrayLike) -> bool:
         """Whether ``q`` are joint angles within the range."""
@@ -589,9 +548,8 @@ class Following(OpenEndedMotion):
 
     def _brake(self) -> None:
         """Take the next step of the path to rest that the last setpoint has left free."""
-        self.now = self._braked
+        self._take(self._braked, self._stops.to_rest(self._braked).after)
         self.expected_acceleration.braking(self.now)
-        self._braked = self._stops.to_rest(self.now).after
 
     def _lead(self, aim: _Aim) -> None:
         """Take a step towards a target, or brake if that step is refused."""
@@ -617,42 +575,56 @@ class Following(OpenEndedMotion):
             # From rest close to things, joints that do not set off together come closer first.
             arrival = "straight" if is_gentle else "together"
         try:
-            setpoint, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
-            if self._bounds.too_fast(setpoint):
-                # speed up no harder than a stop can take back in time
-                limits = gentle(limits, self._stop_limits)
-                setpoint, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
-            setpoint, rest = self._inside(landed(setpoint, q, qd), limits)
+            samples, onward = self._offer((q, qd, qdd), limits, arrival)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
-        path = np.concatenate((self.now.q[None], rest.path))
+        if samples == _NO_STOP:
+            return self._brake()
+        stops = self._stops
         ahead = qdd is not None or self.expected_acceleration.may_be_ahead
-        if guard is not None and not guard.admits(path, ahead=ahead):
-            self._held = self._held or ("too little room to brake",)
-            self._t_gentle = self._t + GENTLE
+        if guard is not None and not guard.surely_admits(
+            self._step_at + _Step.now.offset, stops.path_at, samples, ahead=ahead
+        ):
+            path = np.concatenate((self._c_now, stops.path(samples)))
+            if not guard.admits(path, ahead=ahead):
+                self._held = self._held or ("too little room to brake",)
+                self._t_gentle = self._t + GENTLE
+                return self._brake()
+        neighbours = self._neighbours
+        if neighbours is not None and not neighbours.admits(stops.path(samples), stops.step):
+            self._held = (*self._held, neighbours.against)
             return self._brake()
-        if self._neighbours is not None and not self._neighbours.admits(path[1:], rest.step):
-            self._held = (*self._held, self._neighbours.against)
-            return self._brake()
-        self.now, self._braked = setpoint, rest.after
+        q, qd, qdd = self._c_next.copy()
+        setpoint = Setpoint(q=q, qd=qd, qdd=qdd)
+        self._take(setpoint, stops.after)
         if aim.qdd is None:
             self.expected_acceleration.unknown()
         else:
             self.expected_acceleration.beside(setpoint, setpoint.qdd if onward is None else onward)
 
-    def _inside(self, setpoint: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
-        """``setpoint``, with joints braking that could not stop in time, and the path to rest."""
-        rest = self._stops.to_rest(setpoint)
-        outside = self._bounds.outside(setpoint, limits, rest.least, rest.largest)
-        if not any(outside):
-            return setpoint, rest
-        braked, which = self._braked, np.array(outside)
-        setpoint = Setpoint(
-            q=np.where(which, braked.q, setpoint.q),
-            qd=np.where(which, braked.qd, setpoint.qd),
-            qdd=np.where(which, braked.qdd, setpoint.qdd),
-        )
-        return setpoint, self._stops.to_rest(setpoint)
+    def _offer(
+        self, target: tuple[Array, Array, Array | None], limits: MotionLimits, arrival: Arrival
+    ) -> tuple[int, Array | None]:
+        """Compute the next step towards a target, with joints braking that could not stop in time.
+
+        Returns how many samples the path to rest from there has, or ``_NO_STOP``; and the
+        acceleration that is expected from there on if that of the target is known.
+        """
+        step, is_hasty = self._step, False
+        while True:
+            setpoint, onward = self._pursuit.step(self.now, target, limits, arrival)
+            self._c_next[:] = setpoint.q, setpoint.qd, setpoint.qdd
+            self._c_target[:] = target[:2]
+            if limits is not self._caps:
+                self._caps, step.jerk[: step.n] = limits, limits.jerk.tolist()
+            step.told, step.room = self._stops.told_at, self._stops.room
+            found = self._in_c.so101_following_step(self._step_at, _THERE, is_hasty)
+            if found == _TOO_FAST:  # speed up no harder than a stop can take back in time
+                limits, is_hasty = gentle(limits, self._stop_limits), True
+            elif found == _NO_ROOM:
+                self._stops.make_room(2 * self._stops.room)
+            else:
+                return found, onward
 
     def _refuse_short(self, aim: _Aim) -> None:
         if not self._ends_there:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import math
 import os
 import platform
 import sys
@@ -98,6 +99,24 @@ def quick() -> ctypes.PyDLL:
         ("trim_measure", (at, at, at, bits, number)),
         ("goals_point", (at, at, at, whole, whole, whole, bits, number)),
         ("goals_send", (at, bits, bits, whole, number, at)),
+        ("surely_borne", (at, number, at)),
+        ("guard_look", (at, number, whole)),
+        ("guard_proves", (at, at, at, whole, whole)),
+        ("path_to_rest", (at, whole, whole, at)),
+        ("following_step", (at, number, whole)),
+        ("jog_want", (at, at)),
+        ("jog_choose", (at, at, whole, whole)),
+        ("jog_ahead", (at, at)),
+        ("jog_to_rest", (at,)),
+        ("jog_take", (at, number)),
     ):
         getattr(library, f"so101_{name}").argtypes = inputs
     return library
+
+
+def shown(structure: ctypes.Structure, name: str, *shape: int) -> Any:
+    """An array that shows numbers of a structure of the library, from a field on."""
+    import numpy as np
+
+    at, count = vars(type(structure))[name].offset, math.prod(shape)
+    return np.frombuffer(memoryview(structure).cast("B"), np.float64, count, at).reshape(shape)

@@ -71,7 +71,10 @@ class Levels:
 class BatchCheck:
     """The bodies of one scene in the library's memory. Belongs to one thread.
 
-    ``scene`` is the library's handle of it.
+    Attributes:
+        scene: The library's handle of it.
+        margins_at: Address of each pair's margin, as the library numbers pairs.
+        numbers_at: Address of our numbers of these pairs.
     """
 
     def __init__(self, model: Any, bodies: Bodies, floor_z: float | None) -> None:
@@ -95,7 +98,7 @@ class BatchCheck:
         if len(bodies.pairs):
             self._margins[:] = bodies.margins[self._pair_of]
         self._at_near, self._at_bounds = pointer(self._near), pointer(self._bounds)
-        self._at_margins, self._at_numbers = pointer(self._margins), pointer(self._numbers)
+        self.margins_at, self.numbers_at = pointer(self._margins), pointer(self._numbers)
         handle = library.so101_new(*(_argument(each) for each in arguments), self._ask)
         if not handle:
             raise MemoryError("no memory for the bodies of a scene")
@@ -141,7 +144,7 @@ class BatchCheck:
         self._one[5] = q_jaw
         n = self.library.so101_near_bounds(
             self.scene, self._at_one, ctypes.c_double(within), len(self._near), self._at_near,
-            self._at_margins, self._at_numbers, ctypes.c_double(gap), self._at_bounds,
+            self.margins_at, self.numbers_at, ctypes.c_double(gap), self._at_bounds,
         )  # fmt: skip
         return None if n < 0 else (self._near[:n].copy(), self._bounds[:n])
 

@@ -2,7 +2,7 @@
 
 A control cycle asks five questions:
 
-* ``look``: which bodies are near, and which joints are near their torque limit?
+* ``see``: which bodies are near, and which joints are near their torque limit?
 * ``within_reach``: which configuration nearest to a target is free? An estimate, from distances
   that are linearised in the joint angles: the arm slides along obstacles.
 * ``admits``: is a path free, and can the servos bear it? A proof. An arm that only takes steps from
@@ -31,13 +31,13 @@ from typing import Any
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.native.library import native
+from so101_motion.native.library import native, quick, shown
 from so101_motion.planning.collision.batch_check import BOUND, NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
-from so101_motion.planning.collision.collision import BACK_OUT, ClosePair, CollisionModel
+from so101_motion.planning.collision.collision import BACK_OUT, CollisionModel
 from so101_motion.planning.collision.course import NearArms
 from so101_motion.planning.collision.following_apart import GAP
-from so101_motion.planning.timing.torque import Load, TorqueReserve
+from so101_motion.planning.timing.torque import NEARLY, Load, TorqueReserve
 
 MOST = 8  # at most so many bounds are used, those with the least room; chosen, and the same in C
 _ROOM = 64  # up to so many bounds need no new memory; chosen
@@ -58,11 +58,11 @@ class BoundedStep:
         all arrays.
         """
         n = sum(map(len, bounds))
-        if n > len(self._bounds):
+        if n > len(self.bounds):
             self._make_room(n)
         self._step[:], n = step, 0
         for each in bounds:
-            self._bounds[n : n + len(each)] = each
+            self.bounds[n : n + len(each)] = each
             n += len(each)
         found = native().library.so101_nearest_within(self._address, n)
         if found == 0:
@@ -73,7 +73,7 @@ class BoundedStep:
     def _make_room(self, bounds: int) -> None:
         given = np.zeros(5 + MOST + 7 * bounds)
         self._step, self._active = given[:5], given[5 : 5 + MOST]
-        self._bounds = given[5 + MOST :].reshape(-1, 7)
+        self.bounds = given[5 + MOST :].reshape(-1, 7)
         self._address = ctypes.c_void_p(given.ctypes.data)
 
 
@@ -105,8 +105,25 @@ GUIDED_GAP = 0.005
 """Gap beyond the margin at which a hand is held back [m]. Chosen: fitted servos, led at 30 deg/s by
 a hand of 2 N m, went 5 mm farther than that in the median, and 9 mm at most."""
 
+_BORNE, _CLEAR = 1, 2  # as in guard.h
 PLACES = 4  # samples of a path at which bodies must part; chosen
 _CLOSER = 1e-6  # how much closer such bodies may come on a path [m]: rounding
+
+
+class _Seen(ctypes.Structure):
+    """What is near the arm, for ``guard.c``, which fills it."""
+
+    _fields_ = [
+        *(
+            (name, ctypes.c_void_p)
+            for name in ("scene", "margin", "pair_of", "load", "near", "bound")
+        ),
+        *((name, ctypes.c_double) for name in ("within", "widest", "bend", "nearly", "fast")),
+        *((name, ctypes.c_double) for name in ("inexact", "ahead", "share", "step")),
+        *((name, ctypes.c_double * n) for name, n in (("reach", 5), ("q", 6), ("target", 5))),
+        *((name, ctypes.c_double) for name in ("free", "extra")),
+        *((name, ctypes.c_int) for name in ("most", "is_heavy", "is_kept")),
+    ]
 
 
 class Guard:
@@ -123,6 +140,8 @@ class Guard:
         look_every: Largest time between samples of a path for ``admits`` [s]: between them it bends
             no more than ``admits`` allows for.
         against: Words for what kept the last ``within_reach`` from its target.
+        scene: The compiled library's handle of the scene.
+        bounds_at: Address of ``bounds``.
         stuck: Words for the bodies that the arm is in, to an unknown depth, at the last look. Then
             no step is admitted, because any may lead deeper.
     """
@@ -150,9 +169,18 @@ class Guard:
             collision.first_blocked(np.zeros((1, 5)))
         self._widest = float(collision.margins.max(initial=collision.margin))
         self._range = min(NEAR, self._widest + RANGE)
-        self._reach: list[float] = collision.reach.tolist()
-        self._looked: Array | None = None
-        self._rows, self._bounds, self._free = np.zeros((0, NEAR_ROW)), np.zeros((0, BOUND)), 0.0
+        batch, most = collision.batch, max(1, len(collision.pairs))
+        self._found, self._kept = np.zeros((most, NEAR_ROW)), np.zeros((most, BOUND))
+        self._seen = _Seen(
+            batch.scene, batch.margins_at, batch.numbers_at, None if load is None else load.known,
+            self._found.ctypes.data, self._kept.ctypes.data, self._range, self._widest, self._bend,
+            NEARLY, FAST, INEXACT, AHEAD, AHEAD_SHARE, AHEAD_STEP, most=most,
+        )  # fmt: skip
+        self._seen.reach[:], self._seen.q[:] = collision.reach.tolist(), [math.nan] * 6
+        self._q, self._to = shown(self._seen, "q", 5), shown(self._seen, "target", 5)
+        self._n = 0  # pairs that are near
+        self._in_c, self._at = quick(), ctypes.addressof(self._seen)
+        self.scene, self.bounds_at = batch.scene, self._kept.ctypes.data
         self._step = BoundedStep()
         self._words = dict[int, str]()  # by pair of bodies
         self.against: tuple[str, ...] = ()
@@ -164,25 +192,31 @@ class Guard:
         """The smallest distance that any two bodies must keep [m]."""
         return float(self._collision.margins.min(initial=self._collision.margin))
 
-    def look(self, q: Array) -> list[ClosePair | TorqueReserve]:
-        """Joints near their torque limit at ``q``, shape (5,), [rad], then near bodies by room."""
-        heavy = self._see(q)
-        order = np.lexsort((self._rows[:, 1], self._bounds[:, -1]))
-        return [*heavy, *map(self._collision.described, self._rows[order])]
+    @property
+    def _rows(self) -> Array:
+        """The rows of ``near_bounds`` of what is near."""
+        return self._found[: self._n]
 
-    def _see(self, q: Array) -> list[TorqueReserve]:
-        """Find near bodies at ``q``; return the joints near their torque limit."""
+    @property
+    def bounds(self) -> Array:
+        """The bounds of ``near_bounds`` of what was near at the last look."""
+        return self._kept[: self._n]
+
+    def see(self, q: Array) -> list[TorqueReserve]:
+        """Find near bodies at ``q`` (5,) [rad]; return the joints near their torque limit."""
         self._find_near(q, GAP)
-        return [] if self._load is None else self._load.heavy(q)
+        return self._load.heavy(q) if self._seen.is_heavy and self._load is not None else []
 
     def _find_near(self, q: Array, gap: float) -> None:
-        near = self._collision.near_bounds(q, self._q_jaw(), within=self._range, gap=gap)
-        self._looked, (self._rows, self._bounds) = q, near
-        self._free, self.stuck = (
-            min([self._range - self._widest, *self._bounds[:, -1].tolist()]),
-            (),
-        )
-        if self._free < 0.0:
+        seen, self._q[:] = self._seen, q
+        seen.q[5], self.stuck = self._q_jaw(), ()
+        self._n = self._in_c.so101_guard_look(self._at, gap, -1)
+        if self._n < 0:
+            near = self._collision.near_bounds(q, seen.q[5], within=self._range, gap=gap)
+            self._n = len(near[0])
+            self._rows[:], self.bounds[:] = near
+            self._in_c.so101_guard_look(self._at, gap, self._n)
+        if seen.free < 0.0:
             pairs = self._rows[:, 0].astype(int)
             self._stuck_in = self._collision.unknown(pairs, self._rows[:, 1])
             called = map(self._called, pairs[self._stuck_in])
@@ -194,11 +228,15 @@ class Guard:
         ``q_target`` itself if nothing is in its way; ``q``, the present one, if none is found.
         ``others``: near bodies of other arms.
         """
-        heavy = self._see(q)
+        self._to[:] = q_target
+        heavy = self.see(q)
         if self.stuck:
             self.against = self.stuck
             return q
-        bounds = [self._bounds, *(each.bounds for each in others)]
+        if self._seen.is_kept and not (heavy or others):
+            self.against = ()
+            return q_target
+        bounds = [self.bounds, *(each.bounds for each in others)]
         if heavy:
             rows = [[*each.gradient, min(0.0, GAP - each.left), -np.inf] for each in heavy]
             bounds.append(np.array(rows))
@@ -216,7 +254,7 @@ class Guard:
         estimate for a few degrees, from distances that are linearised. The load is not checked.
         """
         self._find_near(q, GUIDED_GAP)
-        own = self._bounds[~self._stuck_in] if self.stuck else self._bounds
+        own = self.bounds[~self._stuck_in] if self.stuck else self.bounds
         bounds = np.concatenate([own, *(each.bounds for each in others)])
         rates = np.where(np.abs(bounds[:, :5]) < ALONG, 0.0, bounds[:, :5])
         step, least = np.atleast_2d(q_guided - q), np.minimum(bounds[:, 5], 0.0)
@@ -229,45 +267,51 @@ class Guard:
 
     def _named(self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]) -> str:
         """Words for the obstacle or load of bound ``k``, counted as in ``within_reach``."""
-        if k < len(self._rows):
-            pair = int(self._rows[k, 0])
-            if pair not in self._words:
-                self._words[pair] = self.words(self._collision.described(self._rows[k]))
-            return self._words[pair]
-        k -= len(self._rows)
+        if k < self._n:
+            return self.close_to(k)
+        k -= self._n
         for each in others:
             if k < len(each.bounds):
                 return each.words(k)
             k -= len(each.bounds)
         return self.words(heavy[k])
 
+    def close_to(self, k: int) -> str:
+        """Words for the bodies of a bound, such as ``"the jaw close to the floor"``."""
+        pair = int(self._rows[k, 0])
+        if pair not in self._words:
+            self._words[pair] = "{} close to {}".format(*self._called(pair))
+        return self._words[pair]
+
     def admits(self, path: Array, *, ahead: bool = False) -> bool:
         """Whether a path is proven free and bearable; arguments as for ``is_free``."""
-        low, high = np.minimum.reduce(path).tolist(), np.maximum.reduce(path).tolist()
-        load = self._load
-        if load is not None and not (load.surely_admits(low, high) or load.admits(path)):
+        path = np.ascontiguousarray(path, dtype=np.float64)
+        at, load = path.ctypes.data, self._load
+        proven = self._in_c.so101_guard_proves(self._at, at, at, len(path), ahead)
+        if not proven & _BORNE and load is not None and not load.admits(path):
             return False
-        return self._is_free(path, low, high, ahead=ahead)
+        return bool(proven & _CLEAR) or self._is_free(path)
 
     def is_free(self, path: Array) -> bool:
         """Whether a path (m, 5) [rad], m >= 2, with straight lines between, is proven free.
 
         The load is not checked.
         """
-        low, high = np.minimum.reduce(path).tolist(), np.maximum.reduce(path).tolist()
-        return self._is_free(path, low, high, ahead=False)
+        path = np.ascontiguousarray(path, dtype=np.float64)
+        at = path.ctypes.data
+        proven = self._in_c.so101_guard_proves(self._at, at, at, len(path), False)
+        return bool(proven & _CLEAR) or self._is_free(path)
 
-    def _is_free(self, path: Array, low: list[float], high: list[float], *, ahead: bool) -> bool:
-        extra = 0.0
-        if self._looked is not None:
-            spans = zip(low, high, self._looked.tolist(), self._reach, strict=True)
-            travel = sum([max(most - at, at - least) * reach for least, most, at, reach in spans])
-            if travel > FAST and self._bend:
-                extra = INEXACT
-                if ahead:  # in steps, because a check is built and kept for each value
-                    extra += min(AHEAD_STEP * math.ceil(AHEAD_SHARE * travel / AHEAD_STEP), AHEAD)
-            if travel <= self._free - extra:
-                return True
+    def surely_admits(self, q_at: int, path_at: int, n: int, *, ahead: bool) -> bool:
+        """Quick proof that ``admits`` would admit a path, given by addresses of numbers of C.
+
+        It begins at the configuration at ``q_at``; n more are at ``path_at``.
+        """
+        proven = self._in_c.so101_guard_proves(self._at, q_at, path_at, n, ahead)
+        return bool(proven == _BORNE | _CLEAR)
+
+    def _is_free(self, path: Array) -> bool:
+        extra = self._seen.extra
         q_jaw = self._q_jaw()
         if self._collision.first_blocked(path, q_jaw, bend=self._bend, extra=extra) is None:
             return True
@@ -288,9 +332,9 @@ class Guard:
         Bodies that are in contact where it begins may part. Nearness is no contact, and the load is
         not checked: the path is somebody else's plan.
         """
-        self._see(path[0])
+        self.see(path[0])
         collision, q_jaw = self._collision, self._q_jaw()
-        if self._span(path) <= self._free:
+        if self._span(path) <= self._seen.free:
             return None
         blocked = collision.first_blocked(path, q_jaw, tolerance=1.0 - CONTACT)
         if blocked is None:
@@ -331,20 +375,10 @@ class Guard:
     def _lacking(self, q: Array, q_jaw: float, margins: Array) -> Array:
         """Like ``CollisionModel.lacking``, but uses the result of ``look`` at the same ``q``."""
         seen = self._widest + INEXACT + AHEAD + self._bend <= self._range
-        if self._looked is None or not seen or not np.array_equal(q, self._looked):
+        if not seen or not np.array_equal(q, self._q):
             return self._collision.lacking(q, q_jaw, margins)
         return self._collision.lack_in(self._rows, margins)
 
-    def words(self, each: ClosePair | TorqueReserve | str) -> str:
-        """Words for an obstacle or load, such as ``"the jaw close to the floor"``."""
-        if isinstance(each, str):
-            return each
-        if isinstance(each, TorqueReserve):
-            return f"{each.joint} at its torque limit"
-        called = self._collision.scene.called
-        return f"{called(each.first)} close to {called(each.second)}"
-
-
-def room_of(each: ClosePair | TorqueReserve) -> float:
-    """How much nearer two bodies may come [m], or a joint's torque reserve as a share."""
-    return each.distance - each.margin if isinstance(each, ClosePair) else each.left
+    def words(self, each: TorqueReserve) -> str:
+        """Words for a load."""
+        return f"{each.joint} at its torque limit"

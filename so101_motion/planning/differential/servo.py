@@ -1,6 +1,14 @@
 """Compute one step of a jog: joint velocities that keep limits and clearance, and can always stop.
 
-*The task velocity* (``task_velocity.py``). A twist, a pose or a point becomes joint velocities.
+A step is computed in ``native/jog.c``, all but the quadratic program and the proof.
+
+*The task velocity.* A twist, a pose or a point becomes joint velocities. Position comes first,
+orientation as far as five joints can. Near a singular configuration, directions that would need
+unbounded speeds are damped (Y. Nakamura, H. Hanafusa, Inverse Kinematic Solutions With Singularity
+Robustness for Robot Manipulator Control, 1986). A twist is integrated to a reference pose to which
+the frame is pulled back, so that a long straight jog stays straight. The reference moves on by the
+granted share of the twist, and starts anew where an obstacle turns the frame aside. A pose or a
+point is approached as fast as the joints can still come to rest there.
 
 *The bounds.* A task velocity that keeps all bounds is taken as it is. Otherwise a quadratic program
 (``servo_qp.py``) finds the nearest one. The bounds are those of velocity and acceleration; and for
@@ -26,60 +34,42 @@ anything.
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.planning.collision.collision import ClosePair, CollisionModel
+from so101_motion.native.library import quick, shown
+from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.collision.following_apart import GAP
-from so101_motion.planning.differential.guard import Guard, room_of
+from so101_motion.planning.differential.guard import Guard
 from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
-from so101_motion.planning.differential.targets import Target
-from so101_motion.planning.differential.task_velocity import SAME, TaskControl, TaskVelocity
+from so101_motion.planning.differential.targets import STILL, Target, Twist
 from so101_motion.planning.kinematics.geometry_from_model import measure_structure
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.torque import Load, TorqueReserve
+from so101_motion.planning.timing.torque import Load
 
+DAMPING = 0.01
+"""Damping [m/rad]: a direction with this gain of the frame per joint motion is followed at half
+speed, one with three times that at nine tenths. Chosen: a quarter of all configurations have a gain
+below 0.035; a tool that passes full stretch at 0.05 m/s needs at most 2.5 rad/s of the joints."""
 
-class MovingAverage:
-    """Filters positions [rad] of a reference that starts at rest at ``q``; ``steps`` are averaged.
-
-    ``limits`` are the reference's accelerations, and the jerk that the output shall keep.
-    """
-
-    def __init__(self, q: Array, limits: MotionLimits, dt: float) -> None:
-        window = 2.0 * float((limits.acceleration / limits.jerk).max())
-        self.steps = max(1, math.ceil(window / dt - 1e-9))
-        self._trail = np.tile(q, (self.steps, 1))  # the oldest first
-
-    def step(self, q: Array) -> Array:
-        """The output after the reference has stepped to ``q``, shape (n,), [rad]."""
-        self._trail[:-1] = self._trail[1:]
-        self._trail[-1] = q
-        # Relative to the reference, so that it is exact when all are the same.
-        return np.asarray(q + (self._trail - q).sum(axis=0) / self.steps)
-
-    def ahead(self, q: Array) -> Array:
-        """The coming outputs, step by step, until they rest at the end of ``q``, (m, n) [rad]."""
-        end, steps = q[-1], self.steps
-        passed = np.empty((2 * steps - 1 + len(q), len(end)))
-        passed[:steps], passed[steps : steps + len(q)], passed[steps + len(q) :] = (
-            self._trail,
-            q,
-            end,
-        )
-        passed -= end
-        sums = np.cumsum(passed, axis=0)
-        return np.asarray(end + (sums[steps:] - sums[:-steps]) / steps)
-
+CLOSING = 0.1  # damping near a pose, as a share of its distance
+EASE = 0.2  # damping of rotation by joint motions that leave the position alone [rad/rad]. Chosen
+LOST = 0.1  # share of speed lost to damping that is reported; chosen
+PULL = 5.0  # gain with which the frame is pulled back to its reference [1/s]. Chosen
+SLACK = (0.005, 0.1)  # largest distance of the reference from the frame [m], [rad]. Chosen
+BRAKING = 0.8  # share of the acceleration used to arrive at a pose; chosen
+FAR = (0.1, 0.5)  # farther poses count as this far [m], [rad]; chosen: nearly linear
+SPARED = 0.15  # joints nearer to a limit move less [rad]; chosen
+SAME = 1e-9  # joint angles closer than this count as equal [rad]
 
 STRAIGHT = 0.05
 """Smallest bend of the elbow, on the side where it was at the start [rad]. Beyond straight the same
@@ -100,29 +90,39 @@ class Step:
     share: float  # share of the task velocity that is granted, 0 to 1
 
 
-class _Approached(NamedTuple):
-    """A pair of bodies or a torque limit that the arm may approach."""
-
-    left: float  # distance that is left [m], or share of the torque limit
-    gradient: Array  # derivative of ``left`` by each joint, shape (5,)
-    what: ClosePair | TorqueReserve | str  # the pair or joint, or a description of it
+_POSE, _POINT, _TWIST = 0.0, 1.0, 2.0
+_FIVE = ctypes.c_double * 5
 
 
-class _Room(NamedTuple):
-    """Bounds of the joint velocities in a step."""
+class _Jog(ctypes.Structure):
+    """A jog in the form of ``jog.c``."""
 
-    lower: Array  # smallest velocities, shape (5,), [rad/s]
-    upper: Array  # largest velocities, shape (5,), [rad/s]
-    # gradients of the room of each near pair [m/rad] and each loaded joint [1/rad], shape (k, 5)
-    G: Array
-    b: Array  # smallest rate of change of each, shape (k,), [m/s], [1/s]
-    against: Sequence[_Approached]  # these pairs and joints
-
-    def has(self, qd: Array) -> bool:
-        """Whether velocities keep all bounds."""
-        if any((qd < self.lower).tolist()) or any((qd > self.upper).tolist()):
-            return False
-        return not any((self.G @ qd < self.b).tolist())
+    _fields_ = [
+        *((name, ctypes.c_double) for name in ("damping", "closing", "ease", "lost", "pull")),
+        ("slack", ctypes.c_double * 2),
+        ("braking", ctypes.c_double),
+        ("far", ctypes.c_double * 2),
+        *((name, ctypes.c_double) for name in ("spared", "same", "gap", "dt")),
+        *((name, _FIVE) for name in ("acceleration", "velocity", "lower", "upper")),
+        ("placement", ctypes.c_double * 12),
+        *((name, ctypes.c_double) for name in ("kind", "in_tool")),
+        ("target", ctypes.c_double * 12),
+        ("goes_on", ctypes.c_double),
+        ("reference", ctypes.c_double * 12),
+        *((name, _FIVE) for name in ("q_unfiltered", "qd_unfiltered")),
+        ("braking_time", ctypes.c_double),
+        *((name, _FIVE) for name in ("before", "q", "qd", "qdd")),
+        ("J", _FIVE * 6),
+        ("wanted", _FIVE),
+        ("is_damped", ctypes.c_double),
+        *((name, _FIVE) for name in ("brake", "least", "most")),
+        *((name, kind * ROWS) for name, kind in (("G", _FIVE), ("b", ctypes.c_double))),
+        ("chosen", _FIVE),
+        ("share", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in ("trail", "passed", "path")),
+        *((name, ctypes.c_int) for name in ("steps", "room", "every", "count")),
+        ("near", ctypes.c_int * ROWS),
+    ]
 
 
 class Servo:
@@ -151,14 +151,37 @@ class Servo:
     ) -> None:
         self.neighbours, self._arm_near = neighbours, ""
         self.q, self.qd = frozen_array(q_start, (5,)), np.zeros(5)
-        self._before = self.q
-        self._q_unfiltered, self._qd_unfiltered, self._braking_time = self.q, self.qd, 0.0
-        self._filter = MovingAverage(self.q, limits, dt)
         self._model, self._limits, self._dt = model, limits, dt
         self._q_jaw = 0.0
-        self._task, self._qp = TaskControl(model, limits, dt, frame), ServoQp()
+        self._target: Target = STILL
         self._lower, self._upper = _range_with(model, self.q)
-        self._last: tuple[TaskVelocity, _Room] | None = None
+        # A window of this length bounds the jerk of a moving average, see above.
+        window = 2.0 * float((limits.acceleration / limits.jerk).max())
+        steps = max(1, math.ceil(window / dt - 1e-9))
+        room = 3 + math.ceil(float((limits.velocity / limits.acceleration).max()) / dt)
+        self._trail, self._passed = np.tile(self.q, (steps, 1)), np.zeros((2 * steps + room, 5))
+        self._path = np.zeros((2 * (steps + room + 2), 5))
+        self._jog = jog = _Jog(
+            damping=DAMPING, closing=CLOSING, ease=EASE, lost=LOST, pull=PULL, slack=SLACK,
+            braking=BRAKING, far=FAR, spared=SPARED, same=SAME, gap=GAP, dt=dt, kind=_TWIST,
+            trail=self._trail.ctypes.data, passed=self._passed.ctypes.data,
+            path=self._path.ctypes.data, steps=steps, room=room,
+        )  # fmt: skip
+        for name, five in (
+            ("acceleration", limits.acceleration), ("velocity", limits.velocity),
+            ("lower", self._lower), ("upper", self._upper),
+            ("q_unfiltered", self.q), ("before", self.q), ("q", self.q),
+        ):  # fmt: skip
+            shown(jog, name, 5)[:] = five
+        jog.placement[:] = model.on_last_joint(frame).tolist()
+        self._in_c, self._at, self._few = quick(), ctypes.addressof(jog), ctypes.c_int()
+        names = ("wanted", "chosen", "least", "most")
+        self._wanted, self._chosen, *self._bounds = (shown(jog, name, 5) for name in names)
+        self._J, self._G = shown(jog, "J", 6, 5), shown(jog, "G", ROWS, 5)
+        self._b = shown(jog, "b", ROWS)
+        self._q_unfiltered, self._setpoint = shown(jog, "q_unfiltered", 5), shown(jog, "q", 3, 5)
+        self._qp = ServoQp()
+        self._last: tuple[Guard, Sequence[str] | None] | None = None
         self.keep_off(collision, load)
 
     def keep_off(self, collision: CollisionModel, load: Load | None) -> None:
@@ -174,37 +197,30 @@ class Servo:
 
         The first is that of the last step, the second the present one.
         """
-        braking = self._braking(self._q_unfiltered, self._qd_unfiltered, self._braking_time)
-        ahead = self._filter.ahead(braking[1:] if len(braking) > 1 else braking)
-        return np.concatenate((self._before[None], self.q[None], ahead))
+        return self._path[: self._in_c.so101_jog_to_rest(self._at)].copy()
 
     def step(self, target: Target, q_jaw: float = 0.0) -> Step:
         """Move on by one step towards a target, or brake."""
-        self._q_jaw, q, time = q_jaw, self._q_unfiltered, self._braking_time
-        rest = q + 0.5 * time * self._qd_unfiltered
-        wanted = self._task.velocity(target, q, rest - self._lower, self._upper - rest)
-        brake = self._qd_unfiltered
-        if time > 0.0:
-            brake = brake * max(0.0, 1.0 - self._dt / time)
-        if not any(wanted.qd.tolist()):
+        self._q_jaw, self._arm_near, in_c, jog = q_jaw, "", self._in_c, self._jog
+        guard, jog.every = self._checked_by
+        if target is not self._target:
+            self._aim(target)
+        if not in_c.so101_jog_want(self._at, guard.scene):
             self._last = None
-            return self._taken(brake, 1.0)
-        room = self._room(self._approached(q), brake)
-        qd, share = wanted.qd, 1.0
-        if not room.has(qd):
-            share = self._attainable(qd)
-            qd = share * qd
-        if room.has(qd):
-            self._task.grant(share)
-        else:
-            qd, granted = self._qp.solve(wanted.J, qd, *room[:4])
-            share *= granted
-            self._task.refuse()
-        if not self._can_stop(qd):
-            qd, share = brake, 0.0
-            self._task.refuse()
-        self._last = (wanted, room)
-        return self._taken(qd, share)
+            return self._taken(0.0)
+        rows, n, words = self._near(guard)
+        self._last, granted = (guard, words), 1.0
+        is_granted = in_c.so101_jog_choose(self._at, rows, n, words is not None)
+        if not is_granted:
+            least, most, n = *self._bounds, jog.count
+            qd, granted = self._qp.solve(
+                self._J, self._chosen, least, most, self._G[:n], self._b[:n]
+            )
+            self._chosen[:] = qd
+            jog.share *= granted
+        if not self._can_stop(guard):
+            jog.chosen, jog.share, is_granted = jog.brake, 0.0, False
+        return self._taken(jog.share if is_granted else 0.0)
 
     def held_by(self) -> tuple[str, ...]:
         """Reasons that limited the task velocity of the last step, for messages.
@@ -214,120 +230,78 @@ class Servo:
         """
         if self._last is None:
             return ()
-        wanted, room = self._last
-        if self._guard.stuck:
-            return self._guard.stuck
-        reasons = [word for i in range(5) if (word := self._limit_of(i, wanted.qd[i]))]
-        for each, gain, least in zip(room.against, room.G @ wanted.qd, room.b, strict=True):
-            if gain < least:
-                reasons.append(self._guard.words(each.what))
-        if wanted.is_damped:
+        (guard, words), jog, wanted = self._last, self._jog, self._wanted
+        if guard.stuck:
+            return guard.stuck
+        reasons = [word for i in range(5) if (word := self._limit_of(i, wanted[i]))]
+        for k in range(jog.count):
+            if self._G[k] @ wanted < self._b[k]:
+                row = jog.near[k]
+                reasons.append(guard.close_to(row) if words is None else words[row])
+        if jog.is_damped:
             reasons.append("the arm nearly straight, or over its own base")
         if self._arm_near:
             reasons.append(self._arm_near)
         return tuple(dict.fromkeys(reasons))
 
-    @property
-    def _guard(self) -> Guard:
-        return self._checked_by[0]
+    def _aim(self, target: Target) -> None:
+        jog, self._target = self._jog, target
+        jog.goes_on = 0.0
+        if isinstance(target, Twist):
+            jog.kind, jog.in_tool = _TWIST, target.in_tool
+            jog.target[:6] = [*target.linear.tolist(), *target.angular.tolist()]
+        elif isinstance(target, SE3):
+            jog.kind, jog.target[:] = _POSE, [*target.R.ravel().tolist(), *target.p.tolist()]
+        else:
+            jog.kind, jog.target[9:] = _POINT, target.tolist()
 
-    def _approached(self, q: Array) -> Sequence[_Approached]:
-        """Torque limits, then bodies, that the arm is nearest to at ``q``, shape (5,), [rad].
+    def _near(self, guard: Guard) -> tuple[int, int, Sequence[str] | None]:
+        """Bounds that the arm is near to: their address, their number, and words for them.
 
-        Bodies of other arms count from where the arm is, and are put into words at once: the next
-        step overwrites them.
+        Without words they are those that the guard has seen, in any order. Otherwise these are
+        torque limits, then bodies, those of other arms included; they count from where the arm is.
         """
-        found = [_Approached(room_of(each), each.gradient, each) for each in self._guard.look(q)]
-        if self.neighbours is None:
-            return found[:ROWS]
-        for arm in self.neighbours.near():
+        q = self._q_unfiltered
+        heavy = guard.see(q)
+        if not heavy and self.neighbours is None:
+            return guard.bounds_at, len(guard.bounds), None
+        found = [([*each.gradient, 0.0, each.left], guard.words(each)) for each in heavy]
+        near = [(row, guard.close_to(k)) for k, row in enumerate(guard.bounds.tolist())]
+        for arm in () if self.neighbours is None else self.neighbours.near():
             for k, row in enumerate(arm.bounds):
                 left = float(row[-1] + row[:5] @ (q - self.q))
-                found.append(_Approached(left, row[:5], arm.words(k)))
-        found.sort(key=lambda each: -np.inf if isinstance(each.what, TorqueReserve) else each.left)
-        return found[:ROWS]
+                near.append(([*row[:5].tolist(), 0.0, left], arm.words(k)))
+        found = [*found, *sorted(near, key=lambda each: each[0][-1])][:ROWS]
+        self._few_rows = np.array([row for row, _ in found])  # it must last
+        return self._few_rows.ctypes.data, len(found), [words for _, words in found]
 
-    def _room(self, against: Sequence[_Approached], brake: Array) -> _Room:
-        """Bounds of the velocities that leave enough room to brake, also after this step."""
-        # The joints may become a step's worth faster, and would brake as much longer.
-        time = 1.5 * self._dt + 0.5 * self._braking_time
-        below = (self._lower - self._q_unfiltered) / time
-        above = (self._upper - self._q_unfiltered) / time
-        G = np.array([each.gradient for each in against]).reshape(-1, 5)
-        b = np.array([GAP - each.left for each in against]) / time
-        gain = G @ brake
-        late = b - 0.5 * GAP / time  # a smaller violation does not endanger the proof
-        change, top = self._limits.acceleration * self._dt, self._limits.velocity
-        is_late = any(((late > gain) & (gain < 0.0)).tolist())
-        if is_late or any((below > brake).tolist()) or any((above < brake).tolist()):
-            # Something needs full braking now. The other joints go on if they can brake in time.
-            left = max(0.0, self._braking_time - self._dt)
-            top = np.minimum(top, self._limits.acceleration * left)
-        lower = np.maximum(np.maximum(self._qd_unfiltered - change, -top), below)
-        upper = np.minimum(np.minimum(self._qd_unfiltered + change, top), above)
-        # Braking is always among them.
-        return _Room(
-            np.minimum(lower, brake), np.maximum(upper, brake), G, np.minimum(b, gain), against
-        )
-
-    def _attainable(self, wanted: Array) -> float:
-        """The share of a task velocity that speed and acceleration limits allow now.
-
-        Its direction is kept; a joint that has to turn round gets no more than from rest.
-        """
-        size, limits = np.abs(wanted), self._limits
-        change = limits.acceleration * self._dt
-        along = np.maximum(np.sign(wanted) * self._qd_unfiltered, 0.0) + change
-        moves = size > SAME
-        return min(1.0, float((np.minimum(along, limits.velocity)[moves] / size[moves]).min()))
-
-    def _can_stop(self, qd: Array) -> bool:
+    def _can_stop(self, guard: Guard) -> bool:
         """Whether a step of the unfiltered reference leaves a free, bearable path to rest."""
-        self._arm_near = ""
-        braking = self._braking(self._q_unfiltered + self._dt * qd, qd, self._time_to_brake(qd))
-        end = braking[-1]
-        if any((end < self._lower - SAME).tolist()) or any((end > self._upper + SAME).tolist()):
+        n = self._in_c.so101_jog_ahead(self._at, ctypes.byref(self._few))
+        if not n or not guard.admits(self._path[n + 1 :][: self._few.value]):
             return False
-        ahead = self._filter.ahead(braking)
-        guard, every = self._checked_by
-        path = np.concatenate((self.q[None], ahead[every - 1 : -1 : every], ahead[-1:]))
-        if not guard.admits(path):
-            return False
-        if self.neighbours is None or self.neighbours.admits(ahead, self._dt):
+        ahead, neighbours = self._path[1 : n + 1].copy(), self.neighbours
+        if neighbours is None or neighbours.admits(ahead, self._dt):
             return True
-        self._arm_near = self.neighbours.against
+        self._arm_near = neighbours.against
         return False
 
-    def _braking(self, q: Array, qd: Array, time: float) -> Array:
-        """Positions of a reference that brakes for ``time`` [s] from ``q``, step by step.
-
-        All joints brake in proportion, along a straight line; the first position is ``q``.
-        """
-        k = np.arange(math.floor(time / self._dt) + 1.0)
-        lost = 0.5 * self._dt * k * (k + 1.0) / time if time > 0.0 else k
-        return np.asarray(q + (self._dt * (k - lost))[:, None] * qd)
-
-    def _taken(self, qd_unfiltered: Array, share: float) -> Step:
-        self._q_unfiltered = self._q_unfiltered + self._dt * qd_unfiltered
-        self._qd_unfiltered = qd_unfiltered
-        self._braking_time = self._time_to_brake(qd_unfiltered)
-        q = self._filter.step(self._q_unfiltered)
-        qd = (q - self.q) / self._dt
-        qdd = (qd - self.qd) / self._dt
-        self._before, self.q, self.qd = self.q, q, qd
-        return Step(q=q, qd=qd, qdd=qdd, share=share)
-
-    def _time_to_brake(self, qd: Array) -> float:
-        return float((np.abs(qd) / self._limits.acceleration).max())
+    def _taken(self, granted: float) -> Step:
+        """Take the step; a twist's reference moves on by the share that is granted of it."""
+        self._in_c.so101_jog_take(self._at, granted)
+        q, qd, qdd = self._setpoint.copy()
+        self.q, self.qd = q, qd
+        return Step(q=q, qd=qd, qdd=qdd, share=self._jog.share)
 
     def _limit_of(self, i: int, wanted: float) -> str | None:
         """The limit that keeps a joint from a velocity, for messages; None if none does."""
         up, speed = wanted > 0.0, abs(wanted)
-        rest = self._q_unfiltered[i] + 0.5 * self._braking_time * self._qd_unfiltered[i]
+        jog, q = self._jog, self._jog.q_unfiltered[i]
+        rest = q + 0.5 * jog.braking_time * jog.qd_unfiltered[i]
         left = self._upper[i] - rest if up else rest - self._lower[i]
         if left < CLOSE and speed > 0.5 * left / self._dt:
             limit = self._model.upper[i] if up else self._model.lower[i]
-            if abs(limit - self._q_unfiltered[i]) > 2.0 * CLOSE:
+            if abs(limit - q) > 2.0 * CLOSE:
                 return "the arm stretched out"
             return f"{ARM_JOINTS[i]} at its {'upper' if up else 'lower'} limit"
         if speed > self._limits.velocity[i]:

@@ -33,11 +33,6 @@ class Twist:
             and np.array_equal(self.angular, other.angular)
         )
 
-    def in_base(self, R_base_tool: Array) -> Array:
-        """Linear and angular velocity in the axes of the base, shape (6,)."""
-        both = np.concatenate((self.linear, self.angular))
-        return (both.reshape(2, 3) @ R_base_tool.T).ravel() if self.in_tool else both
-
 
 STILL = Twist(linear=np.zeros(3), angular=np.zeros(3))  # the twist of a tool at rest
 

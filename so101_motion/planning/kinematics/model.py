@@ -186,6 +186,14 @@ class RobotModel:
         """``R_<frame>_tool`` for a frame fixed to the gripper, shape (3, 3)."""
         return self._rotations_to_tool[frame]
 
+    def on_last_joint(self, name: str) -> Array:
+        """Where a frame of the gripper sits on the joint that moves it.
+
+        Rotation by rows, then translation [m], shape (12,).
+        """
+        placement = self._arm.frames[self._ids[name]].placement
+        return np.concatenate((placement.rotation.ravel(), placement.translation))
+
     def frame_jacobian(self, q: ArrayLike, name: str = "tool") -> Array:
         """The Jacobian of a frame, shape (6, 5), in the axes of the base.
 

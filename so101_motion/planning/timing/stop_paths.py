@@ -6,18 +6,17 @@ ruckig does.
 
 from __future__ import annotations
 
-import ctypes
 from typing import NamedTuple
 
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.native.library import native
+from so101_motion.native.library import quick
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint
 
-_JOINTS = 8  # with more joints than this ruckig does it; as in rest.c
+JOINTS = 8  # with more joints than this ruckig does it; as in rest.c
 _ROOM = 64  # up to so many samples need no new memory; chosen: a stop of a second has fewer
 
 
@@ -26,8 +25,6 @@ class PathToRest(NamedTuple):
 
     after: Setpoint  # the state one period later
     path: Array  # joint angles from now to rest, shape (m, n), m >= 2, [rad]
-    least: list[float]  # the smallest of each joint's [rad]
-    largest: list[float]  # the largest of each joint's [rad]
     step: float  # time between the samples [s]
 
 
@@ -38,15 +35,21 @@ class StopPaths:
         limits: Acceleration and jerk caps of the n joints.
         dt: The period [s].
         every: Largest time between samples [s].
+
+    Attributes:
+        given_at: Address of what the library is given.
+        told_at: Address of what it tells.
+        path_at: Address of the samples.
+        room: How many samples there is room for.
     """
 
     def __init__(self, limits: MotionLimits, dt: float, every: float) -> None:
         self._limits, self._dt, self._every = limits, dt, every
         self._n = n = len(limits.velocity)
         given = np.concatenate(((dt, every), np.zeros(3 * n), limits.acceleration, limits.jerk))
-        self._given, self._state = ctypes.c_void_p(given.ctypes.data), given[2:][: 3 * n]
-        self._rows = self._state.reshape(3, n)
-        self._make_room(_ROOM)
+        self._given, self._rows = given, given[2:][: 3 * n].reshape(3, n)
+        self.given_at = given.ctypes.data
+        self.make_room(_ROOM)
 
     def to_rest(self, now: Setpoint) -> PathToRest:
         """The path to rest from a state.
@@ -55,38 +58,42 @@ class StopPaths:
             PlanningError: ruckig finds no motion.
             ValueError: Shapes that do not fit, or values that are not finite.
         """
-        library, n = native().library, self._n
-        if n > _JOINTS or not now.q.shape == now.qd.shape == now.qdd.shape == (n,):
+        n = self._n
+        if n > JOINTS or not now.q.shape == now.qd.shape == now.qdd.shape == (n,):
             return self._by_ruckig(now)
         rows = self._rows
         rows[0], rows[1], rows[2] = now.q, now.qd, now.qdd
-        count = library.so101_path_to_rest(self._given, n, len(self._path), self._told)
+        count = quick().so101_path_to_rest(self.given_at, n, self.room, self.told_at)
         if count == 0:
             return self._by_ruckig(now)
-        if count > len(self._path):
-            self._make_room(count)
+        if count > self.room:
+            self.make_room(count)
             return self.to_rest(now)
-        after = self._after.copy()
-        least, largest = self._span.tolist()
-        return PathToRest(
-            Setpoint(q=after[0], qd=after[1], qdd=after[2]),
-            self._path[:count].copy(),
-            least,
-            largest,
-            self._step.item(),
-        )
+        return PathToRest(self.after, self.path(count), self.step)
+
+    def path(self, count: int) -> Array:
+        """The ``count`` samples that the library has told."""
+        return self._path[:count].copy()
+
+    @property
+    def after(self) -> Setpoint:
+        """The state that it has told."""
+        q, qd, qdd = self._after.copy()
+        return Setpoint(q=q, qd=qd, qdd=qdd)
+
+    @property
+    def step(self) -> float:
+        """The time between the samples that it has told [s]."""
+        return self._told.item(0)
 
     def _by_ruckig(self, now: Setpoint) -> PathToRest:
         period = min(self._dt, self._every)
         found = online.stop(now.q, now.qd, now.qdd, self._limits, period)
         path = np.array(found.q) if len(found) > 1 else np.repeat(found.q, 2, axis=0)
-        least, largest = path.min(axis=0).tolist(), path.max(axis=0).tolist()
-        return PathToRest(found.sample(self._dt), path, least, largest, period)
+        return PathToRest(found.sample(self._dt), path, period)
 
-    def _make_room(self, samples: int) -> None:
-        n = self._n
-        told = np.zeros(1 + 5 * n + samples * n)
-        self._step, self._after = told[:1], told[1:][: 3 * n].reshape(3, n)
-        self._span = told[1 + 3 * n :][: 2 * n].reshape(2, n)
-        self._path = told[1 + 5 * n :].reshape(samples, n)
-        self._told = ctypes.c_void_p(told.ctypes.data)
+    def make_room(self, samples: int) -> None:
+        n, self.room = self._n, samples
+        self._told = told = np.zeros(1 + 5 * n + samples * n)
+        self._after, self._path = told[1:][: 3 * n].reshape(3, n), told[1 + 5 * n :].reshape(-1, n)
+        self.told_at, self.path_at = told.ctypes.data, self._path.ctypes.data

@@ -19,7 +19,7 @@ servo that has not enough drive falls behind and catches up.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -31,6 +31,7 @@ from so101_motion.common.errors import ConfigError, Overloaded
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
+from so101_motion.native.library import quick
 from so101_motion.planning.collision.scene import Attached
 from so101_motion.planning.timing.path_geometry import PathPoints
 from so101_motion.planning.timing.retime import LimitRows
@@ -173,6 +174,7 @@ class Load:
 
     Attributes:
         short_of_drive: Why a motion was slowed down for want of drive; empty if none was.
+        known: Address of what it knows of the torques nearby, for ``guard.c``.
     """
 
     def __init__(
@@ -187,10 +189,11 @@ class Load:
             more = strength.drive.felt - known
             self._felt = model.with_payload(more, tuple(place_in_hand(model).tolist()))
         self._may_hold, self._may_move = strength.limits()
-        self._bearable: list[float] = self._may_hold.tolist()
         there = np.abs(model.holding_torques(q_start[None]))[0]
-        # Bounds on how much each angle changes the torque of each joint.
-        self._rates: list[list[float]] = model.holding_torque_rates.T.tolist()
+        # Angles, torques without signs there, limits, and how much each angle changes each torque.
+        self._known = np.empty((8, 5))
+        self._known[2], self._known[3:] = self._may_hold, model.holding_torque_rates.T
+        self.known = self._known.ctypes.data
         self._know(q_start, there)
         self._holding = np.maximum(self._may_hold, there)
         too_much = np.where(there > self._may_hold, there, 0.0)
@@ -229,8 +232,7 @@ class Load:
 
     def heavy(self, q: Array) -> list[TorqueReserve]:
         """The joints near their holding limit at ``q``, shape (5,), [rad]."""
-        angles: list[float] = q.tolist()
-        if self._is_surely_within(NEARLY, angles, angles):
+        if self._is_surely_within(NEARLY, q, q):
             return []
         torques = self._learn(q)
         left = 1.0 - np.abs(torques) / self._may_hold
@@ -247,11 +249,10 @@ class Load:
         A joint that is overloaded at the start of the path must not get more load on it.
         """
         low, high = path.min(axis=0), path.max(axis=0)
-        corners = low.tolist(), high.tolist()
-        if self.surely_admits(*corners):
+        if self._is_surely_within(1.0, low, high):
             return True
         self._learn(0.5 * (low + high))
-        if self.surely_admits(*corners):
+        if self._is_surely_within(1.0, low, high):
             return True
         borne = np.abs(self._model.holding_torques(path))
         self._know(path[0], borne[0])
@@ -266,37 +267,15 @@ class Load:
 
     def _know(self, q: Array, borne: Array) -> None:
         """Remember the holding torques without signs at ``q``, shapes (5,), [rad], [N m]."""
-        self._known: tuple[list[float], list[float]] = q.tolist(), borne.tolist()
-        self._shares = {share: self._shares_of(share) for share in (NEARLY, 1.0)}
+        self._known[0], self._known[1] = q, borne
 
-    def _shares_of(self, share: float) -> list[float]:
-        """How much of the reserve a change of each angle takes at most [1/rad].
+    def _is_surely_within(self, share: float, low: Array, high: Array) -> bool:
+        """Quick proof, from known torques nearby, that all between two corners is bearable.
 
-        Of each joint the reserve is what it bears less than ``share`` of its limit.
+        All torques stay below ``share`` of their limits.
         """
-        reserve = [share * a - b for a, b in zip(self._bearable, self._known[1], strict=True)]
-        if min(reserve) <= 0.0:
-            return [math.inf] * len(reserve)
-        rows = [
-            [each / left for each in row] for row, left in zip(self._rates, reserve, strict=True)
-        ]
-        return [max(column) for column in zip(*rows, strict=True)]
-
-    def surely_admits(self, low: Sequence[float], high: Sequence[float]) -> bool:
-        """Quick proof, from known torques nearby, that all between two corners is bearable."""
-        return self._is_surely_within(1.0, low, high)
-
-    def _is_surely_within(self, share: float, low: Sequence[float], high: Sequence[float]) -> bool:
-        """Whether all torques stay below ``share`` of their limits; runs in every control cycle."""
-        there, borne = self._known  # [rad], [N m] without signs
-        a, b, c, d, e = [max(y - at, at - x) for x, y, at in zip(low, high, there, strict=True)]
-        p, q, r, s, t = self._shares[share]
-        if a * p + b * q + c * r + d * s + e * t < 1.0:
-            return True
-        return all(
-            a * p + b * q + c * r + d * s + e * t < share * most - now
-            for (p, q, r, s, t), most, now in zip(self._rates, self._bearable, borne, strict=True)
-        )
+        corners = np.array((low, high))
+        return bool(quick().so101_surely_borne(self.known, share, corners.ctypes.data))
 
     def check(self, trajectory: Trajectory) -> float:
         """Refuse a motion that overloads a servo.

@@ -263,10 +263,10 @@ def test_a_short_step_may_go_nearer_than_a_long_one(guard, collision):
     while collision.distances(q, 0.3).min() > collision.margin + 0.005:
         q += 0.1 * DOWN
     slow, fast = np.array([0.002, 0.0, 0.0, 0.0, 0.0]), np.array([0.3, 0.0, 0.0, 0.0, 0.0])
-    guard.look(q)
+    guard.see(q)
     assert guard.admits(path(q, slow))
     assert fast @ collision.reach > FAST
-    guard.look(q)
+    guard.see(q)
     assert not guard.admits(path(q, fast + 0.05 * DOWN))
 
 
@@ -274,7 +274,7 @@ def test_a_long_step_keeps_clearer_for_servos_that_are_driven_ahead_of_it(guard,
     q, pan = LOW - 2.0 * DOWN, np.array([0.3, 0.0, 0.0, 0.0, 0.0])
     while collision.distances(q, 0.3).min() < collision.margin + INEXACT + 0.5 * AHEAD:
         q -= 0.1 * DOWN
-    guard.look(q)
+    guard.see(q)
     assert guard.admits(path(q, pan + 0.05 * DOWN))
     assert not guard.admits(path(q, pan + 0.05 * DOWN), ahead=True)
     assert guard.admits(path(q, 0.01 * pan), ahead=True)
