@@ -462,7 +462,7 @@ class Following(OpenEndedMotion):
             self._k += 1
             if self._slowing.is_over:
                 self._slowing = None
-            self._take(self.now, self.now)
+            self._take(self.now, np.array((self.now.q, self.now.qd, self.now.qdd)))
             self.expected_acceleration.braking(self.now)
             return self.now
         if aim is None:
@@ -488,7 +488,7 @@ class Following(OpenEndedMotion):
         # Joints that begin a little outside may stay there, and come in.
         self._least, self._most = np.minimum(self._lower, now.q), np.maximum(self._upper, now.q)
         self._bound(now)
-        self._take(now, self._stops.to_rest(now).after)
+        self._take(now)
 
     def _bound(self, now: Setpoint) -> None:
         """Keep joints that begin at ``now`` where they can stop in their range and below their cap.
@@ -504,10 +504,15 @@ class Following(OpenEndedMotion):
         rows = shown(self._step, "least", 5, JOINTS)[:, : len(least)]
         rows[:] = least, most, hardest, stop.jerk, fastest
 
-    def _take(self, now: Setpoint, braked: Setpoint) -> None:
-        """Go to ``now``; if the joints brake then, they are ``braked`` a period later."""
-        self.now, self._braked = now, braked
-        self._c_now[0], self._c_braked[:] = now.q, (braked.q, braked.qd, braked.qdd)
+    def _take(self, now: Setpoint, braked: Array | None = None) -> None:
+        """Go to ``now``; if the joints brake then, they are ``braked`` a period later, (3, n).
+
+        That is their position, velocity and acceleration; as a stop brakes if it is None.
+        """
+        if braked is None:
+            after = self._stops.to_rest(now).after
+            braked = np.array((after.q, after.qd, after.qdd))
+        self.now, self._c_now[0], self._c_braked[:] = now, now.q, braked
 
     def _is_inside(self, q: ArrayLike) -> bool:
         """Whether ``q`` are joint angles within the range."""
@@ -548,7 +553,8 @@ class Following(OpenEndedMotion):
 
     def _brake(self) -> None:
         """Take the next step of the path to rest that the last setpoint has left free."""
-        self._take(self._braked, self._stops.to_rest(self._braked).after)
+        q, qd, qdd = self._c_braked.copy()
+        self._take(Setpoint(q=q, qd=qd, qdd=qdd))
         self.expected_acceleration.braking(self.now)
 
     def _lead(self, aim: _Aim) -> None:
@@ -613,8 +619,9 @@ class Following(OpenEndedMotion):
         step, is_hasty = self._step, False
         while True:
             setpoint, onward = self._pursuit.step(self.now, target, limits, arrival)
-            self._c_next[:] = setpoint.q, setpoint.qd, setpoint.qdd
-            self._c_target[:] = target[:2]
+            rows = self._c_next
+            rows[0], rows[1], rows[2] = setpoint.q, setpoint.qd, setpoint.qdd
+            self._c_target[0], self._c_target[1], _ = target
             if limits is not self._caps:
                 self._caps, step.jerk[: step.n] = limits, limits.jerk.tolist()
             step.told, step.room = self._stops.told_at, self._stops.room

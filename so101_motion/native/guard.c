@@ -1,6 +1,7 @@
 /* What a guard sees around the arm, and what follows from that without a check of a path; guard.py says how
  * and why. */
 #include <math.h>
+#include <string.h>
 
 #include "guard.h"
 
@@ -60,4 +61,37 @@ int so101_guard_proves(Guard *g, const double *q, const double *path, int n, int
     }
     return (!g->load || is_surely_borne(g->load, 1.0, low, high) ? BORNE : 0) |
            (travel <= g->free - g->extra ? CLEAR : 0);
+}
+
+/* By how much a pair that was seen is closer than its margin and `more` [m]; `number` is the caller's. */
+static double lack_of(const Guard *g, int seen, double number, double margin, double more) {
+    for (const double *row = g->near; row < g->near + NEAR_ROW * seen; row += NEAR_ROW)
+        if (row[0] == number) return fmax(margin + more - row[1], 0.0);
+    return 0.0;
+}
+
+/* Whether pairs that are too close where it was looked, of which `seen` were found, are all that a path from
+ * there cannot clear: at none of its `places` is a pair closer than its margin and `more` by more than it was
+ * there, and `closer` [m]. -1 if that cannot be told here, 0 also if no pair is too close. `room`: memory for
+ * rows. */
+int so101_guard_parts(const Guard *g, int seen, const double *path, int n, int places, double more, double closer,
+                      double *room) {
+    const int every = n / places > 1 ? n / places : 1;
+    int any = 0;
+    for (int k = 0; k < seen; k++) {
+        const double *row = g->near + NEAR_ROW * k;
+        if (row[1] == 0.0) return -1; /* perhaps in a surface */
+        any |= g->bound[BOUND * k + ARM_JOINTS + 1] < more;
+    }
+    double q[JOINTS] = {[JOINTS - 1] = g->q[JOINTS - 1]};
+    for (int k = n - 1; any && k > 0; k -= every) {
+        memcpy(q, path + ARM_JOINTS * k, ARM_JOINTS * sizeof *q);
+        const int found = so101_nearest(g->scene, q, g->widest + more, g->most, room);
+        if (found < 0) return -1;
+        for (const double *row = room; row < room + NEAR_ROW * found; row += NEAR_ROW) {
+            const double number = g->pair_of[(int)row[0]], margin = g->margin[(int)row[0]];
+            if (margin + more - row[1] > lack_of(g, seen, number, margin, more) + closer) return 0;
+        }
+    }
+    return any;
 }

@@ -21,6 +21,7 @@ typedef struct {
 
 int so101_guard_look(Guard *g, double gap, int given);
 int so101_guard_proves(Guard *g, const double *q, const double *path, int n, int ahead);
+int so101_nearest(const Scene *s, const double *q, double within, int most, double *out);
 int so101_near_bounds(const Scene *s, const double *q, double within, int most, double *near,
                       const double *margin, const double *pair_of, double gap, double *bound);
 #endif

@@ -75,6 +75,7 @@ class BatchCheck:
         scene: The library's handle of it.
         margins_at: Address of each pair's margin, as the library numbers pairs.
         numbers_at: Address of our numbers of these pairs.
+        near_at: Address of room for a row of each pair.
     """
 
     def __init__(self, model: Any, bodies: Bodies, floor_z: float | None) -> None:
@@ -97,7 +98,7 @@ class BatchCheck:
         self._margins, self._numbers = np.zeros(len(self._pair_of)), self._pair_of.astype(float)
         if len(bodies.pairs):
             self._margins[:] = bodies.margins[self._pair_of]
-        self._at_near, self._at_bounds = pointer(self._near), pointer(self._bounds)
+        self.near_at, self._at_bounds = pointer(self._near), pointer(self._bounds)
         self.margins_at, self.numbers_at = pointer(self._margins), pointer(self._numbers)
         handle = library.so101_new(*(_argument(each) for each in arguments), self._ask)
         if not handle:
@@ -143,7 +144,7 @@ class BatchCheck:
         self._one[:5] = q
         self._one[5] = q_jaw
         n = self.library.so101_near_bounds(
-            self.scene, self._at_one, ctypes.c_double(within), len(self._near), self._at_near,
+            self.scene, self._at_one, ctypes.c_double(within), len(self._near), self.near_at,
             self.margins_at, self.numbers_at, ctypes.c_double(gap), self._at_bounds,
         )  # fmt: skip
         return None if n < 0 else (self._near[:n].copy(), self._bounds[:n])
@@ -155,7 +156,7 @@ class BatchCheck:
         margins, lack = margins[self._pair_of], lack[self._pair_of]
         said = self.library.so101_lacks_more(
             self.scene, pointer(q), len(q), pointer(margins), pointer(lack),
-            ctypes.c_double(margins.max()), len(self._near), self._at_near,
+            ctypes.c_double(margins.max()), len(self._near), self.near_at,
         )  # fmt: skip
         return None if said < 0 else bool(said)
 

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.native.library import native, quick, shown
+from so101_motion.native.library import quick, shown
 from so101_motion.planning.collision.batch_check import BOUND, NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
 from so101_motion.planning.collision.collision import BACK_OUT, CollisionModel
@@ -44,10 +44,14 @@ _ROOM = 64  # up to so many bounds need no new memory; chosen
 
 
 class BoundedStep:
-    """Finds the step nearest to a wanted one. Belongs to one thread."""
+    """Finds the step nearest to a wanted one. Belongs to one thread.
 
-    def __init__(self) -> None:
-        self._make_room(_ROOM)
+    Attributes:
+        bounds: Room for bounds, shape (``room``, 7).
+    """
+
+    def __init__(self, room: int = _ROOM) -> None:
+        self._make_room(room)
 
     def nearest(self, step: Array, bounds: Sequence[Array]) -> tuple[Array | None, Sequence[int]]:
         """The step nearest to ``step`` (5,) that keeps the bounds, and which bounds are active.
@@ -60,11 +64,16 @@ class BoundedStep:
         n = sum(map(len, bounds))
         if n > len(self.bounds):
             self._make_room(n)
-        self._step[:], n = step, 0
+        n = 0
         for each in bounds:
             self.bounds[n : n + len(each)] = each
             n += len(each)
-        found = native().library.so101_nearest_within(self._address, n)
+        return self.nearest_within(step, n)
+
+    def nearest_within(self, step: Array, n: int) -> tuple[Array | None, Sequence[int]]:
+        """``nearest`` for the first ``n`` of ``bounds``."""
+        self._step[:] = step
+        found = quick().so101_nearest_within(self._address, n)
         if found == 0:
             return step, ()
         active = list(map(int, self._active[: abs(found)].tolist()))
@@ -74,7 +83,7 @@ class BoundedStep:
         given = np.zeros(5 + MOST + 7 * bounds)
         self._step, self._active = given[:5], given[5 : 5 + MOST]
         self.bounds = given[5 + MOST :].reshape(-1, 7)
-        self._address = ctypes.c_void_p(given.ctypes.data)
+        self._address = given.ctypes.data
 
 
 RANGE = 0.05  # beyond the margin, where approaches get slower [m]; chosen
@@ -169,8 +178,10 @@ class Guard:
             collision.first_blocked(np.zeros((1, 5)))
         self._widest = float(collision.margins.max(initial=collision.margin))
         self._range = min(NEAR, self._widest + RANGE)
+        self._sees_enough = self._widest + INEXACT + AHEAD + self._bend <= self._range
         batch, most = collision.batch, max(1, len(collision.pairs))
-        self._found, self._kept = np.zeros((most, NEAR_ROW)), np.zeros((most, BOUND))
+        self._found, self._own_step = np.zeros((most, NEAR_ROW)), BoundedStep(most)
+        self._kept = self._own_step.bounds
         self._seen = _Seen(
             batch.scene, batch.margins_at, batch.numbers_at, None if load is None else load.known,
             self._found.ctypes.data, self._kept.ctypes.data, self._range, self._widest, self._bend,
@@ -236,11 +247,13 @@ class Guard:
         if self._seen.is_kept and not (heavy or others):
             self.against = ()
             return q_target
-        bounds = [self.bounds, *(each.bounds for each in others)]
-        if heavy:
+        if heavy or others:
+            bounds = [self.bounds, *(each.bounds for each in others)]
             rows = [[*each.gradient, min(0.0, GAP - each.left), -np.inf] for each in heavy]
-            bounds.append(np.array(rows))
-        nearest, active = self._step.nearest(q_target - q, bounds)
+            bounds.append(np.array(rows).reshape(-1, BOUND))
+            nearest, active = self._step.nearest(q_target - q, bounds)
+        else:
+            nearest, active = self._own_step.nearest_within(q_target - q, self._n)
         self.against = tuple(self._named(i, others, heavy) for i in active)
         if nearest is None:
             return q
@@ -312,10 +325,17 @@ class Guard:
 
     def _is_free(self, path: Array) -> bool:
         extra = self._seen.extra
-        q_jaw = self._q_jaw()
+        q_jaw, more = self._q_jaw(), self._bend + extra
         if self._collision.first_blocked(path, q_jaw, bend=self._bend, extra=extra) is None:
             return True
-        margins = self._collision.margins + (self._bend + extra)
+        if self._sees_enough and np.array_equal(path[0], self._q):
+            parts = self._in_c.so101_guard_parts(
+                self._at, self._n, path.ctypes.data, len(path), PLACES, more, _CLOSER,
+                self._collision.batch.near_at,
+            )  # fmt: skip
+            if parts >= 0:
+                return bool(parts)
+        margins = self._collision.margins + more
         lack = self._lacking(path[0], q_jaw, margins)
         return bool(lack.any()) and self._parts(path, q_jaw, margins, lack)
 
@@ -374,8 +394,7 @@ class Guard:
 
     def _lacking(self, q: Array, q_jaw: float, margins: Array) -> Array:
         """Like ``CollisionModel.lacking``, but uses the result of ``look`` at the same ``q``."""
-        seen = self._widest + INEXACT + AHEAD + self._bend <= self._range
-        if not seen or not np.array_equal(q, self._q):
+        if not self._sees_enough or not np.array_equal(q, self._q):
             return self._collision.lacking(q, q_jaw, margins)
         return self._collision.lack_in(self._rows, margins)
 

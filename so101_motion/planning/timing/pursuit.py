@@ -39,12 +39,15 @@ class Pursuit:
     """
 
     def __init__(self, n: int, dt: float) -> None:
+        if not 0.0 < dt < math.inf:
+            raise ValueError(f"dt must be positive and finite, got {dt}")
         self._n, self._dt = n, dt
         self._request, self._ruckig = ruckig.InputParameter(n), ruckig.Ruckig(n)
         self._request.target_position = [0.0] * n
         self._motion = ruckig.Trajectory(n)
         self._limits: MotionLimits | None = None
         self._rate = list[float]()
+        self._arrival: ruckig.Synchronization | None = None
 
     def step(
         self,
@@ -126,16 +129,16 @@ class Pursuit:
     ) -> tuple[Setpoint, ruckig.Trajectory]:
         """The setpoint of ``towards``, and the motion relative to the target."""
         dt = self._dt
-        q, qd, qdd, to, rate = numbers(
-            limits, dt, q=now.q, qd=now.qd, qdd=now.qdd, q_target=q_target, qd_target=qd_target
-        )
+        given = np.array((now.q, now.qd, now.qdd, q_target, qd_target), dtype=np.float64)
+        q, qd, qdd, to, rate = rows = given.tolist()
+        if len(q) != self._n or not math.isfinite(sum(map(sum, rows))):
+            numbers(limits, dt, q=q, qd=qd, qdd=qdd, q_target=to, qd_target=rate)  # says which
         off = [at - (goal - dt * v) for at, goal, v in zip(q, to, rate, strict=True)]
         slip = [v - w for v, w in zip(qd, rate, strict=True)]
         found = self._found([off, slip, qdd], rate, limits, _SYNCHRONIZATION[arrival])
         seen = found.at_time(dt)
         moved = np.array(seen)
-        moved[0] += to
-        moved[1] += rate
+        moved[:2] += given[3:]
         return Setpoint(q=moved[0], qd=moved[1], qdd=moved[2]), found
 
     def _found(
@@ -157,7 +160,8 @@ class Pursuit:
             request.max_jerk = limits.jerk.tolist()
             self._limits, self._rate = limits, rate
         request.current_position, request.current_velocity, request.current_acceleration = state
-        request.synchronization = arrival
+        if arrival is not self._arrival:
+            request.synchronization = self._arrival = arrival
         try:
             return searched(request, self._ruckig, self._motion)
         except PlanningError:

@@ -41,6 +41,7 @@ class StopPaths:
         told_at: Address of what it tells.
         path_at: Address of the samples.
         room: How many samples there is room for.
+        after: The state one period later that it has told, shape (3, n).
     """
 
     def __init__(self, limits: MotionLimits, dt: float, every: float) -> None:
@@ -69,17 +70,12 @@ class StopPaths:
         if count > self.room:
             self.make_room(count)
             return self.to_rest(now)
-        return PathToRest(self.after, self.path(count), self.step)
+        q, qd, qdd = self.after.copy()
+        return PathToRest(Setpoint(q=q, qd=qd, qdd=qdd), self.path(count), self.step)
 
     def path(self, count: int) -> Array:
         """The ``count`` samples that the library has told."""
         return self._path[:count].copy()
-
-    @property
-    def after(self) -> Setpoint:
-        """The state that it has told."""
-        q, qd, qdd = self._after.copy()
-        return Setpoint(q=q, qd=qd, qdd=qdd)
 
     @property
     def step(self) -> float:
@@ -95,5 +91,5 @@ class StopPaths:
     def make_room(self, samples: int) -> None:
         n, self.room = self._n, samples
         self._told = told = np.zeros(1 + 5 * n + samples * n)
-        self._after, self._path = told[1:][: 3 * n].reshape(3, n), told[1 + 5 * n :].reshape(-1, n)
+        self.after, self._path = told[1:][: 3 * n].reshape(3, n), told[1 + 5 * n :].reshape(-1, n)
         self.told_at, self.path_at = told.ctypes.data, self._path.ctypes.data
