@@ -28,6 +28,7 @@ int so101_guard_look(Guard *g, double gap, int given) {
     const int n = given >= 0 ? given
                              : so101_near_bounds(g->scene, g->q, g->within, g->most, g->near, g->margin,
                                                  g->pair_of, gap, g->bound);
+    g->seen = n;
     g->free = g->within - g->widest;
     g->is_heavy = g->load && !is_surely_borne(g->load, g->nearly, g->q, g->q);
     g->is_kept = 1;
@@ -41,8 +42,40 @@ int so101_guard_look(Guard *g, double gap, int given) {
     return n;
 }
 
-/* Whether a path from q, then of n configurations, is surely BORNE, and CLEAR because it is so short. `extra`:
- * the margin that it must keep beyond the bodies' own, if servos may be `ahead` of it or not. */
+/* By how much a pair that was seen is closer than its margin and `extra` [m]; `number` is the caller's. */
+static double lack_of(const Guard *g, double number, double margin) {
+    for (const double *row = g->near; row < g->near + NEAR_ROW * g->seen; row += NEAR_ROW)
+        if (row[0] == number) return fmax(margin + g->bend + g->extra - row[1], 0.0);
+    return 0.0;
+}
+
+/* Whether some pairs are too close where a path of n configurations begins, and none is closer at any of its
+ * `places`; -1 if that cannot be told here. `path`: without its first. */
+static int is_parting(const Guard *g, const double *q, const double *path, int n) {
+    const double more = g->bend + g->extra;
+    const int every = n / g->places > 1 ? n / g->places : 1;
+    int any = 0;
+    if (!g->sees_enough || memcmp(q, g->q, ARM_JOINTS * sizeof *q)) return -1;
+    for (int k = 0; k < g->seen; k++) {
+        if (g->near[NEAR_ROW * k + 1] == 0.0) return -1; /* perhaps in a surface */
+        any |= g->bound[BOUND * k + ARM_JOINTS + 1] < more;
+    }
+    double at[JOINTS] = {[JOINTS - 1] = g->q[JOINTS - 1]};
+    for (int k = n - 1; any && k > 0; k -= every) {
+        memcpy(at, path + ARM_JOINTS * (k - 1), ARM_JOINTS * sizeof *at);
+        const int found = so101_nearest(g->scene, at, g->widest + more, g->most, g->room);
+        if (found < 0) return -1;
+        for (const double *row = g->room; row < g->room + NEAR_ROW * found; row += NEAR_ROW) {
+            const double number = g->pair_of[(int)row[0]], margin = g->margin[(int)row[0]];
+            if (margin + more - row[1] > lack_of(g, number, margin) + g->closer) return 0;
+        }
+    }
+    return any;
+}
+
+/* Whether a path from q, then of n configurations, is surely BORNE, and CLEAR because it is so short or
+ * bodies that are too close only part. `extra`: the margin that it must keep beyond the bodies' own, if servos
+ * may be `ahead` of it or not. If it is_undecided, coal knows whether they part. */
 int so101_guard_proves(Guard *g, const double *q, const double *path, int n, int ahead) {
     double low[ARM_JOINTS], high[ARM_JOINTS], travel = 0.0;
     for (int j = 0; j < ARM_JOINTS; j++) {
@@ -59,39 +92,9 @@ int so101_guard_proves(Guard *g, const double *q, const double *path, int n, int
         /* In steps, because a check is built and kept for each value. */
         if (ahead) g->extra += fmin(g->step * ceil(g->share * travel / g->step), g->ahead);
     }
-    return (!g->load || is_surely_borne(g->load, 1.0, low, high) ? BORNE : 0) |
-           (travel <= g->free - g->extra ? CLEAR : 0);
-}
-
-/* By how much a pair that was seen is closer than its margin and `more` [m]; `number` is the caller's. */
-static double lack_of(const Guard *g, int seen, double number, double margin, double more) {
-    for (const double *row = g->near; row < g->near + NEAR_ROW * seen; row += NEAR_ROW)
-        if (row[0] == number) return fmax(margin + more - row[1], 0.0);
-    return 0.0;
-}
-
-/* Whether pairs that are too close where it was looked, of which `seen` were found, are all that a path from
- * there cannot clear: at none of its `places` is a pair closer than its margin and `more` by more than it was
- * there, and `closer` [m]. -1 if that cannot be told here, 0 also if no pair is too close. `room`: memory for
- * rows. */
-int so101_guard_parts(const Guard *g, int seen, const double *path, int n, int places, double more, double closer,
-                      double *room) {
-    const int every = n / places > 1 ? n / places : 1;
-    int any = 0;
-    for (int k = 0; k < seen; k++) {
-        const double *row = g->near + NEAR_ROW * k;
-        if (row[1] == 0.0) return -1; /* perhaps in a surface */
-        any |= g->bound[BOUND * k + ARM_JOINTS + 1] < more;
-    }
-    double q[JOINTS] = {[JOINTS - 1] = g->q[JOINTS - 1]};
-    for (int k = n - 1; any && k > 0; k -= every) {
-        memcpy(q, path + ARM_JOINTS * k, ARM_JOINTS * sizeof *q);
-        const int found = so101_nearest(g->scene, q, g->widest + more, g->most, room);
-        if (found < 0) return -1;
-        for (const double *row = room; row < room + NEAR_ROW * found; row += NEAR_ROW) {
-            const double number = g->pair_of[(int)row[0]], margin = g->margin[(int)row[0]];
-            if (margin + more - row[1] > lack_of(g, seen, number, margin, more) + closer) return 0;
-        }
-    }
-    return any;
+    const int borne = !g->load || is_surely_borne(g->load, 1.0, low, high) ? BORNE : 0;
+    if (travel <= g->free - g->extra) return borne | CLEAR;
+    const int parts = is_parting(g, q, path, n + 1);
+    g->is_undecided = parts < 0;
+    return borne | (parts > 0 ? CLEAR : 0);
 }

@@ -12,11 +12,11 @@ enum { BORNE = 1, CLEAR = 2 };
 typedef struct {
     const Scene *scene;
     const double *margin, *pair_of, *load; /* as in nearest.c; as in guard.c, or 0 */
-    double *near, *bound;                  /* what was found: rows and bounds of nearest.c, at most `most` */
-    double within, widest, bend, nearly, fast, inexact, ahead, share, step, reach[ARM_JOINTS];
+    double *near, *bound, *room; /* what was found: rows and bounds of nearest.c, at most `most`; room for rows */
+    double within, widest, bend, nearly, fast, inexact, ahead, share, step, closer, reach[ARM_JOINTS];
     double q[JOINTS], target[ARM_JOINTS];  /* where it looks; where a step is to lead */
     double free, extra;                    /* how far everything may travel from there [m]; of the last path */
-    int most, is_heavy, is_kept;
+    int most, places, sees_enough, seen, is_heavy, is_kept, is_undecided;
 } Guard;
 
 int so101_guard_look(Guard *g, double gap, int given);

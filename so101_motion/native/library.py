@@ -102,7 +102,6 @@ def quick() -> ctypes.PyDLL:
         ("surely_borne", (at, number, at)),
         ("guard_look", (at, number, whole)),
         ("guard_proves", (at, at, at, whole, whole)),
-        ("guard_parts", (at, whole, at, whole, whole, number, number, at)),
         ("nearest_within", (at, whole)),
         ("path_to_rest", (at, whole, whole, at)),
         ("following_step", (at, number, whole)),

@@ -123,15 +123,14 @@ class _Seen(ctypes.Structure):
     """What is near the arm, for ``guard.c``, which fills it."""
 
     _fields_ = [
-        *(
-            (name, ctypes.c_void_p)
-            for name in ("scene", "margin", "pair_of", "load", "near", "bound")
-        ),
+        *((name, ctypes.c_void_p) for name in ("scene", "margin", "pair_of", "load")),
+        *((name, ctypes.c_void_p) for name in ("near", "bound", "room")),
         *((name, ctypes.c_double) for name in ("within", "widest", "bend", "nearly", "fast")),
-        *((name, ctypes.c_double) for name in ("inexact", "ahead", "share", "step")),
+        *((name, ctypes.c_double) for name in ("inexact", "ahead", "share", "step", "closer")),
         *((name, ctypes.c_double * n) for name, n in (("reach", 5), ("q", 6), ("target", 5))),
         *((name, ctypes.c_double) for name in ("free", "extra")),
-        *((name, ctypes.c_int) for name in ("most", "is_heavy", "is_kept")),
+        *((name, ctypes.c_int) for name in ("most", "places", "sees_enough", "seen")),
+        *((name, ctypes.c_int) for name in ("is_heavy", "is_kept", "is_undecided")),
     ]
 
 
@@ -184,8 +183,9 @@ class Guard:
         self._kept = self._own_step.bounds
         self._seen = _Seen(
             batch.scene, batch.margins_at, batch.numbers_at, None if load is None else load.known,
-            self._found.ctypes.data, self._kept.ctypes.data, self._range, self._widest, self._bend,
-            NEARLY, FAST, INEXACT, AHEAD, AHEAD_SHARE, AHEAD_STEP, most=most,
+            self._found.ctypes.data, self._kept.ctypes.data, batch.near_at,
+            self._range, self._widest, self._bend, NEARLY, FAST, INEXACT, AHEAD, AHEAD_SHARE,
+            AHEAD_STEP, _CLOSER, most=most, places=PLACES, sees_enough=self._sees_enough,
         )  # fmt: skip
         self._seen.reach[:], self._seen.q[:] = collision.reach.tolist(), [math.nan] * 6
         self._q, self._to = shown(self._seen, "q", 5), shown(self._seen, "target", 5)
@@ -298,9 +298,7 @@ class Guard:
 
     def admits(self, path: Array, *, ahead: bool = False) -> bool:
         """Whether a path is proven free and bearable; arguments as for ``is_free``."""
-        path = np.ascontiguousarray(path, dtype=np.float64)
-        at, load = path.ctypes.data, self._load
-        proven = self._in_c.so101_guard_proves(self._at, at, at, len(path), ahead)
+        proven, load = self._proven(path, ahead=ahead), self._load
         if not proven & _BORNE and load is not None and not load.admits(path):
             return False
         return bool(proven & _CLEAR) or self._is_free(path)
@@ -310,10 +308,15 @@ class Guard:
 
         The load is not checked.
         """
+        return bool(self._proven(path, ahead=False) & _CLEAR) or self._is_free(path)
+
+    def _proven(self, path: Array, *, ahead: bool) -> int:
         path = np.ascontiguousarray(path, dtype=np.float64)
         at = path.ctypes.data
-        proven = self._in_c.so101_guard_proves(self._at, at, at, len(path), False)
-        return bool(proven & _CLEAR) or self._is_free(path)
+        found = self._in_c.so101_guard_proves(
+            self._at, at, at + path.strides[0], len(path) - 1, ahead
+        )
+        return int(found)
 
     def surely_admits(self, q_at: int, path_at: int, n: int, *, ahead: bool) -> bool:
         """Quick proof that ``admits`` would admit a path, given by addresses of numbers of C.
@@ -328,13 +331,8 @@ class Guard:
         q_jaw, more = self._q_jaw(), self._bend + extra
         if self._collision.first_blocked(path, q_jaw, bend=self._bend, extra=extra) is None:
             return True
-        if self._sees_enough and np.array_equal(path[0], self._q):
-            parts = self._in_c.so101_guard_parts(
-                self._at, self._n, path.ctypes.data, len(path), PLACES, more, _CLOSER,
-                self._collision.batch.near_at,
-            )  # fmt: skip
-            if parts >= 0:
-                return bool(parts)
+        if not self._seen.is_undecided:
+            return False
         margins = self._collision.margins + more
         lack = self._lacking(path[0], q_jaw, margins)
         return bool(lack.any()) and self._parts(path, q_jaw, margins, lack)
