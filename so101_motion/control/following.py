@@ -587,17 +587,14 @@ class Following(OpenEndedMotion):
         if samples == _NO_STOP:
             return self._brake()
         stops = self._stops
+        path = stops.along[: 1 + samples]
         ahead = qdd is not None or self.expected_acceleration.may_be_ahead
-        if guard is not None and not guard.surely_admits(
-            self._step_at + _Step.now.offset, stops.path_at, samples, ahead=ahead
-        ):
-            path = np.concatenate((self._c_now, stops.path(samples)))
-            if not guard.admits(path, ahead=ahead):
-                self._held = self._held or ("too little room to brake",)
-                self._t_gentle = self._t + GENTLE
-                return self._brake()
+        if guard is not None and not guard.admits(path, ahead=ahead):
+            self._held = self._held or ("too little room to brake",)
+            self._t_gentle = self._t + GENTLE
+            return self._brake()
         neighbours = self._neighbours
-        if neighbours is not None and not neighbours.admits(stops.path(samples), stops.step):
+        if neighbours is not None and not neighbours.admits(path[1:].copy(), stops.step):
             self._held = (*self._held, neighbours.against)
             return self._brake()
         q, qd, qdd = self._c_next.copy()

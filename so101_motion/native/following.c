@@ -61,12 +61,14 @@ static int path_to_rest(Following *f) {
 }
 
 /* Changes the next setpoint to one from which joints can stop inside their range and below their speed caps,
- * and samples the path to rest from there. `hastily`: even if they are TOO_FAST at first. Returns the number of
- * samples, or why there are none. */
+ * and samples the path to rest from there; before it, instead of the largest angles, stands the last setpoint.
+ * `hastily`: even if they are TOO_FAST at first. Returns the number of samples, or why there are none. */
 int so101_following_step(Following *f, double there, int hastily) {
     for (int j = 0; j < f->n && !hastily; j++)
         if (fabs(speed_to_come(f, j, f->stop_jerk[j])) > f->fastest[j]) return TOO_FAST;
     land(f, there);
-    const int samples = path_to_rest(f);
-    return samples > 0 && rein_in(f) ? path_to_rest(f) : samples;
+    int samples = path_to_rest(f);
+    if (samples > 0 && rein_in(f)) samples = path_to_rest(f);
+    memcpy(f->told + 1 + 4 * f->n, f->now, f->n * sizeof *f->told);
+    return samples;
 }

@@ -318,14 +318,6 @@ class Guard:
         )
         return int(found)
 
-    def surely_admits(self, q_at: int, path_at: int, n: int, *, ahead: bool) -> bool:
-        """Quick proof that ``admits`` would admit a path, given by addresses of numbers of C.
-
-        It begins at the configuration at ``q_at``; n more are at ``path_at``.
-        """
-        proven = self._in_c.so101_guard_proves(self._at, q_at, path_at, n, ahead)
-        return bool(proven == _BORNE | _CLEAR)
-
     def _is_free(self, path: Array) -> bool:
         extra = self._seen.extra
         q_jaw, more = self._q_jaw(), self._bend + extra

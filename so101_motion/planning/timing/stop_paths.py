@@ -39,9 +39,9 @@ class StopPaths:
     Attributes:
         given_at: Address of what the library is given.
         told_at: Address of what it tells.
-        path_at: Address of the samples.
         room: How many samples there is room for.
         after: The state one period later that it has told, shape (3, n).
+        along: A row for what ``following.c`` puts before the samples, and the samples.
     """
 
     def __init__(self, limits: MotionLimits, dt: float, every: float) -> None:
@@ -71,11 +71,8 @@ class StopPaths:
             self.make_room(count)
             return self.to_rest(now)
         q, qd, qdd = self.after.copy()
-        return PathToRest(Setpoint(q=q, qd=qd, qdd=qdd), self.path(count), self.step)
-
-    def path(self, count: int) -> Array:
-        """The ``count`` samples that the library has told."""
-        return self._path[:count].copy()
+        path = self.along[1 : 1 + count].copy()
+        return PathToRest(Setpoint(q=q, qd=qd, qdd=qdd), path, self.step)
 
     @property
     def step(self) -> float:
@@ -91,5 +88,5 @@ class StopPaths:
     def make_room(self, samples: int) -> None:
         n, self.room = self._n, samples
         self._told = told = np.zeros(1 + 5 * n + samples * n)
-        self.after, self._path = told[1:][: 3 * n].reshape(3, n), told[1 + 5 * n :].reshape(-1, n)
-        self.told_at, self.path_at = told.ctypes.data, self._path.ctypes.data
+        self.after, self.along = told[1:][: 3 * n].reshape(3, n), told[1 + 4 * n :].reshape(-1, n)
+        self.told_at = told.ctypes.data
