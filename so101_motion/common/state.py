@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from so101_motion.common.errors import ServoAlarm, in_series
-from so101_motion.common.geometry import Array, Brief, freeze
+from so101_motion.common.geometry import Array, Brief, freeze, frozen_array
 from so101_motion.common.modes import Mode
 from so101_motion.common.public import Public
 from so101_motion.common.units import angles_deg
@@ -111,7 +111,9 @@ class JointState(Public):
     lent_to: str | None = None
 
     def __post_init__(self) -> None:
-        freeze(self, q_ref=(5,), qd_ref=(5,))
+        both = frozen_array((self.q_ref, self.qd_ref), (2, 5))  # made in each control cycle
+        object.__setattr__(self, "q_ref", both[0])
+        object.__setattr__(self, "qd_ref", both[1])
 
     def __repr__(self) -> str:
         return f"<JointState: {self.mode.value}, joints at {angles_deg(self.q)}>"

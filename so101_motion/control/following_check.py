@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import operator
 from contextlib import suppress
 from typing import Any
 
@@ -96,18 +97,22 @@ class LatestRows:
         self._rows: Array = np.empty((0, 0))
         self._end = self.count = 0
 
-    def append(self, row: Array) -> None:
-        """Add a row, shape (n,); the oldest is dropped if as many as are kept are there."""
+    def begin(self, row: Array) -> None:
+        """Forget all rows; those that come will be like this one, shape (n,)."""
         if self._rows.shape[1:] != row.shape:
             self._rows = np.empty((4 * self._kept, len(row)))
             self._begin, self._size = self._rows.ctypes.data, self._rows.strides[0]
-            self._end = self.count = 0
+        self.clear()
+
+    def append(self, row: Array) -> None:
+        """Add a row, shape (n,); the oldest is dropped if as many as are kept are there."""
         if self._end == len(self._rows):
             self._rows[: self._kept] = self._rows[-self._kept :].copy()
             self._end = self._kept
         self._rows[self._end] = row
         self._end += 1
-        self.count = min(self.count + 1, self._kept)
+        if self.count < self._kept:
+            self.count += 1
 
     @property
     def end(self) -> int:
@@ -136,6 +141,7 @@ class FollowingCheck:
     def __init__(self, tolerances: Tolerances, dt: float) -> None:
         self._tolerances, self._dt = tolerances, dt
         self._lag = round(tolerances.following_lag / dt)
+        self._farthest = float(tolerances.following_error)
         self._sees_contact = math.isfinite(
             min(tolerances.contact_distance, tolerances.pressed_stray)
         )
@@ -171,6 +177,8 @@ class FollowingCheck:
         self._watch.joints = len(q_ref)
         self._given: Any = (ctypes.c_double * MOST)()
         self._newest, self._latest = q_ref, q_ref.tolist()
+        self._wanted.begin(q_ref)
+        self._seen.begin(q_ref)
         for _ in range(self._kept):
             self._wanted.append(q_ref)
         self._forget_seen()
@@ -197,11 +205,9 @@ class FollowingCheck:
 
     def is_near(self, q: Array) -> bool:
         """Whether no joint at ``q``, shape (n,), [rad], is far from the latest setpoint."""
-        self._q, most = q, self._tolerances.following_error
-        for wanted, at in zip(self._latest, q.tolist(), strict=True):
-            if not abs(wanted - at) <= most:
-                return False
-        return True
+        self._q = q
+        off = map(abs, map(operator.sub, self._latest, q.tolist()))
+        return all(map(self._farthest.__ge__, off))
 
     def off(self, q: Array) -> Array:
         """How far the joints at ``q`` are from all the latest setpoints, shapes (n,), [rad]."""
