@@ -129,16 +129,18 @@ class Pursuit:
     ) -> tuple[Setpoint, ruckig.Trajectory]:
         """The setpoint of ``towards``, and the motion relative to the target."""
         dt = self._dt
-        given = np.array((now.q, now.qd, now.qdd, q_target, qd_target), dtype=np.float64)
-        q, qd, qdd, to, rate = rows = given.tolist()
-        if len(q) != self._n or not math.isfinite(sum(map(sum, rows))):
+        goal, speed = (np.asarray(each, dtype=np.float64) for each in (q_target, qd_target))
+        arrays = now.q, now.qd, now.qdd, goal, speed
+        q, qd, qdd, to, rate = rows = [each.tolist() for each in arrays]
+        if not (set(map(len, rows)) == {self._n} and math.isfinite(sum(map(sum, rows)))):
             numbers(limits, dt, q=q, qd=qd, qdd=qdd, q_target=to, qd_target=rate)  # says which
-        off = [at - (goal - dt * v) for at, goal, v in zip(q, to, rate, strict=True)]
+        off = [at - (end - dt * v) for at, end, v in zip(q, to, rate, strict=True)]
         slip = [v - w for v, w in zip(qd, rate, strict=True)]
         found = self._found([off, slip, qdd], rate, limits, _SYNCHRONIZATION[arrival])
         seen = found.at_time(dt)
         moved = np.array(seen)
-        moved[:2] += given[3:]
+        moved[0] += goal
+        moved[1] += speed
         return Setpoint(q=moved[0], qd=moved[1], qdd=moved[2]), found
 
     def _found(
