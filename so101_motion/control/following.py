@@ -275,6 +275,8 @@ class Following(OpenEndedMotion):
     ) -> None:
         super().__init__("following")
         n = len(limits.velocity)
+        if n > JOINTS:
+            raise ValueError(f"a following has at most {JOINTS} joints, got {n}")
         self.limits = limits = stoppable(limits, stop_limits, with_jerk=ends_there)
         self._lower, self._upper = frozen_array(lower, (n,)), frozen_array(upper, (n,))
         self._range = list(zip(self._lower.tolist(), self._upper.tolist(), strict=True))
@@ -501,7 +503,7 @@ class Following(OpenEndedMotion):
         least, most, hardest = (
             self._least - _ROUNDING, self._most + _ROUNDING, limits.acceleration + _ROUNDING,
         )  # fmt: skip
-        rows = shown(self._step, "least", 5, JOINTS)[:, : len(least)]
+        rows = shown(self._step, "least", 5, JOINTS)[:, : self._step.n]
         rows[:] = least, most, hardest, stop.jerk, fastest
 
     def _take(self, now: Setpoint, braked: Array | None = None) -> None:
