@@ -317,12 +317,12 @@ class JointController:
             late: How many ticks have been left out since the start.
             missed: How many of them just before this one.
         """
-        players = arm, jaw = self._arm, self._jaw
+        arm, jaw = self._arm, self._jaw
         if missed:
-            for player in players:
+            for player in (arm, jaw):
                 player.run_on((missed + 1) * self._dt)
-        if missed * self._dt > PAUSE and self.is_moving:
-            self._go_on_from_rest((missed + 1) * self._dt)
+            if missed * self._dt > PAUSE and self.is_moving:
+                self._go_on_from_rest((missed + 1) * self._dt)
         if arm.is_moving or jaw.is_moving:
             arm.step(self.k)
             if jaw.is_moving:
