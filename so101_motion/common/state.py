@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from so101_motion.common.errors import ServoAlarm, in_series
-from so101_motion.common.geometry import Array, Brief, freeze, frozen_array
+from so101_motion.common.geometry import Array, Brief, freeze
 from so101_motion.common.modes import Mode
 from so101_motion.common.public import Public
 from so101_motion.common.units import angles_deg
@@ -80,6 +82,10 @@ class JointReading(Brief):
         return {**dict(arm), GRIPPER_JOINT: float(self.q_jaw)}
 
 
+def _is_read_only(q: Array) -> bool:
+    return type(q) is np.ndarray and q.shape == (5,) and not q.flags.writeable
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class JointState(Public):
     """State of the arm at one instant, measured and commanded.
@@ -111,9 +117,8 @@ class JointState(Public):
     lent_to: str | None = None
 
     def __post_init__(self) -> None:
-        both = frozen_array((self.q_ref, self.qd_ref), (2, 5))  # made in each control cycle
-        object.__setattr__(self, "q_ref", both[0])
-        object.__setattr__(self, "qd_ref", both[1])
+        if not (_is_read_only(self.q_ref) and _is_read_only(self.qd_ref)):  # in no control cycle
+            freeze(self, q_ref=(5,), qd_ref=(5,))
 
     def __repr__(self) -> str:
         return f"<JointState: {self.mode.value}, joints at {angles_deg(self.q)}>"

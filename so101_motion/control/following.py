@@ -555,7 +555,7 @@ class Following(OpenEndedMotion):
 
     def _brake(self) -> None:
         """Take the next step of the path to rest that the last setpoint has left free."""
-        q, qd, qdd = self._c_braked.copy()
+        q, qd, qdd = frozen_array(self._c_braked)
         self._take(Setpoint(q=q, qd=qd, qdd=qdd))
         self.expected_acceleration.braking(self.now)
 
@@ -599,7 +599,7 @@ class Following(OpenEndedMotion):
         if neighbours is not None and not neighbours.admits(path[1:].copy(), stops.step):
             self._held = (*self._held, neighbours.against)
             return self._brake()
-        q, qd, qdd = self._c_next.copy()
+        q, qd, qdd = frozen_array(self._c_next)
         setpoint = Setpoint(q=q, qd=qd, qdd=qdd)
         self._take(setpoint, stops.after)
         if aim.qdd is None:

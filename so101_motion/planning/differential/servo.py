@@ -289,7 +289,7 @@ class Servo:
     def _taken(self, granted: float) -> Step:
         """Take the step; a twist's reference moves on by the share that is granted of it."""
         self._in_c.so101_jog_take(self._at, granted)
-        q, qd, qdd = self._setpoint.copy()
+        q, qd, qdd = frozen_array(self._setpoint)
         self.q, self.qd = q, qd
         return Step(q=q, qd=qd, qdd=qdd, share=self._jog.share)
 
