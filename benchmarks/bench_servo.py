@@ -53,7 +53,8 @@ class Watched(ServoQp):
         begin = time.thread_time_ns()
         solution = super().solve(J, w, lower, upper, G, b)
         self.times.append((time.thread_time_ns() - begin) * 1e-9)
-        self.programs.append((J, w, lower, upper, G, b, solution[0]))
+        given = (J, w, lower, upper, G, b)  # they are overwritten in the next step
+        self.programs.append((*map(np.array, given), solution[0]))
         return solution
 
 
