@@ -12,6 +12,7 @@ from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.encoder_zeros import shift
 from so101_motion.drivers.emulator.joint_figures import SO101
+from so101_motion.rig.joint_setup import Doubt
 
 ARM = JOINTS[:5]
 STANDS = (0.3, -0.4, 0.5, -0.2, 0.6, 0.4)
@@ -57,6 +58,7 @@ def test_servos_as_they_are_sold_are_told_of_in_one_sentence(bench):
         "shoulder_pan, shoulder_lift, elbow_flex, wrist_flex: new servo, not calibrated yet"
     )
     assert jaw.startswith("gripper: the limits in the servo (0 to 4095) are wider")
+    assert {type(new), type(jaw)} == {Doubt}, "so101 calibrate leaves them out"
 
 
 @pytest.mark.parametrize("has_norm_mode", [True, False])
