@@ -46,7 +46,7 @@ STOPS = ((4 * LEAD, False), (LEAD, False), (LEAD, True), (1, True))
 instead of within its caps: the first that is free. Chosen: while it stops within its caps, a plan
 can still take over."""
 
-PATIENCE = 5.0
+PATIENCE = 15.0
 """How long an arm that has come to rest waits for a scene in which it can reach its goal [s]."""
 
 FORESIGHT, _GHOSTS = 0.3, 3
