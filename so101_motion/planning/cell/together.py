@@ -118,9 +118,7 @@ that a plan may take: an arm that finds nothing must leave time for the others."
 FOLD = next(pose.q for pose in POSES if pose.name == "rest")
 LEAST = 0.01  # shortest search of one arm [s]; chosen
 
-TURN = 0.05
-"""Longest search of one arm among the others [s]: in a bad order it is shut in by where they stand,
-and took all the time of the other orders. Chosen, ten times what a search takes."""
+TURN = 0.05  # longest search of one arm among the others [s], which may shut it in; chosen
 
 
 def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
@@ -431,7 +429,9 @@ def _as_one(planner: Planner, team: Sequence[TeamMember], ends: float) -> dict[s
             if not _keep_apart(team, parts):
                 continue
             try:
-                _check(team, parts, contexts)
+                for member, part, context in zip(team, parts, contexts, strict=True):
+                    with member.named():
+                        context.check([part])
             except PlanningError as error:
                 problem = error
                 continue
@@ -509,15 +509,6 @@ def _borne(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> Traje
             fastest = float(moves.tool.speeds(part.q, part.qd).max())
             slower = max(slower, fastest / moves.limits.tool_speed)
     return slowed(trajectory, slower) if slower > 1.0 else trajectory
-
-
-def _check(
-    team: Sequence[TeamMember], parts: Sequence[Trajectory], contexts: Sequence[PlanningContext]
-) -> None:
-    """Check each arm's motion by itself; raises the errors of a plan, with the arm's name."""
-    for member, part, context in zip(team, parts, contexts, strict=True):
-        with member.named():
-            context.check([part])
 
 
 def _split(trajectory: Trajectory) -> list[Trajectory]:
