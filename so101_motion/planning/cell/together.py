@@ -111,7 +111,7 @@ MOST_ORDERS = 6  # orders of planning one after the other; chosen, all of three
 HOPELESS = 1000  # how bad an order is in which an arm stands at the goal of one before it
 KEPT = 32  # beginnings of orders that are gone on with; chosen
 
-SHARES = 0.4, 0.6, 0.8, 1.15
+SHARES = 0.4, 0.55, 0.75, 1.1
 """Of the time budget, after which each method leaves it to the next; chosen. The last is all
 that a plan may take: an arm that finds nothing must leave time for the others."""
 
