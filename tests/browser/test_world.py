@@ -165,7 +165,7 @@ def test_a_saved_scene_comes_back_by_load_and_is_shown_as_viam_says_it(
     assert world.page.locator("img[src=x]").count() == 0
     assert not any("img" in node for node in world.nodes())
     world.press("for Viam")
-    text = world.page.locator("textarea[readonly]")
+    text = world.page.get_by_label("The world_state of a Move request")
     world.until(lambda: text.count() == 1 and text.input_value())
     (group,) = json.loads(text.input_value())["obstacles"]
     assert group["referenceFrame"] == "arm_origin"
