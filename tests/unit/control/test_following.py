@@ -423,6 +423,14 @@ def test_joints_that_are_told_to_brake_while_they_speed_up_keep_their_speed_cap(
     assert 0.95 < speeds.max() <= 1.0 + 1e-6
 
 
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_joints_stop_before_the_end_of_their_range_though_their_target_runs_on(way):
+    following = made(stop_limits=CAPS)
+    for k in range(200):
+        following.aim(np.full(5, 0.95 * way), np.full(5, 1.8 * way))
+        assert np.max(way * following.sample(k).q) <= 1.0 + 1e-6
+
+
 # Whether joints follow
 
 
