@@ -4,7 +4,7 @@ Every arm has servos of its own (spread 0.2: friction, play, torque, dead time, 
 0.3 kg and moves through random waypoints. Rig, driver and bus are the real ones, on one clock that
 drives all. Angles are the joints' true ones, lag included. The same is measured without
 compensation, where the goals are the setpoints themselves. Each arm is a piece: an interrupted run
-is resumed. Constants were chosen on the arms 0 to 19, which are not among these.
+is resumed. Constants were chosen on the arms 0 to 19 and 40 to 89, which are not among these.
 
 The servos are emulated: those of 12 V are fitted on recordings of a pendulum, those of 7.4 V on
 recordings of an arm, see ``docs/emulator.md``. The driver takes the type from the supply, and from
