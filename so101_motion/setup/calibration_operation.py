@@ -139,7 +139,7 @@ class CalibrationOperation(LocalOperation):
             picture=_picture(now, seen, rows),
             is_over=state is State.IDLE and self.ended is not None,
             is_connected=now.is_connected,
-            facts=msgspec.to_builtins(now),
+            facts=msgspec.to_builtins(now, enc_hook=str),  # a Doubt
         )
 
     def _words(self, now: Situation) -> tuple[str, str]:
