@@ -118,7 +118,9 @@ that a plan may take: an arm that finds nothing must leave time for the others."
 FOLD = next(pose.q for pose in POSES if pose.name == "rest")
 LEAST = 0.01  # shortest search of one arm [s]; chosen
 
-TURN = 0.05  # longest search of one arm among the others [s], which may shut it in; chosen
+TURN = 0.25, 0.05
+"""Longest search of one arm among the others [s], which may shut it in: until a common motion was
+found, and for better ones. Chosen: a search takes 5 ms, but machines may be busy."""
 
 
 def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
@@ -248,8 +250,8 @@ def _with_goals(planner: Planner, team: Sequence[TeamMember], ends: float) -> li
 
 def _goal_of(member: TeamMember) -> Array:
     goal = member.request.goal
-    assert isinstance(goal, JointGoal)
-    return goal.q
+    assert isinstance(goal, JointGoal | PathGoal)
+    return goal.q if isinstance(goal, JointGoal) else goal.waypoints[-1]
 
 
 def _alone(planner: Planner, member: TeamMember, ends: float) -> Plan | None:
@@ -307,7 +309,7 @@ def _in_turn(
                 ]
                 few = min(me.request.route_effort, HURRIED_EFFORT)  # in each of many orders
                 known = replace(me.request, others=tuple(others), route_effort=few)
-                asked = _until(min(ends, time.monotonic() + TURN), known)
+                asked = _until(min(ends, time.monotonic() + TURN[bool(found)]), known)
                 plans[k] = plan_among(planner.plan, asked, alone=alone[k], before=shortest)
                 if plans[k].duration >= shortest:
                     break

@@ -1,7 +1,9 @@
 """Plans for several arms at once: they begin and end together and keep apart all the way."""
 
+import time
 from dataclasses import replace
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from so101_motion.planning.collision.course import STEP, Course, OtherArm, stopp
 from so101_motion.planning.collision.following_apart import GAP, RANGE, Beside, following_apart
 from so101_motion.planning.collision.scene import Attached, Box, Scene, Sphere, StandingArm
 from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.paths import compiled_search
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
@@ -30,6 +33,14 @@ from so101_motion.planning.timing.torque import Strength
 
 CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
 PLACES = (SE3.identity(), T_LEFT_RIGHT)
+
+
+@pytest.fixture(autouse=True)
+def budgets_are_processor_time(monkeypatch):
+    """What is found in time does not depend on what else the machine does."""
+    for module in (together, compiled_search):
+        clock = SimpleNamespace(monotonic=time.thread_time, perf_counter=time.thread_time)
+        monkeypatch.setattr(module, "time", clock)
 
 
 def team_of(starts, goals, places=PLACES):
