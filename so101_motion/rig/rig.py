@@ -32,7 +32,7 @@ from so101_motion.planning.picking.grasps import Wishes
 from so101_motion.planning.picking.pick_plan import Place
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import ArmConnection
-from so101_motion.rig.session_end import leave_as_asked
+from so101_motion.rig.session_end import AtEnd, leave_as_asked
 
 _log = logging.getLogger(__name__)
 
@@ -73,7 +73,7 @@ class Rig(Complete):
     """
 
     _shown = "arm at_end clock close connection gripper pick picker place planner warm_up"
-    at_end = "hold"
+    at_end = AtEnd()
     on_left: Callable[[str], None] = staticmethod(_log.warning)
     leave = leave_as_asked
 

@@ -13,12 +13,12 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from so101_motion.common import interrupts
-from so101_motion.common.errors import FollowingError, MotionError, So101Error
+from so101_motion.common.errors import ConfigError, FollowingError, MotionError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import HELD
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
@@ -55,6 +55,22 @@ REST_WITHIN = 10.0  # how long to wait for a stop [s]; it takes less than a seco
 LONGEST = 60.0  # how long the way may take, unless less is asked for [s]; chosen
 
 Waiter = Callable[["Future[None]", float], None]  # waits at most so long [s]; raises the error
+
+
+class AtEnd:
+    """A rig's ``at_end``; ``ConfigError`` for what is not one of ``ENDS``."""
+
+    def __get__(self, rig: object, _kind: object = None) -> str:
+        return str(getattr(rig, "_at_end", "hold"))
+
+    def __set__(self, rig: Any, how: str) -> None:
+        rig._at_end = _checked_end(how)
+
+
+def _checked_end(how: str) -> str:
+    if how not in ENDS:
+        raise ConfigError("at_end", how, f"must be one of {', '.join(ENDS)}")
+    return how
 
 
 def leave_as_asked(rig: RigLike) -> None:
@@ -107,11 +123,12 @@ def leave(
         waiter: How to wait.
 
     Raises:
+        ConfigError: ``how`` is none of them.
         So101Error: It holds where it is, and why: there is no plan, the way takes too long, a stop
             was asked for.
     """
     arm = rig.arm
-    if how == "release":
+    if _checked_end(how) == "release":
         arm.set_torque(False)
     elif how != "hold" and arm.state.mode in HELD:
         poses = SavedPoses(zeros=lambda: zeros)

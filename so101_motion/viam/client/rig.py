@@ -48,7 +48,7 @@ from so101_motion.planning.goals import Goal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Search
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.rig.session_end import leave_as_asked
+from so101_motion.rig.session_end import AtEnd, leave_as_asked
 from so101_motion.viam.client.executor import STOPPING, MachineExecutor, MotionRunner
 from so101_motion.viam.client.link import LOSSES, PATIENCE, Access
 from so101_motion.viam.client.machine import Machine, is_there
@@ -227,7 +227,7 @@ class MachineRig(Machine):
         "arm arm_name at_end clock close connect connection do_command gripper has_gripper refresh "
         "resources start_request state status"
     )
-    at_end = "hold"
+    at_end = AtEnd()
     on_left: Callable[[str], None] = staticmethod(_log.warning)
 
     def __init__(self, access: Access, *, arm: str | None, gripper: str | None) -> None:

@@ -95,6 +95,7 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         ),
         "in this cell already": lambda: cell.add("b", rig, np.eye(4)),
         "^.item. = .mug.: the scene is empty; .* a mass in kg": lambda: rig.pick("mug"),
+        "^.at_end. = .Hold.: .* hold, release, home, park": lambda: setattr(rig, "at_end", "Hold"),
         "must be .*Wishes": lambda: rig.pick("mug", wishes="above"),
         "must be PlanRequests": lambda: so101.PlanningWorker().plan_many([3]),
         "what so101.open returns": lambda: so101.middles_of(arm),
