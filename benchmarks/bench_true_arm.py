@@ -7,9 +7,9 @@ compensation, where the goals are the setpoints themselves. Each arm is a piece:
 is resumed. Constants were chosen on the arms 0 to 19 and 40 to 89, which are not among these.
 
 The servos are emulated: those of 12 V are fitted on recordings of a pendulum, those of 7.4 V on
-recordings of an arm, see ``docs/emulator.md``. The driver takes the type from the supply, and from
-the limit of the supply that 12 V servos hold as new. Each is measured at the other's supply as
-well: once with a driver that is made to take it for the other, once with one that knows it.
+recordings of an arm, see ``docs/emulator.md``. The driver takes the type from the supply. So each
+is measured at the other's supply as well, where it is taken for the other, and once more with a
+driver that knows better.
 Motions may be slower than 90 or 180 deg/s, where the driver knows that servos lack the drive.
 """
 

@@ -104,12 +104,10 @@ AS_SOLD = ServoFigures()
 """A servo that does not differ from its type, as far as is known."""
 
 
-def type_of(volts: float, highest_volts: float = 0.0) -> ServoType:
-    """The type of a servo, by the supply that it measures [V] and the limit in its register 14 [V].
+def type_of(volts: float) -> ServoType:
+    """The type of a servo, by the supply that it measures [V].
 
     A supply beyond 9 V is too much for the one and one below too little for the other, which both
-    report as a fault. Register 14 can have been written, but whoever raises it for 7.4 V servos
-    feeds them 12 V: with less, one that holds what a 12 V servo has as new is one.
+    report as a fault. Register 14, the limit that it has as new, can have been written.
     """
-    is_weakly_fed = highest_volts == STS3215_12V.max_voltage_raw / 10.0
-    return STS3215_7V4 if volts < 9.0 and not is_weakly_fed else STS3215_12V
+    return STS3215_7V4 if volts < 9.0 else STS3215_12V

@@ -75,7 +75,7 @@ class ServoCondition:
     present_ticks: Ticks
     p_gain: int
     volts: float  # its supply [V]
-    kind: ServoType  # its type, by its supply and its limit of that
+    kind: ServoType  # its type, by its supply
     max_acceleration: int  # cap of its acceleration, in units of register 41
     torque_limit: int  # its torque limit now, in thousandths of full drive
     # whether its caps have been set to a crawl, because its goal is outside its limits
@@ -96,9 +96,8 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
         lambda: bus.read(servo_id, reg.PRESENT_VOLTAGE), lambda a, b: abs(a - b) <= _NEAR_VOLTS
     )
     volts = reg.PRESENT_VOLTAGE.scale * raw
-    highest = reg.MAX_VOLTAGE.scale * agreed(lambda: bus.read(servo_id, reg.MAX_VOLTAGE))
-    kind = type_of(volts, round(highest, 1))
-    changed = _adapt(bus, joint, type_of(volts))
+    kind = type_of(volts)
+    changed = _adapt(bus, joint, kind)
     full = agreed(lambda: bus.read(servo_id, reg.MAX_TORQUE))
     p_gain = agreed(lambda: bus.read(servo_id, reg.P_GAIN))
     block = agreed(lambda: bus.read_block(servo_id, _START, _COUNT, what="a read of its settings"))

@@ -12,7 +12,7 @@ from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.stale_replies import OVERDUE
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import SETTLE_POSITION, SETTLE_VELOCITY
-from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, type_of
+from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V
 
 # Beginning
 
@@ -209,24 +209,10 @@ def test_no_goal_is_sent_to_a_joint_outside_its_limits(make_stand, is_guided):
 
 
 @pytest.mark.parametrize(
-    ("volts", "limit", "kind"),
-    [
-        (12.1, 14.0, STS3215_12V),
-        (12.1, 8.0, STS3215_12V),
-        (7.4, 8.0, STS3215_7V4),
-        (7.4, 14.0, STS3215_12V),
-        (7.4, 25.4, STS3215_7V4),
-    ],
-)
-def test_a_servo_is_of_the_type_that_its_supply_and_what_it_holds_as_new_say(volts, limit, kind):
-    assert type_of(volts, limit) is kind
-
-
-@pytest.mark.parametrize(
     ("kind", "volts"),
     [
         (STS3215_12V, 12.0),
-        (replace(STS3215_12V, max_voltage_raw=80), 7.4),
+        (STS3215_12V, 7.4),
         (replace(STS3215_7V4, max_voltage_raw=140), 12.0),
     ],
 )
