@@ -144,11 +144,11 @@ def shows_what_belongs_to_the_tab_in_front(program, rig):
     program.until(lambda: shown(own_path, sweep) and program.sees(ghost))
     program.in_front("Program")
     program.until(lambda: shown(dots) and program.sees(ghost))
-    rig.arm.set_speed(to_rad(10.0))  # for the rehearsal to play for seconds
+    rig.arm.set_speed(to_rad(3.0))  # at half of that the rehearsal plays for over a minute
     planned(program)
-    program.press("2×")
+    program.press("0.5×")
     program.until(lambda: program.sees(other_ghost))
-    program.press("2×")
+    program.press("0.5×")
     program.until(lambda: shown(dots, other_path) and not program.sees(ghost))
     program.page.locator(".so101-steps button").first.click()  # what was asked for last is seen
     program.until(lambda: program.sees(ghost) and not program.sees(other_ghost))
