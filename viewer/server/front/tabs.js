@@ -1,15 +1,10 @@
 // Tell the server which tab is in front in the window in control; the scene shows what belongs to it.
-// And keep the tabs in front, and what the user has folded, when the window becomes wide or narrow:
-// viser builds its panels anew then.
+// And keep the tabs in front when the window becomes wide or narrow: viser builds its panels anew then.
 (() => {
   const link = window.so101;
   const BUILT = 3000;  // ms; until then the new panels must be there
-  const FOLDED = 'Expand panel';
-  const FOLD = `[aria-label="Minimize panel"], [aria-label="${FOLDED}"]`;
   const narrow = window.matchMedia('(max-width: 1099.98px)');
   let wanted = [];  // tabs that have to be opened in the new panels
-  const folds = new Map();  // whether the user has folded a floating panel, by its first tab
-  let due = new Map();  // those of the new panels that have to be as he left them
   let since = 0;
   let timer = 0;
 
@@ -35,26 +30,6 @@
     else tab.dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter', bubbles: true }));
   }
 
-  const floating = () => [...document.querySelectorAll('[data-floating-window]')]
-    .map((panel) => [name(panel.querySelector('[role="tab"]')), panel.querySelector(FOLD)]);
-  const isFolded = (button) => button.getAttribute('aria-label') === FOLDED;
-
-  function noteFold(event) {
-    const panel = event.isTrusted && event.target.closest?.('[data-floating-window]');
-    if (panel) setTimeout(() => {  // viser has followed it then
-      const button = panel.isConnected && panel.querySelector(FOLD);
-      if (button) folds.set(name(panel.querySelector('[role="tab"]')), isFolded(button));
-    }, 100);
-  }
-
-  function fold() {
-    for (const [called, button] of floating()) {
-      if (!button || !due.has(called)) continue;
-      if (isFolded(button) === due.get(called)) due.delete(called);
-      else button.click();
-    }
-  }
-
   function bring() {
     clearTimeout(timer);
     wanted = wanted.filter(({ called, old }) => {
@@ -63,26 +38,22 @@
       if (tab) open(tab);
       return true;
     });
-    if (!wanted.length) fold();
-    if (performance.now() - since > BUILT) [wanted, due] = [[], new Map()];
-    if (wanted.length || due.size) timer = setTimeout(bring, 50);
+    if (performance.now() - since > BUILT) wanted = [];
+    if (wanted.length) timer = setTimeout(bring, 50);
     else tell();
   }
 
   const leave = (event) => {  // the user chooses another
-    if (event.isTrusted) [wanted, due] = [[], new Map()];
+    if (event.isTrusted) wanted = [];
   };
   addEventListener('pointerdown', leave, true);
   addEventListener('keydown', leave, true);
-  addEventListener('pointerup', noteFold, true);
-  addEventListener('keyup', noteFold, true);
 
   narrow.addEventListener('change', () => {
     const now = all().filter((tab) => isFront(tab) && name(tab))
       .map((tab) => ({ called: name(tab), old: tab }));
     const left = wanted.filter(({ called }) => now.every((each) => each.called !== called));
     wanted = [...now, ...left];
-    due = narrow.matches ? new Map() : new Map(folds);
     since = performance.now();
     bring();
   });
