@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from so101_motion.rig.rig import Rig
     from so101_motion.tasks.guided import GuidedPath, PathRecorder, Replay
 
-_FOLDER = Path()
 _OPEN, _CLOSED = 1.0, 0.0
 
 
@@ -153,27 +152,6 @@ def replay(
         facts |= {"times": times, "off_deg": off_deg}
         text = f"arrived: joints within {off_deg:.2f} deg of the path's end"
         answer(as_json, "guide-replay", facts, text)
-
-
-@verb(guide, "list")
-def list_(
-    folder: Path = argument(
-        click.Path(path_type=Path, file_okay=False, exists=True), default=_FOLDER
-    ),
-    as_json: bool = JSON,
-) -> None:
-    """List the paths in FOLDER, or in this folder."""
-    from so101_motion.tasks.guided import files
-
-    kept = files.listed(folder)
-    if as_json:
-        paths = [{"name": k.name, "recorded_at": k.recorded_at, **_facts(k.path)} for k in kept]
-        print_json("guide-list", {"folder": str(folder), "paths": paths})
-        return
-    for each in kept:
-        click.echo(f"{each.name:<24} {_in_words(each.path)}  {each.recorded_at}")
-    if not kept:
-        aside("no paths in this folder; so101 guide record makes one")
 
 
 def _in_words(path: GuidedPath) -> str:

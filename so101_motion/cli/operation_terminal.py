@@ -7,7 +7,6 @@ Commands that are due are given by themselves; without a person those are all th
 from __future__ import annotations
 
 import io
-import time
 from collections.abc import Mapping
 from functools import partial
 
@@ -26,45 +25,34 @@ _STYLES = {"dim": "dim", "busy": "cyan", "warm": "yellow", "good": "green", "bad
 
 
 class OperationTerminal:
-    """An operation in a terminal; a step may lead nowhere for ``within`` [s], None: for ever."""
+    """An operation in a terminal."""
 
-    def __init__(
-        self, operation: Operation, terminal: Terminal, *, within: float | None = None
-    ) -> None:
-        self._operation, self._terminal, self._within = operation, terminal, within
+    def __init__(self, operation: Operation, terminal: Terminal) -> None:
+        self._operation, self._terminal = operation, terminal
         said = operation.view.said  # what was said before was heard before
         self._told = said[-1].number if said else 0
         self._mentioned: set[tuple[str, str]] = set()
         self._question = self._failed = ""
 
     def go(self) -> View:
-        """Go through the operation to its end; returns its last view.
-
-        It ends early when looking has led nowhere ``within`` the time allowed.
-        """
-        state, since, pressed, terminal = "", time.monotonic(), "", self._terminal
+        """Go through the operation to its end; returns its last view."""
+        pressed, terminal = "", self._terminal
         is_begun = not self._operation.view.is_over  # else once more, on a machine
         while not (view := self._tell()).is_over or not is_begun:
             is_begun = is_begun or not view.is_over
-            if view.state != state:
-                state, since = view.state, time.monotonic()
             offer = self._chosen(view, pressed)
             if offer is None:
                 terminal.show(self._picture())
                 pressed = terminal.key(0.1)
                 continue
-            is_late = self._within is not None and time.monotonic() - since > self._within
             try:
                 self._give(offer)
             except So101Error as error:
-                if is_late or not (offer.is_look or terminal.is_manned):
+                if not (offer.is_look or terminal.is_manned):
                     raise
                 if not offer.is_look:
                     self._failed = str(error)
                 self._mention(_trouble(self._operation.view) or self._failed, step="trouble")
-            else:
-                if is_late and offer.is_look and self._chosen(self._operation.view, "") is None:
-                    return self._operation.view
             pressed = terminal.pressed
         return view
 

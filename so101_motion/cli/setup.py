@@ -9,7 +9,7 @@ import click
 
 from so101_motion.cli import port_choice
 from so101_motion.cli.options import EVENTS, JSON, flag, option, verb
-from so101_motion.cli.param_types import Finite, port_option
+from so101_motion.cli.param_types import port_option
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     STOPPED,
@@ -46,9 +46,6 @@ def setup(
     start_over: bool = flag("Start with the gripper again, even if motors are done."),
     repair: bool = flag("All motors of the arm: store sound settings for good. They go limp."),
     yes: bool = flag("Ask no questions; for scripts."),
-    within: float | None = option(
-        "Give up a step after this many seconds.", Finite(min=0.0), metavar="S"
-    ),
     events: TextIO | None = EVENTS,
     web: bool = flag("In the browser: motors, calibration and final test."),
     page: Page = PAGE,
@@ -74,7 +71,7 @@ def setup(
     if chosen_among({"--port": port, "--machine": machine}) == "--port":
         machine = None
     if web:
-        if joints or start_over or repair or yes or within or events or as_json:
+        if joints or start_over or repair or yes or events or as_json:
             raise click.UsageError(
                 "--web works only with --port or --machine, and the options of the page"
             )
@@ -111,7 +108,7 @@ def setup(
                     terminal.say("all six motors answer already")
                     checked = motors.verify()
                 else:
-                    checked = _walk(motors, terminal, progress, joints, within)
+                    checked = _walk(motors, terminal, progress, joints)
             except KeyboardInterrupt:
                 raise interrupts.ToldInterrupt("the next so101 setup continues here") from None
             except Quit:
@@ -125,11 +122,9 @@ def _walk(
     terminal: Terminal,
     progress: SetupProgress,
     joints: tuple[str, ...],
-    within: float | None,
 ) -> Verification | None:
     from so101_motion.calib.motors.setup_view import SETUP_ORDER
     from so101_motion.cli.operation_terminal import OperationTerminal
-    from so101_motion.common.errors import MotorSetupError
     from so101_motion.setup.motor_operation import ChainOperation
 
     motors.joints, motors.writes = joints or SETUP_ORDER, True
@@ -142,12 +137,10 @@ def _walk(
         )
     for joint in joints:
         motors.forget(joint)
-    view = OperationTerminal(motors, terminal, within=within).go()
-    if not view.is_over:
-        raise MotorSetupError(view.state, "not in time", view.trouble or view.text, "try again")
+    OperationTerminal(motors, terminal).go()
     if joints:
         return None
-    OperationTerminal(ChainOperation(motors, waits=True), terminal, within=within).go()
+    OperationTerminal(ChainOperation(motors, waits=True), terminal).go()
     if motors.checked is not None and motors.checked.ok:
         progress.clear()
     return motors.checked

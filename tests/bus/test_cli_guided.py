@@ -139,7 +139,7 @@ def test_a_motor_that_is_not_as_it_must_be_is_named_with_what_to_do(arm):
 @pytest.mark.long  # half a minute of real time
 def test_a_kit_as_new_is_set_up_motor_by_motor(make_kit):
     kit = make_kit(ids=dict.fromkeys(range(1, 7), 1), loose=True, calibrated=False)
-    with Typist("setup", "--port", kit.port, "--yes", "--within", "100") as person:
+    with Typist("setup", "--port", kit.port, "--yes") as person:
         for joint in reversed(JOINTS):
             person.sees(f"only the motor of {joint}")
             kit.begin(parse_fault(f"only:{joint}"))
@@ -156,16 +156,6 @@ def test_a_motor_that_was_replaced_is_set_up_alone(make_kit):
     assert result.exit_code == 0, result.output
     assert kit.world.servo("wrist_flex").memory.raw(reg.ID) == 4
     assert json.loads(result.stdout)["ok"] is None
-
-
-def test_motors_that_are_not_alone_are_given_up_in_time_if_that_is_asked_for(make_kit):
-    kit = make_kit(ids={1: 1, 2: 2})
-    before = eeprom(kit)
-    arguments = ["setup", "--port", kit.port, "--joint", "gripper", "--yes", "--within", "0"]
-    result = CliRunner().invoke(main, arguments)
-    assert result.exit_code == 4, result.output
-    assert "1 and 2 answer" in result.stderr
-    assert eeprom(kit) == before
 
 
 def test_a_setup_that_is_stopped_says_that_it_goes_on_later(make_kit):

@@ -60,7 +60,6 @@ def no_arm(monkeypatch):
         ("teleop --leader sim --follower sim --yes --no-guard --scene there.json", "for the guard"),
         ("teleop --leader sim --follower sim --yes --fps 0", "0.1 to 1000"),
         ("calibrate --events none/x", "No such file"),
-        ("setup --within -1", "x>=0"),
         ("setup --web --repair", "--web works only with"),
         ("emulate --link none/x", "no folder 'none'"),
         ("emulate --link there.json", "is not a link"),
