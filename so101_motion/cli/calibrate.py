@@ -36,12 +36,6 @@ def calibrate(
     joints: tuple[str, ...] = option(
         "Only this one; repeatable.", _JOINT, name="--joint", multiple=True
     ),
-    accept: tuple[str, ...] = option(
-        "Take this joint's travel as it is, because something limits it; repeatable.",
-        _JOINT,
-        multiple=True,
-        metavar="JOINT",
-    ),
     yes: bool = flag("Ask no questions; for scripts."),
     events: TextIO | None = EVENTS,
     machine: MachineSource | None = MACHINE,
@@ -60,7 +54,7 @@ def calibrate(
     so101 calibrate --machine kit.local:8080   through a machine's calibration sensor
     """  # noqa: D301
     if machine is not None and chosen_among({"--port": port, "--machine": machine}) != "--port":
-        if file or joints or accept or yes or as_json:
+        if file or joints or yes or as_json:
             raise click.UsageError("--machine goes with --events only; its sensor has the file")
         _on_machine(machine, events)
         return
@@ -86,7 +80,7 @@ def calibrate(
                 if not isinstance(note, Doubt):
                     terminal.say(f"note: {note}")
             operation = CalibrationOperation(
-                calibrator, accept=accept, by_itself=True, is_attended=terminal.is_manned
+                calibrator, by_itself=True, is_attended=terminal.is_manned
             )
             _go_through(OperationTerminal(operation, terminal), terminal)
         ended = operation.ended

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -71,7 +71,6 @@ class CalibrationOperation(LocalOperation):
 
     Args:
         calibrator: Carries out the steps; closed with the operation.
-        accept: Joints whose travel may differ from that of an SO-101.
         by_itself: Whether a recording begins after the pose and ends by itself, because the
             person's hands hold the arm.
         is_attended: Whether there is a person; without one every step is due at once.
@@ -83,12 +82,11 @@ class CalibrationOperation(LocalOperation):
         self,
         calibrator: Calibrator,
         *,
-        accept: Collection[str] = (),
         by_itself: bool = False,
         is_attended: bool = True,
     ) -> None:
         super().__init__()
-        self.calibrator, self._accept = calibrator, tuple(accept)
+        self.calibrator = calibrator
         self._by_itself, self._is_attended = by_itself or not is_attended, is_attended
         self.ended: StepResult | None = None  # the last save or restore; None before
         self.last_save_error = ""  # empty if the last save did not fail
@@ -252,12 +250,10 @@ class CalibrationOperation(LocalOperation):
 
     def _finishing(self, now: Situation) -> tuple[Offer, ...]:
         joints, finish = now.joints, "Finish the recording"
-        left = [joint for joint in summary.left(joints) if joint not in self._accept]
+        left = summary.left(joints)
         why = "move every joint to both its stops first" if left else None
         is_through = all(  # more movement would record nothing new
-            view.verdict is Verdict.COMPLETE
-            or (view.joint == ROLL and view.is_done)
-            or view.joint in self._accept
+            view.verdict is Verdict.COMPLETE or (view.joint == ROLL and view.is_done)
             for view in joints.values()
         )
         needed = NOTHING_NEW if is_through else None if self._is_attended else GOOD_ENOUGH
@@ -318,7 +314,7 @@ class CalibrationOperation(LocalOperation):
         return self._next()
 
     def _stop_recording(self, accept: tuple[str, ...] = ()) -> dict[str, Any]:
-        view = self.calibrator.stop_recording((*accept, *self._accept))
+        view = self.calibrator.stop_recording(accept)
         return {
             **self._next(),
             "recording_duration": round(view.recording_time, 3),
