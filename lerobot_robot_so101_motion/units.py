@@ -25,8 +25,7 @@ class JointUnits:
 
     def to_lerobot(self, q: Sequence[float] | Array, aperture: float) -> dict[str, float]:
         """LeRobot's values of joint angles, shape (5,), [rad], and an aperture, 0 to 1."""
-        values = self._units.from_model(np.append(q, 0.0))[:5].tolist()
-        return dict(zip(KEYS, [*values, 100.0 * aperture], strict=True))
+        return dict(zip(KEYS, self._units.numbers(np.asarray(q), aperture), strict=True))
 
     def from_lerobot(self, values: Mapping[str, float]) -> tuple[Array, float]:
         """Joint angles, shape (5,), [rad], and aperture, 0 to 1, of LeRobot's values."""

@@ -16,8 +16,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any, cast
 
-import numpy as np
-
 from so101_motion.common.child_process import spawn
 from so101_motion.common.errors import ConfigError, NotPossibleNow, WorkerError
 from so101_motion.common.geometry import Array
@@ -195,9 +193,17 @@ class EpisodeOperation(LocalOperation):
 
     def _sample(self) -> None:
         """Hand the writer a frame a period, until the end. A period that was missed is made up."""
+        from so101_motion.tasks.datasets.replay import calibration_of
+        from so101_motion.tasks.datasets.units import DEGREES, units_of
+
         rig, writer = self._rig, self._writer
         assert writer is not None
-        in_numbers = _Numbers(rig)
+        units, jaw = units_of(DEGREES, calibration_of(rig)), rig.gripper
+        span = jaw.opened - jaw.closed
+
+        def in_numbers(q: Array, q_jaw: float) -> list[float]:
+            return units.numbers(q, min(max((q_jaw - jaw.closed) / span, 0.0), 1.0))
+
         begun, done = time.monotonic(), 0
         while not self._ending.wait(max(0.0, begun + done / writer.fps - time.monotonic())):
             now = rig.arm.state
@@ -279,22 +285,6 @@ class EpisodeOperation(LocalOperation):
             f"{hint if off > FAR_OFF_DEG else ''}"
         )
         return {"duration_s": planned.duration, "rms_deg": off}
-
-
-class _Numbers:
-    """Turns angles [rad] into LeRobot's numbers: degrees by its calibration, the jaw 0 to 100."""
-
-    def __init__(self, rig: Rig) -> None:
-        from so101_motion.tasks.datasets.replay import calibration_of
-        from so101_motion.tasks.datasets.units import DEGREES, units_of
-
-        self._units = units_of(DEGREES, calibration_of(rig))
-        self._closed, self._opened = rig.gripper.closed, rig.gripper.opened
-
-    def __call__(self, q: Array, q_jaw: float) -> list[float]:
-        arm = self._units.from_model(np.append(q, 0.0))[:5].tolist()
-        opened = (q_jaw - self._closed) / (self._opened - self._closed)
-        return [*arm, 100.0 * min(max(opened, 0.0), 1.0)]
 
 
 class _Writer:

@@ -91,6 +91,10 @@ class Units:
         """Convert angles of the model [rad] to numbers of the data set, shapes (n, 6)."""
         return np.asarray((q - self.offset) / self.factor)
 
+    def numbers(self, q: Array, aperture: float) -> list[float]:
+        """A row of the data set: joint angles, shape (5,), [rad], and an aperture, 0 to 1."""
+        return [*self.from_model(np.append(q, 0.0))[:5].tolist(), 100.0 * aperture]
+
     def aperture(self, q_jaw: Array) -> Array:
         """How far jaws are open, 0 to 1, by the travel of the arm that was recorded."""
         lower, upper = self.lower[5], self.upper[5]
