@@ -17,7 +17,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
 
 from so101_motion.common.errors import ConfigError
 
@@ -39,8 +38,24 @@ def write(path: Path, data: bytes) -> None:
     A link is followed, and the permissions of an existing file stay. A device such as
     ``/dev/stdout`` is written to directly. If it cannot be written, the old content stays.
     """
-    with replacing(path) as file:
-        file.write(data)
+    path = Path(os.path.realpath(path))
+    mode = path.stat().st_mode if path.exists() else None
+    if mode is not None and not stat.S_ISREG(mode):
+        path.write_bytes(data)
+        return
+    remove_old_leftovers(path.parent)
+    beside = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.tmp")
+    try:
+        with beside.open("wb") as file:
+            if mode is not None and sys.platform != "win32":
+                os.fchmod(file.fileno(), stat.S_IMODE(mode))
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+    flush(path.parent)
 
 
 def save(what: str, path: Path, data: bytes, *, make_folder: bool = False) -> None:
@@ -52,33 +67,6 @@ def save(what: str, path: Path, data: bytes, *, make_folder: bool = False) -> No
     except OSError as error:
         reason = f"cannot be written: {error.strerror or error}"
         raise ConfigError(what, str(path), reason) from error
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that takes the place of ``path`` when the block ends, unless it raises.
-
-    For data that is too large for ``write``; links and devices are treated as there.
-    """
-    path = Path(os.path.realpath(path))
-    mode = path.stat().st_mode if path.exists() else None
-    if mode is not None and not stat.S_ISREG(mode):
-        with path.open("wb") as file:
-            yield file
-        return
-    remove_old_leftovers(path.parent)
-    beside = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.tmp")
-    try:
-        with beside.open("wb") as file:
-            if mode is not None and sys.platform != "win32":
-                os.fchmod(file.fileno(), stat.S_IMODE(mode))
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
-    flush(path.parent)
 
 
 def flush(folder: Path) -> None:
