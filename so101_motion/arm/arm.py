@@ -100,10 +100,10 @@ class Arm(CappedJoints):
     """
 
     _shown = (
-        "T_base T_base_links T_base_tool acceleration ceiling compliance follow home "
-        "is_movable_by_hand is_moving jog limits model move newest plan q range retarget scene "
-        "set_acceleration set_load set_manual set_payload set_speed set_tool set_torque speed "
-        "state stop stream touching"
+        "T_base T_base_links T_base_tool acceleration ceiling follow home is_movable_by_hand "
+        "is_moving jog keep_off limits model move plan q range retarget scene set_acceleration "
+        "set_load set_manual set_payload set_speed set_tool set_torque speed start_stream state "
+        "stop stream tool touching"
     )
 
     def __init__(

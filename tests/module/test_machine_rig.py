@@ -221,11 +221,13 @@ def test_a_key_whose_id_is_none_is_refused_and_not_shown():
 
 
 def of_several_arms_one_must_be_named(machine):
-    with pytest.raises(ConfigError, match="name one of arm, second, walled"):
+    with pytest.raises(ConfigError, match=r'one of arm, second, walled .*connect\(.*, arm="'):
         MachineRig.connect(machine.address)
     with pytest.raises(ChoiceNeeded, match=r"is not on the machine.*arm, second, walled"):
         MachineRig.connect(machine.address, arm="third")
     with MachineRig.connect(machine.address, arm="second") as rig:
+        assert repr(rig) == f"<MachineRig: machine {machine.address}, holding>"
+        assert repr(rig.gripper) == "<MachineGripper 0% open>"
         machine.remove(ARM, "second")
         until_true(lambda: rig.arm.state.mode is Mode.FAULT)
         assert rig.connection.is_up

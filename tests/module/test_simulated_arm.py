@@ -50,6 +50,7 @@ async def test_what_cannot_be_is_refused_and_moves_nothing(client):
             client.move_to_position(above, extra={"goal_metric_type": "position_onli"}),
             'did you mean "position_only"',
         ),
+        (client.move_to_position(Pose(x=0.25, y=0.1, z=0.15)), "did you mean metres"),
         (to(wait="no"), "wait"),
         (to(streamed="no"), "streamed"),
         (through(interpolate="no"), "interpolate"),

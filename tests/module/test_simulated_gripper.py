@@ -109,6 +109,13 @@ async def test_a_position_is_set_without_waiting_for_it(client, in_time, until):
     assert position["position_percentage"] == pytest.approx(50.0, abs=0.1)
 
 
+@pytest.mark.parametrize("form", [{"set": 20.0}, {"command": "set_position", "percentage": 20.0}])
+async def test_a_request_that_says_wait_is_answered_when_the_jaw_is_there(client, in_time, form):
+    await in_time(client.open())
+    await in_time(client.do_command({**form, "wait": True}))
+    assert await opening(client) == pytest.approx(20.0, abs=0.1)
+
+
 async def test_the_short_forms_work_and_are_clamped(client, until):
     assert await client.do_command({"set": 150.0}) == {"position": 100.0}
     assert await client.do_command({"set": -5.0}) == {"position": 0.0}

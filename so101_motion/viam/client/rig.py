@@ -63,6 +63,9 @@ _LOOK = 0.05
 class MachineGripper(JawVerbs, MotionRunner):
     """Opens and closes the jaw. A new motion takes over from the one under way."""
 
+    def __repr__(self) -> str:
+        return f"<MachineGripper {self._rig.jaw.aperture:.0%} open>"
+
     @property
     def aperture(self) -> float:
         """How far it is open: 0 closed, 1 open."""
@@ -307,6 +310,10 @@ class MachineRig(Machine):
 
     # State
 
+    def __repr__(self) -> str:
+        now = "closed" if self._closed else self.state.mode.value
+        return f"<MachineRig: {self.connection.to}, {now}>"
+
     @property
     def state(self) -> JointState:
         """The newest snapshot; never waits."""
@@ -476,6 +483,7 @@ class MachineRig(Machine):
             raise refused(what, wanted, f"is not on the machine; {suggest(wanted, sorted(there))}")
         if wanted is None and len(there) > 1:
             several = f"the machine has several; name one of {', '.join(sorted(there))}"
+            several += f' (--{what} NAME; in Python MachineRig.connect("HOST:PORT", {what}="NAME"))'
             if what == "arm":
                 raise ChoiceNeeded(what, None, several)
             self._no_gripper = several  # raised when the jaw is to move

@@ -45,7 +45,7 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import LONGEST_GUIDING
 from so101_motion.common.operation import LocalOperation, Moving
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg, to_rad
+from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.files.scene_file import arms_to, obstacles_from, scene_to
 from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.collision.scene import Scene, StandingArm
@@ -179,6 +179,10 @@ class ArmResource(Configured, Arm):
         return wanted.senses.resources
 
     def goal(self, T_base_goal: SE3) -> PoseGoal:
+        far = 1000.0 * np.abs(T_base_goal.p).max()
+        if 1e-6 < far < 1.0:  # [mm]; where no tool can be
+            reason = f"at most {far:.3g} mm from the base: did you mean metres? Poses are in mm"
+            raise ConfigError("pose", to_mm(T_base_goal.p).round(3).tolist(), reason)
         goal = PoseGoal(T_base_tool=T_base_goal)
         return replace(
             goal,

@@ -12,7 +12,7 @@ from viam.proto.common import Geometry, KinematicsFileFormat
 
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.attributes import checked_number
+from so101_motion.common.attributes import Attributes, checked_number
 from so101_motion.planning.collision.scene import TCP_FRAME
 from so101_motion.rig.rig import Rig
 from so101_motion.viam.component_config import SimulatedGripperConfig
@@ -35,7 +35,7 @@ def clamped(percentage: float) -> float:
 class GripperResource(Configured, Gripper):
     """A gripper component; the arm of its rig is not moved."""
 
-    WAITS: ClassVar = True  # whether a position is answered when the jaw is there
+    WAITS: ClassVar = True  # whether a position waits for the jaw unless the request says so
 
     NEEDS_NO_SERVO: ClassVar[frozenset[str]] = frozenset()
     """The commands that are answered before the servo has been found."""
@@ -152,15 +152,14 @@ class GripperResource(Configured, Gripper):
         given = arguments(request, ("get", "set", "wait"))
         if "set" in request:
             percentage = checked_number("set", request["set"], unit="%")
-            waits = given.flag("wait", True)
-            return {"position": await self._go(percentage, waits=waits)}
+            return {"position": await self._go(percentage, given)}
         return {"position": self._percentage()}
 
-    async def _go(self, percentage: float, *, waits: bool = True) -> float:
+    async def _go(self, percentage: float, given: Attributes) -> float:
         """Move to a percentage, limited to 0 .. 100 as in the published module; return it."""
-        percentage = clamped(percentage)
+        percentage, waits = clamped(percentage), given.flag("wait", self.WAITS)
         motion = await self._start(percentage)
-        if waits and self.WAITS:
+        if waits:
             await wait_for_arrival(motion)
         else:
             log_failure_of(motion, self.logger)

@@ -142,7 +142,6 @@ class HardwareGripper(GripperResource):
         return {"condition": ", ".join(faults)} if faults else {}
 
     async def _set_position(self, given: Attributes) -> dict[str, Any]:
-        waits = given.flag("wait", True)
         if given.given("servo_position"):
             ticks = given.required("servo_position", unit="ticks")
             jaw = self._gripper
@@ -152,7 +151,7 @@ class HardwareGripper(GripperResource):
             return {"success": True}
         for key in ("percentage", "position_percentage"):
             if given.given(key):
-                await self._go(given.required(key, unit="%"), waits=waits)
+                await self._go(given.required(key, unit="%"), given)
                 return {"success": True}
         raise ConfigError(
             "servo_position",

@@ -30,7 +30,7 @@ class SimulatedGripper(GripperResource):
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
     CONFIG = SimulatedGripperConfig
 
-    WAITS = False
+    WAITS = False  # as in the published module
 
     left_at: ClassVar[dict[str, float]] = {}
     """The last jaw angles of closed components, by name [rad]; as for the simulated arm."""
@@ -85,7 +85,8 @@ class SimulatedGripper(GripperResource):
     async def _set_position(self, given: Attributes) -> dict[str, Any]:
         for key in ("percentage", "position_percentage"):
             if given.given(key):
-                return {"target_percentage": await self._go(given.required(key, unit="%"))}
+                percentage = await self._go(given.required(key, unit="%"), given)
+                return {"target_percentage": percentage}
         raise ConfigError("percentage", None, "is missing; a number from 0 (closed) to 100 (open)")
 
     async def _position(self) -> dict[str, Any]:

@@ -267,5 +267,6 @@ def test_a_following_that_was_ended_earlier_raises_why(rig):
         rig.arm.stop()
 
 
-def test_the_names_are_shown():
+def test_the_names_are_shown(rig):
+    assert {"keep_off", "start_stream", "tool"} <= set(dir(rig.arm))
     assert {"open", "point", "errors", "PoseGoal"} <= set(dir(so101))
