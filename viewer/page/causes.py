@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from so101_motion.arm.arm import Arm
+from so101_motion.common.modes import Mode
 
 from . import texts
 
@@ -37,3 +38,16 @@ class Causes:
     def _now(self) -> tuple[object, ...]:
         things = (each for arm in self._arms for each in things_around(arm))
         return (*things, *(texts.blocked(arm.state) is None for arm in self._arms))
+
+
+class NextEvent:
+    """Tells whether Stop was pressed or a motion began, whoever did it."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._seen = arm.stops, arm.state.mode
+
+    def look(self) -> tuple[bool, bool]:
+        """Whether the arm was told to stop, and whether a motion began, since the last call."""
+        (stops, mode), self._seen = self._seen, (self._arm.stops, self._arm.state.mode)
+        return stops != self._seen[0], mode is not self._seen[1] is Mode.MOVING

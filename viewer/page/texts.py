@@ -87,7 +87,7 @@ def capital(text: str) -> str:
     return first + text[1:] + ("" if text[-1] in ".?!…" else ".")
 
 
-def mode(state: JointState, *, lost: bool = False) -> str:
+def mode(state: JointState, *, lost: bool = False, is_stopped: bool = False) -> str:
     """The mode of the arm in a word or two; another sentence gives the reason of a fault."""
     if lost:
         return "Arm disconnected"
@@ -97,6 +97,8 @@ def mode(state: JointState, *, lost: bool = False) -> str:
     gone = state.reading.let_go_of(_JOINTS) if holds else None
     if gone is None and state.torque:
         return "Held in part" if "limp" in state.torque else "Held, as found"
+    if gone is None and is_stopped and state.mode is Mode.HOLDING:
+        return "Stopped, holding"
     return _MODES[state.mode] if gone is None else f"{gone} has let go"
 
 

@@ -21,6 +21,7 @@ from so101_motion.rig.rig import Rig
 
 from ..page import texts
 from ..page.bar import CONNECTION, Bar, BarButton
+from ..page.causes import NextEvent
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
@@ -93,6 +94,8 @@ class HoldButtons(Part):
         self._lost_at: dict[str, datetime] = {}
         self._old_faults: dict[str, str | None] = {}  # of arms that are back after they were lost
         self._refused: dict[str, OtherCalibration] = {}  # of arms whose servos hold another
+        self._next = {name: NextEvent(rig.arm) for name, rig in rigs.items()}
+        self._stopped: set[str] = set()  # of arms that were stopped and have not moved since
         bar = self._bar = context.bar
         bar.title = title
         self._hold = self._button("Hold", lambda: self._each("hold", hold))
@@ -127,12 +130,19 @@ class HoldButtons(Part):
                 self._old_faults.pop(name, None)
             if state.mode in HELD:
                 self._refused.pop(name, None)
+            stopped, began = self._next[name].look()
+            if stopped:
+                self._stopped.add(name)
+            elif began or state.mode not in HELD:
+                self._stopped.discard(name)
             if not lost:
                 modes.append(state.mode)
                 can_let_go |= state.mode is Mode.LIMP and not state.is_limp
             is_back = name in self._old_faults and self._old_faults[name] == state.fault
             back += [name] if is_back and not lost else []
-            states[name] = "Connected again" if name in back else texts.mode(state, lost=lost)
+            is_stopped = name in self._stopped
+            words = texts.mode(state, lost=lost, is_stopped=is_stopped)
+            states[name] = "Connected again" if name in back else words
             lost_at = self._lost_at.get(name, datetime.now())
             said = notice(connection, state, lost_at, is_back=is_back)
             if said is not None:

@@ -20,6 +20,7 @@ from so101_motion.viam.client import MachineRig
 
 from ..page import texts
 from ..page.bar import uuid_of
+from ..page.causes import NextEvent
 from ..page.jogging import ARROWS, JOINTS, MODES, SPEEDS, Jogging, read_held
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
@@ -51,6 +52,7 @@ class JogPart(Part):
         self.jogging = Jogging(rig, self._wanted)
         self._is_far = isinstance(rig, MachineRig)
         self._mode = MODES[0]
+        self._next, self._outcome = NextEvent(rig.arm), self.jogging.outcome
         self._shown: object = None
         gui = context.gui
         with context.tabs.add_tab(title):
@@ -94,8 +96,10 @@ class JogPart(Part):
         jogging, state = self.jogging, self._arm.state
         if jogging.mode is not None and state.mode in (Mode.MOVING, Mode.HOLDING):
             self._context.bar.state = "Jogging"
-        if jogging.mode is None and texts.blocked(state) is not None:
-            jogging.outcome = None  # what blocks the arm is said instead, and then it can go on
+        goes_on = any(self._next.look()) and jogging.outcome is self._outcome
+        if jogging.mode is None and (goes_on or texts.blocked(state) is not None):
+            jogging.outcome = None  # it is over, or what blocks the arm is said instead
+        self._outcome = jogging.outcome
         before = self._shown
         self._shown = (
             jogging.mode, jogging.speed, self._mode, jogging.is_ready, jogging.held_by,

@@ -128,7 +128,7 @@ def test_what_is_wrong_with_an_arm_is_said_with_what_happens_next(connection, mo
 
 def rig(mode, **reading):
     now = state(mode)
-    arm = SimpleNamespace(state=replace(now, reading=replace(now.reading, **reading)))
+    arm = SimpleNamespace(state=replace(now, reading=replace(now.reading, **reading)), stops=0)
     return SimpleNamespace(connection=ArmConnection(to="a port"), arm=arm)
 
 
@@ -201,4 +201,23 @@ def test_every_tab_says_of_an_arm_that_it_is_gone_or_back_and_not_how_it_was_bef
         ("left: The arm is back. Press Hold to go on.",
          "left: Connected again; right: Idle, holding"),
         (None, "Idle, holding"),
+    ]  # fmt: skip
+
+
+def test_the_bar_says_of_an_arm_that_it_was_stopped_until_it_moves_again_or_lets_go():
+    one = rig(Mode.MOVING)
+    bar, buttons = hold_buttons({"": one})
+    said = []
+    for stops, mode in (
+        (0, Mode.HOLDING), (0, Mode.MOVING), (1, Mode.MOVING), (1, Mode.STOPPING),
+        (1, Mode.HOLDING), (1, Mode.HOLDING), (1, Mode.MOVING), (1, Mode.HOLDING),
+        (2, Mode.HOLDING), (2, Mode.LIMP), (2, Mode.HOLDING),
+    ):  # fmt: skip
+        one.arm.stops, one.arm.state = stops, state(mode)
+        buttons.refresh()
+        said.append(bar.state)
+    assert said == [
+        "Idle, holding", "Moving", "Moving", "Stopping",
+        "Stopped, holding", "Stopped, holding", "Moving", "Idle, holding",
+        "Stopped, holding", "Limp", "Idle, holding",
     ]  # fmt: skip
