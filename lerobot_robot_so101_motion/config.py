@@ -104,6 +104,9 @@ class SO101MotionLeaderConfig(TeleoperatorConfig):
     """As for the robot; give both the same."""
     speed_degs_per_sec: float = 60.0
     """Cap on the speed of each joint while the leader is driven [deg/s]."""
+    guard_hint: float = 0.0
+    """Share of its drive with which a joint pulls back, 0 to 0.2, while the guard holds the
+    follower of this program: the hand feels it and is always stronger. 0 for none."""
 
 
 @TeleoperatorConfig.register_subclass("so101_motion_jog")

@@ -27,6 +27,10 @@ def emulate(
     latency: float = option(
         "How long the adapter delays replies.", Finite(min=0.0), 0.0, metavar="S"
     ),
+    loss: float = option("Share of replies that get lost.", Finite(0.0, 1.0), 0.0, metavar="P"),
+    corrupt: float = option(
+        "Share of replies with a flipped bit.", Finite(0.0, 1.0), 0.0, metavar="P"
+    ),
     spread: float = option(
         "Servos differ by up to this share in friction, play, gain, dead time and zero.",
         Finite(0.0, 0.5),
@@ -46,7 +50,12 @@ def emulate(
     ),
     scene: Scene | None = SCENE,
     faults: tuple[str, ...] = option(
-        "Such as dead:3, loss=0.05 or unplug@4+2; repeatable.", name="--fault", multiple=True
+        "Such as dead:3 or unplug@4+2; repeatable.", name="--fault", multiple=True
+    ),
+    goal_torque: bool = option(
+        "Whether a goal switches torque on. Firmware 3.10 does; one report says it does not.",
+        default=True,
+        name="--goal-torque/--no-goal-torque",
     ),
     hand: TextIO | None = option(
         "A script that moves limp joints by hand.",
@@ -88,7 +97,9 @@ def emulate(
         seed=seed,
         kind=STS3215_7V4 if volts == "7.4" else STS3215_12V,
         figures={} if twin is None else twin.servos,
+        goal_enables_torque=goal_torque,
         pacing=pty_port.Pacing(realtime=realtime, latency=latency),
+        wire=fault_names.WireFaults(loss=loss, corrupt=corrupt),
         faults=tuple(fault_names.parse_fault(text) for text in faults),
         hand=hand.read() if hand is not None else "",
     )

@@ -34,6 +34,7 @@ from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.command_record import CommandListener
 from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
+from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.presence import missing_servos
 from so101_motion.drivers.feetech.servo_judgement import alarms, let_go, share_of_speed
@@ -218,6 +219,9 @@ class ServoDriver:
 
     def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
         self._driver().guide(compliance, wall)
+
+    def pull(self, pull: Pull) -> None:
+        self._driver().pull(pull)
 
     def close(self) -> None:
         """Close the port; the servos stay as they are."""

@@ -108,7 +108,7 @@ class ServoOnWire:
         self._seeded = True
         if not self._is_driven:
             self.goal = goal
-            if not self.is_outside:
+            if self._servo_takes_it() and not self.is_outside:
                 self._judge_near(t, goal)
                 self._travel.restart()
             return
@@ -123,6 +123,9 @@ class ServoOnWire:
         self._judge_travel(t, goal, caps, jitter)
         self._recent.append(goal)
         self._judge_stop(t, goal, caps)
+
+    def _servo_takes_it(self):
+        return self._servo.goal_enables_torque
 
     def _begin(self, t, goal, caps):
         """Goals are compared with this one from now on."""

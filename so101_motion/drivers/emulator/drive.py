@@ -33,12 +33,14 @@ _QUIET_AFTER = 5  # unchanged inspections in a row; 5 ms each, longer than the u
 class Settings:
     """Settings of the drive, from the registers.
 
-    ``drive_sign`` is -1 if the motor is wired the other way round; ``encoder_reversed`` is whether
-    the encoder counts down.
+    Goals are clamped to ``span`` [tick], unless its ends are equal. ``drive_sign`` is -1 if the
+    motor is wired the other way round; ``encoder_reversed`` is whether the encoder counts down.
     """
 
     gains: Gains
     limits: Limits
+    mode: int
+    span: tuple[int, int]
     drive_sign: float
     encoder_reversed: bool
 
@@ -99,6 +101,7 @@ class Drive:
     @settings.setter
     def settings(self, settings: Settings) -> None:
         self._settings = settings
+        self._follows = settings.mode == reg.POSITION_MODE
         self._drive_sign = settings.drive_sign
         self._counts, self._zero = (-1, TICKS_PER_TURN - 1) if settings.encoder_reversed else (1, 0)
         self.loop.gains, self.guard.limits = settings.gains, settings.limits
@@ -144,10 +147,15 @@ class Drive:
         self.duty, self.demand = 0.0, 0
         self._duties = [0.0] * len(self._duties)
         self._goals.clear()
+        self._wanted = 0.0
         self.profile.seed(self.position)
 
     def send(self, goal: float) -> None:
-        """Follow a goal [tick] after the delay of the firmware."""
+        """Follow a goal after the delay of the firmware.
+
+        In position mode it is a position, in step mode a further distance [tick], in speed mode a
+        speed [tick/s], in PWM mode a duty [1/1000].
+        """
         self._goals.put(goal)
         self.wake()
 
@@ -166,23 +174,46 @@ class Drive:
         goals, profile, loop, integrate = self._goals, self.profile, self.loop, self._may_integrate
         waiting, duties, shape = goals.waiting, self._duties, self._shape
         counts, zero = self._counts, self._zero - self._origin
-        capped, cap = self._capped, self.guard.limits.protective_duty
+        follows, capped, cap = self._follows, self._capped, self.guard.limits.protective_duty
         sign, volts = self._drive_sign, self.volts
         demand, duty = self.demand, self.duty
         for _ in range(steps):
             goal = goals.step() if waiting else None
-            if goal is not None:
-                profile.target = goal
-            if profile.position != profile.target or profile.velocity != 0.0:
-                profile.step()
-            position = counts * floor(shaft.output + 0.5) + zero  # as ``position``
-            demand = loop.step(int(profile.position) - position, integrate=integrate)
+            if follows:
+                if goal is not None:
+                    profile.target = goal
+                if profile.position != profile.target or profile.velocity != 0.0:
+                    profile.step()
+                position = counts * floor(shaft.output + 0.5) + zero  # as ``position``
+                demand = loop.step(int(profile.position) - position, integrate=integrate)
+            else:
+                demand = self._other_demand(goal)
             if capped:
                 demand = max(min(demand, cap), -cap)
             duties.append(shape[demand])
             duty = duties.pop(0) * sign
             shaft.step(duty * volts, bridge=True, load=load)
         self.demand, self.duty = demand, duty
+
+    def _other_demand(self, goal: float | None) -> int:
+        profile, mode = self.profile, self._settings.mode
+        if goal is not None:
+            self._wanted = goal
+        if mode == reg.PWM_MODE:
+            limit = self._settings.gains.limit
+            self.loop.output = round(max(min(self._wanted, limit), -limit))
+            return self.loop.output
+        if mode == reg.SPEED_MODE:
+            profile.turn(self._wanted, around=self.position)
+        else:
+            if goal is not None:
+                lower, upper = self._settings.span
+                profile.target += goal
+                if lower != upper:
+                    profile.target = max(min(profile.target, upper), lower)
+            profile.step()
+        error = int(profile.position) - self.position
+        return self.loop.step(error, integrate=self._may_integrate)
 
     def slow_step(self, dt: float) -> None:
         """Update current, heat, protections and measured speed after ``dt`` seconds."""
@@ -237,7 +268,10 @@ class Drive:
             still = abs(ticks) < self._settings.gains.still
             self.speed = 0 if still else round(ticks) * _SPEED_QUANTUM
             self._speed_since, self._speed_from = 0.0, self.position
-        if self.torque == 1 and (self.profile.running or self._goals.waiting):
+        runs = self.torque == 1 and (self.profile.running or bool(self._goals.waiting))
+        if self._settings.mode in (reg.SPEED_MODE, reg.PWM_MODE):
+            runs = self.speed != 0  # only its own movement counts there (FW, adc.c)
+        if runs:
             self.moving = True
         elif self.speed == 0:
             self.moving = False

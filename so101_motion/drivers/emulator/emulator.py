@@ -154,6 +154,7 @@ class EmulatorOptions:
     loose: bool = False  # whether no servo is on the cable at the start, whatever their ids
     # whether limits are stored in the servos, or they are as new (0 to 4095)
     calibrated: bool = True
+    goal_enables_torque: bool = True  # whether writing a goal switches torque on
     dither: int = 0  # how far readings of a resting joint scatter [tick]; 3 on the measured arm
     pacing: Pacing = field(default_factory=Pacing)  # wire time and adapter latency
     wire: WireFaults = field(default_factory=WireFaults)  # disturbed replies
@@ -199,7 +200,10 @@ def build_world(
             reg.ID: options.ids.get(place, place),
             reg.MAX_VOLTAGE: options.kind.max_voltage_raw,
         }
-        servo = Servo(joint, kind, q=q, factory=factory, dither=options.dither)
+        servo = Servo(
+            joint, kind, q=q, factory=factory,
+            goal_enables_torque=options.goal_enables_torque, dither=options.dither,
+        )  # fmt: skip
         if options.calibrated:
             ends = sorted(servo.drive.to_ticks(stop) for stop in (joint.lower, joint.upper))
             servo.memory.keep(reg.MIN_POSITION, max(round(ends[0]), 0))

@@ -31,6 +31,10 @@ SLOWEST = 100.0
 """Slowest profile by unit of register 83 [tick/s]. Measured: unloaded joints never run under
 8.8 deg/s (viam-devrel/so-101, one arm); the firmware's arithmetic says 50."""
 
+LEAD = 200.0
+"""How far the set-point of a turning servo runs ahead of it, at most [tick]. Chosen: with any gain
+that servos are delivered with that is full duty, and one that is held up does not wind up."""
+
 
 class Profile:
     """The servo's set-point: a trapezoidal profile whose target may change at any time.
@@ -68,6 +72,13 @@ class Profile:
             return
         self.velocity = -speed if backwards else speed
         self.position += self.velocity * DT
+
+    def turn(self, velocity: float, *, around: float) -> None:
+        """One step at ``velocity`` [tick/s], at most ``LEAD`` from the servo's position [tick]."""
+        change = self.acceleration * DT
+        self.velocity += max(min(velocity - self.velocity, change), -change)
+        position = self.position + self.velocity * DT
+        self.position = self.target = max(min(position, around + LEAD), around - LEAD)
 
     def _next_speed(self, speed: float, distance: float) -> float:
         change = self.acceleration * DT

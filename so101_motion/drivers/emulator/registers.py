@@ -132,7 +132,8 @@ REGISTERS: dict[str, Register] = {
 }
 """Every row by its name in this file."""
 
-POSITION_MODE = 0  # the only ``MODE`` in which the emulated servo moves
+POSITION_MODE, SPEED_MODE, PWM_MODE, STEP_MODE = range(4)
+"""Values of ``MODE``."""
 
 PHASE_DRIVE_REVERSED = 0x01
 PHASE_SPEED_IN_TICKS = 0x04

@@ -5,8 +5,13 @@ order: homing offset, mode, torque, and last acceleration, speed and goal. A rea
 Position and set-point (56 and 67) are the exception: a servo measures them once in a control
 period, so right after a change of mode or homing offset they are still what they were before.
 
-A written goal starts the profile and switches torque on by itself, as the factory image does; one
-bench saw that it did not. Only the position mode is emulated: in the others goals do nothing.
+A written goal starts the profile and switches torque on by itself. Reports disagree about the
+torque (the factory image switches it on, one bench saw that it did not), so ``goal_enables_torque``
+can turn that off: then goals that reach a limp servo do nothing.
+
+In speed and PWM mode a servo turns at the value of its register as soon as that is written; in step
+mode by as many ticks as its goal says. How these modes are controlled (the position loop follows a
+set-point that moves on) is chosen; the recordings are of the position mode alone.
 
 Sources: as in ``registers.py``; what a write triggers: github.com/0o8o0-blip/sts3215-firmware,
 uart_subsys.c and pid_motor.c (behaviour only).
@@ -36,6 +41,14 @@ BOOT_TIME = 0.8
 _CENTRE_HERE = 128  # written to register 40: "this is the middle"
 _CENTRE = 2048
 _UNLIMITED = 1e6  # [tick/s^2], an acceleration that reaches any speed at once
+
+_GOAL_OF_MODE = {
+    reg.POSITION_MODE: reg.GOAL_POSITION,
+    reg.SPEED_MODE: reg.GOAL_VELOCITY,
+    reg.PWM_MODE: reg.GOAL_TIME,
+    reg.STEP_MODE: reg.GOAL_POSITION,
+}
+"""The register that holds the goal, by mode; writing it starts the servo."""
 
 _SETTINGS = {reg.TORQUE_LIMIT.address, reg.MOVING_THRESHOLD.address, reg.D_WINDOW.address} | {
     row.address for row in reg.REGISTERS.values() if row.address < reg.TORQUE_ENABLE.address
@@ -78,10 +91,12 @@ class Servo:
         *,
         q: float = 0.0,
         factory: Mapping[Register, int] | None = None,
+        goal_enables_torque: bool = True,
         dither: int = 0,
     ) -> None:
         self.joint = joint
         self._dither, self._random = dither, random.Random(joint.name)
+        self.goal_enables_torque = goal_enables_torque
         self._top_speed = kind.speed_limit * TICKS_PER_RAD
         self.memory = Memory(factory)
         self.drive = Drive(joint, kind, q, _settings_from(self.memory))
@@ -177,7 +192,8 @@ class Servo:
             measure = _MEASUREMENTS.get(row.address)
             if measure is None or (keeps_frame and row in _OF_FRAME):
                 continue
-            self.memory.set(row, row.encode(round(measure(self, scatter))))
+            if row is not reg.SETPOINT or not self._turns:
+                self.memory.set(row, row.encode(round(measure(self, scatter))))
         self.memory.set(reg.PENDING, 1 if self._pending else 0)
         return self.memory.read(address, count)
 
@@ -204,7 +220,7 @@ class Servo:
             self._switch_torque()
         if not written.isdisjoint(_PROFILE):
             self._plan_profile()
-        if reg.GOAL_POSITION.address in written and self._mode == reg.POSITION_MODE:
+        if _GOAL_OF_MODE[self._mode].address in written:
             self._start_goal()
 
     def _keep_frame(self) -> None:
@@ -215,11 +231,22 @@ class Servo:
 
     # -- registers as numbers ---------------------------------------------------------------------
 
+    @property
+    def _turns(self) -> bool:
+        """Whether it is in a mode without positions: speed or PWM."""
+        return self.memory.value(reg.MODE) in (reg.SPEED_MODE, reg.PWM_MODE)
+
     def _shown(self, ticks: int) -> int:
         """A position as its register shows it [tick]."""
         if self.memory.raw(reg.PHASE) & reg.PHASE_MULTI_TURN:
             return int(ticks / self.memory.value(reg.RESOLUTION))
         return ticks % TICKS_PER_TURN
+
+    def _shown_position(self, scatter: int) -> int:
+        ticks = self.drive.position + scatter
+        if self._turns:  # the homing offset does not apply there (FW)
+            ticks += reg.decode_offset(self.memory.raw(reg.OFFSET))
+        return self._shown(ticks)
 
     def _plan_profile(self) -> None:
         """Set the profile's acceleration, cruising speed and floor from the registers.
@@ -262,15 +289,24 @@ class Servo:
 
     @property
     def _goal(self) -> float:
-        """The goal for ``Drive.send`` [tick]."""
-        goal = self.memory.value(reg.GOAL_POSITION) * self.memory.value(reg.RESOLUTION)
+        """The goal for ``Drive.send``, from the goal register of the present mode."""
+        value, mode = self.memory.value, self.memory.value(reg.MODE)
+        if mode == reg.SPEED_MODE:
+            return max(min(self._goal_speed, self._speed_cap), -self._speed_cap)
+        if mode == reg.PWM_MODE:
+            return -float(value(reg.GOAL_TIME))  # as the load; servolab 1.0.0 measured it, too
+        goal = value(reg.GOAL_POSITION) * value(reg.RESOLUTION)
         lower, upper = self.memory.raw(reg.MIN_POSITION), self.memory.raw(reg.MAX_POSITION)
-        return float(goal if lower == upper else min(max(goal, lower), upper))
+        if mode == reg.POSITION_MODE and lower != upper:
+            goal = min(max(goal, lower), upper)
+        return float(goal)
 
     # -- what writes trigger ---------------------------------------------------------------------
 
     def _start_goal(self) -> None:
         drive = self.drive
+        if drive.torque != 1 and not self.goal_enables_torque:
+            return
         if drive.torque != 1:
             drive.halt()
             drive.torque = 1
@@ -284,6 +320,8 @@ class Servo:
         if wanted != self.drive.torque:
             self.drive.torque = wanted
             self.drive.halt()
+            if wanted == 1 and self._turns:
+                self.drive.send(self._goal)
 
     def _change_mode(self) -> None:
         mode = self.memory.value(reg.MODE)
@@ -323,7 +361,7 @@ _MEASUREMENTS: Mapping[int, Callable[[Servo, int], float]] = {
     row.address: measure
     for row, measure in (
         (reg.TORQUE_ENABLE, lambda servo, _scatter: servo.drive.torque),
-        (reg.PRESENT_POSITION, lambda servo, scatter: servo._shown(servo.drive.position + scatter)),
+        (reg.PRESENT_POSITION, lambda servo, scatter: servo._shown_position(scatter)),
         (reg.PRESENT_VELOCITY, lambda servo, _scatter: servo.drive.speed),
         # Negative where the drive pushes towards higher ticks: in 97 % of the 243,529 samples of
         # public recordings that show a load, 98 % of those more than 3 deg from the goal (not in
@@ -373,6 +411,8 @@ def _settings_from(memory: Memory) -> Settings:
             volts_low=value(reg.MIN_VOLTAGE),
             volts_high=value(reg.MAX_VOLTAGE),
         ),
+        mode=value(reg.MODE),
+        span=(memory.raw(reg.MIN_POSITION), memory.raw(reg.MAX_POSITION)),
         drive_sign=-1.0 if phase & reg.PHASE_DRIVE_REVERSED else 1.0,
         encoder_reversed=bool(phase & reg.PHASE_ENCODER_REVERSED),
     )

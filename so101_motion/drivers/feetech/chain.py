@@ -222,16 +222,18 @@ class Chain:
                 held = self._compensation.held
                 self._sent({s: Ticks(held[i]) for s, i in self.index.items() if i not in but})
 
-    def lead(self, q_goal: Sequence[float], shares: Sequence[float]) -> None:
+    def lead(
+        self, q_goal: Sequence[float], shares: Sequence[float], but: Collection[int] = ()
+    ) -> None:
         """Send the arm joints to ``q_goal`` [rad] with these shares of their drive, and the jaw.
 
-        Joints outside their limits get no goal.
+        The joints in ``but`` get no goal, like those outside their limits.
         """
         now, data, sent = self._clock.now(), {}, {}
         silent, left = self.presence.silent, self.out_of_range.left
         for servo_id, goal in self._compensation.yielded(q_goal, now, silent).items():
             i, ram = self.index[servo_id], self.ram[servo_id]
-            if i in left:
+            if i in left or i in but:
                 continue
             limit = ram[reg.TORQUE_LIMIT]
             if i < len(q_goal):

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 
 from so101_motion.common.clock import Clock
@@ -42,6 +43,7 @@ from so101_motion.drivers.feetech.chain import Chain
 from so101_motion.drivers.feetech.goal_compensation import LIMP, GoalCompensation
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_guiding import HandGuiding
+from so101_motion.drivers.feetech.hand_pull import HandPull, Pull
 from so101_motion.drivers.feetech.health import HealthReadings, JointHealth
 from so101_motion.drivers.feetech.presence import missing_servos, restarted_servos
 from so101_motion.drivers.feetech.servo_model import ServoModel
@@ -133,6 +135,7 @@ class FeetechArm:
             raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
         self._torque = False
         self._guide: HandGuiding | None = None
+        self._pull = HandPull(self._chain, self._compensation, clock)
         self._health_readings = HealthReadings(clock.now())
         try:
             self._reach()
@@ -156,6 +159,8 @@ class FeetechArm:
             is_plain = self._measure(bus)
             if self._guide is not None:
                 chain.lead(*self._guide.step(at.q, at.qd, self._clock.now()))
+            elif self._pull.pull is not None:
+                self._pull.step()
             elif self._clock.now() - chain.t_sent >= _REWRITE and self._is_held:
                 chain.send(bus)
         except PortUnavailable as error:
@@ -221,6 +226,7 @@ class FeetechArm:
                 qdd = None if qdd_cmd is None else qdd_cmd.tolist()
                 compensation.point(q, qd, now, here, free, qdd, follows_target=follows_target)
             else:
+                self._pull.end()
                 self._chain.refuse_unsure(self._maps)
                 compensation.begin(q, self._at.q, now, free)
             if self._torque:
@@ -243,13 +249,17 @@ class FeetechArm:
             bus = self._chain.bus()
             if on:
                 self._end_guiding(bus)
+                self._pull.end()
                 self._chain.switch_on()
                 self._torque = True
                 return
             guide, self._guide, self._torque = self._guide, None, False
-            self._chain.switch_off()
-            if guide is not None:
-                self._chain.limit_again()
+            try:
+                self._pull.end()
+            finally:
+                self._chain.switch_off()
+                if guide is not None:
+                    self._chain.limit_again()
 
     def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
         """Let the joints of the arm, which must be held, yield to a hand; the jaw holds on.
@@ -269,8 +279,22 @@ class FeetechArm:
                 trim, now = self._compensation.trim, self._clock.now()
                 self._guide = HandGuiding(compliance, trim, self._at.q, now, wall)
 
+    def pull(self, pull: Pull) -> None:
+        """Pull the limp joints of the arm softly; see ``hand_pull.py``.
+
+        ``read`` has to be called a hundred times a second then. Only RAM registers are written.
+        """
+        with self._chain:
+            if self._torque:
+                raise RuntimeError("joints that are held are not pulled; let go of them first")
+            self._chain.bus()
+            self._pull.ask(pull)
+
     def close(self) -> None:
-        """Close the port; the servos stay as they are."""
+        """End a pull and close the port; the servos stay as they are."""
+        if self._chain.is_set_up:
+            with suppress(BusError):
+                self._pull.end()
         self._chain.connection.close()
 
     # What else can be asked of this arm, on the I/O thread
@@ -326,13 +350,15 @@ class FeetechArm:
     def _reach(self) -> Bus:
         if not self._chain.is_set_up:
             self._compensation.is_set, self._guide = False, None
-            self._torque = self._chain.set_up()
+            self._torque = self._chain.set_up() and not self._pull.is_on
             self._at.forget()
+            self._pull.end()
         return self._chain.bus()
 
     def _take_back(self, bus: Bus, servo_ids: Sequence[int]) -> None:
         """Set up servos that answer again and make restarted ones hold; errors are raised last."""
         limp, refusals = self._chain.set_up_again(servo_ids)
+        self._pull.end()
         restarted = limp if self._torque else []
         for servo_id in restarted:
             self._compensation.is_set = False

@@ -63,7 +63,7 @@ def no_arm(monkeypatch):
         ("setup --web --repair", "--web works only with"),
         ("emulate --link none/x", "no folder 'none'"),
         ("emulate --link there.json", "is not a link"),
-        ("emulate --fault loss=2", "0 and 1"),
+        ("emulate --loss 2", "0 to 1"),
     ],
 )
 def test_impossible_values_are_refused_at_once(so101, line, says):

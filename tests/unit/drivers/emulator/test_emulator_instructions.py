@@ -160,32 +160,66 @@ def test_defaults_or_a_saved_backup_come_back_except_the_id(bench):
     assert bench.read(9, reg.P_GAIN) == 16
 
 
-@pytest.mark.parametrize("mode", [1, 2, 3])
-def test_goals_do_nothing_in_modes_other_than_that_of_positions(bench, mode):
-    bench.write(5, reg.MODE, mode)
-    for row, goal in ((reg.GOAL_POSITION, 2300), (reg.GOAL_TIME, 300), (reg.GOAL_VELOCITY, 400)):
-        bench.write(5, row, goal)
-        bench.advance(0.5)
-        assert bench.read(5, reg.TORQUE_ENABLE) == 0
-    assert bench.read(5, reg.PRESENT_POSITION) == 2048
-    bench.write(5, reg.MODE, 0)
-    bench.write(5, reg.GOAL_POSITION, 2300)
-    bench.advance(1.0)
-    assert bench.read(5, reg.PRESENT_POSITION) == pytest.approx(2300, abs=10)
-
-
 def test_readings_scatter_when_asked_to(make_bench):
     bench = make_bench(dither=3)
     seen = {bench.read(1, reg.PRESENT_POSITION) for _ in range(200)}
     assert seen == set(range(2045, 2052))
 
 
-def test_a_goal_switches_torque_on(make_bench):
-    bench = make_bench()
-    bench.write(1, reg.GOAL_POSITION, 2300)
+def test_a_goal_switches_torque_on_unless_told_otherwise(make_bench):
+    for is_firmware in (True, False):
+        bench = make_bench(goal_enables_torque=is_firmware)
+        bench.write(1, reg.GOAL_POSITION, 2300)
+        bench.advance(1.0)
+        assert bench.read(1, reg.TORQUE_ENABLE) == is_firmware
+        assert bench.read(1, reg.PRESENT_POSITION) == (
+            pytest.approx(2300, abs=3) if is_firmware else 2048
+        )
+
+
+ROLL = 5  # turns freely through most of a turn
+
+
+def in_mode(bench, mode):
+    bench.write(ROLL, reg.LOCK, 0)
+    bench.write(ROLL, reg.MODE, mode)
+
+
+def position(bench):
+    return bench.read(ROLL, reg.PRESENT_POSITION)
+
+
+@pytest.mark.parametrize("speed", [400, -400])
+def test_in_speed_mode_it_turns_as_fast_as_it_is_told_and_stops(bench, speed):
+    in_mode(bench, reg.SPEED_MODE)
+    bench.write(ROLL, reg.ACCELERATION, 50)
+    bench.write(ROLL, reg.GOAL_VELOCITY, speed)
+    assert bench.read(ROLL, reg.TORQUE_ENABLE) == 1
     bench.advance(1.0)
-    assert bench.read(1, reg.TORQUE_ENABLE) == 1
-    assert bench.read(1, reg.PRESENT_POSITION) == pytest.approx(2300, abs=3)
+    begin = position(bench)
+    assert bench.read(ROLL, reg.PRESENT_VELOCITY) == pytest.approx(speed, abs=50)
+    assert bench.read(ROLL, reg.MOVING) == 1
+    bench.advance(1.0)
+    assert position(bench) - begin == pytest.approx(speed, rel=0.05)
+    bench.write(ROLL, reg.GOAL_VELOCITY, 0)
+    bench.advance(1.0)
+    stopped = position(bench)
+    bench.advance(1.0)
+    assert position(bench) == pytest.approx(stopped, abs=1)
+    assert bench.read(ROLL, reg.MOVING) == 0
+
+
+def test_in_step_mode_a_goal_is_so_much_farther(bench):
+    in_mode(bench, reg.STEP_MODE)
+    begin = position(bench)
+    for _ in range(2):
+        bench.write(ROLL, reg.GOAL_POSITION, 100)
+        bench.advance(1.0)
+    assert position(bench) - begin == pytest.approx(200, abs=10)
+    bench.write(ROLL, reg.MAX_POSITION, begin + 250)
+    bench.write(ROLL, reg.GOAL_POSITION, 100)
+    bench.advance(1.0)
+    assert position(bench) - begin == pytest.approx(250, abs=10), "clamped like any goal"
 
 
 def test_rows_do_not_overlap_stay_inside_the_map_and_have_defaults_in_their_range():
