@@ -13,7 +13,9 @@ from concurrent.futures import Future
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, Unpack
+from operator import is_
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, Unpack
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,9 +50,10 @@ from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Scene, Tool, checked_scene
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE, Scene, Tool, checked_scene
 from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
 from so101_motion.planning.request import Plan, PlanRequest, Search
+from so101_motion.planning.timing import verify
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
 from so101_motion.planning.timing.trajectory import Trajectory
@@ -74,6 +77,16 @@ PLANS = 3
 
 START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
+
+
+class _Present(NamedTuple):
+    """What plans of an arm depend on, besides its state."""
+
+    scene: Scene
+    rest: tuple[object, ...]  # its other parts, each replaced by another object when it is set
+
+    def is_same(self, other: _Present) -> bool:
+        return self.scene == other.scene and all(map(is_, self.rest, other.rest))
 
 
 class Arm(CappedJoints):
@@ -126,6 +139,7 @@ class Arm(CappedJoints):
         self._strength = Strength.of_servos(LoadConfig().servo_voltage)
         self.set_load(LoadConfig())
         self.newest: tuple[PlanRequest, Plan] | None = None
+        self._planned_in = WeakKeyDictionary[Plan, _Present]()
         self._kept_off: tuple[Scene, Scene] | None = None  # made from which scene, and which
         self.cell_member: OtherArms | None = None
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
@@ -307,8 +321,9 @@ class Arm(CappedJoints):
         request = self.request(
             _goal(goal), limits=limits, search=search, q_start=q_start, q_jaw=q_jaw
         )
+        present = self._present()
         plan: Plan = wait_here(self._planner(request))
-        self.newest = (request, plan)
+        self.newest, self._planned_in[plan] = (request, plan), present
         return plan
 
     def move(
@@ -324,7 +339,8 @@ class Arm(CappedJoints):
 
         Args:
             to: A goal, which is planned for once the arm rests; joint angles, shape (5,), [rad]; or
-                a plan, if the arm is where it starts.
+                a plan, if the arm is where it starts. A plan of another arm, and one since which
+                the scene, tool, load, range or caps were set, is checked again first.
             limits: Caps of this motion; the arm's own if not given. A plan has its own.
             search: Options of the search; for a goal alone.
             replan: For joint angles or a pose: plan again while it moves, without a stop, when
@@ -333,7 +349,7 @@ class Arm(CappedJoints):
                 raises its errors from ``Motion.result``.
 
         Raises:
-            PlanningError: Why there is no trajectory, with figures.
+            PlanningError: Why there is no trajectory, or the plan does not hold any more.
             MotionError: The arm is not where the plan starts, or could not finish.
             Interrupted: A newer motion or a stop ended it.
         """
@@ -346,7 +362,7 @@ class Arm(CappedJoints):
                 )
             if replan:
                 raise ConfigError("replan", True, "needs a goal, not a finished plan")
-            motion = self.start_series((to,))
+            motion = self.start_series((partial(self._checked_again, to),))
         elif replan:
             asked = search or Search()
             motion = self.start_replanned(
@@ -638,11 +654,12 @@ class Arm(CappedJoints):
         )
         if lead is not None:  # which does not wait
             request = replace(request, lead=lead, route_effort=1)
-        planning = self._planner(request)
+        present, planning = self._present(), self._planner(request)
 
         def note(done: Future[Plan]) -> None:
             if not done.cancelled() and done.exception() is None:
                 self.newest = (request, done.result())
+                self._planned_in[done.result()] = present
                 if reason := done.result().report.short_of_drive:
                     _log.info("the arm %s", reason)
 
@@ -706,13 +723,39 @@ class Arm(CappedJoints):
     def _situation_in(self, scene: Scene) -> Situation:
         return Situation(self._tooled(scene), self._range, self._payload, self._strength)
 
+    def _present(self) -> _Present:
+        caps = self._caps, self._ceiling
+        parts = self.model, self._range, self._payload, self._strength, *caps
+        return _Present(self._with_surroundings(self.scene), parts)
+
+    def _checked_again(self, plan: Plan, _motion: Motion) -> Plan:
+        """``plan``, checked with what it depends on now, unless it was made with the same."""
+        made, now = self._planned_in.get(plan), self._present()
+        if made is not None and made.is_same(now):
+            return plan
+        has_own_caps = made is not None and made.rest[-2] == self._caps
+        verify.check(plan.trajectory, self._below_ceiling(plan.limits if has_own_caps else None))
+        collision, q_jaw = CollisionModel(self.model, now.scene), self.state.q_jaw_ref
+        q = plan.trajectory.q
+        if plan.report.departure:  # it begins in contact
+            q = q[int(np.argmin(collision.touching(q, q_jaw))) :]
+        blocked = collision.first_blocked(q, q_jaw, tolerance=MARGIN_TOLERANCE)
+        if blocked is not None:
+            met = collision.clearance(blocked, q_jaw)
+            what = f"on this plan, which was made for another scene, {met.message()}; plan again"
+            raise InCollision(what, first=met.first, second=met.second, where="path")
+        load = self._situation_in(now.scene).load(self.model, plan.q_start)
+        load.check(plan.trajectory)
+        load.check_goal(plan.q_goal)
+        return plan
+
     def _execute(self, motion: Motion, plan: Plan) -> None:
         self._leave_manual(motion)
         self.state.reading.check_held(ARM_JOINTS)  # rather than that it is not where it was
         off = float(np.max(np.abs(plan.q_start - self.state.q_ref)))
         if off > START_TOLERANCE:
             raise MotionError(
-                f"the arm is {to_deg(off):.1f} deg away from where this plan starts; plan again"
+                f"the arm is {to_deg(off):.2f} deg away from where this plan starts; plan again"
             )
         self._range.check_path(plan.trajectory.q)
         member, planned = self.cell_member, plan.trajectory

@@ -169,7 +169,7 @@ class PlanReport(Brief):
         return names and f"goes around {names}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, slots=True, weakref_slot=True, kw_only=True, eq=False, repr=False)
 class Plan(Public):
     """A verified motion with its path, limits and report.
 

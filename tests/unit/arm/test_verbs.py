@@ -2,13 +2,16 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import so101_motion as so101
+from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.clock import ManualClock
+from so101_motion.planning.collision.scene import Tool
 from so101_motion.planning.collision.shape_files import file_mesh
 from so101_motion.tasks.jog_operation import JogOperation
 
@@ -63,6 +66,33 @@ def test_move_waits_for_goals_plans_and_joint_angles(rig):
     np.testing.assert_allclose(rig.arm.q, np.full(5, 0.2), atol=1e-3)
     rig.arm.move([0.0, -0.5, 0.5, 0.0, 0.0])
     np.testing.assert_allclose(rig.arm.q, [0.0, -0.5, 0.5, 0.0, 0.0], atol=1e-3)
+
+
+def test_a_plan_is_refused_when_what_it_was_made_for_has_changed(rig):
+    arm, before = rig.arm, rig.arm.scene
+    T = so101.SE3.from_translation((0.25, 0.12, 0.15))
+    crate = so101.Obstacle(name="crate", shape=so101.Box(size=[0.05] * 3), T_base_obstacle=T)
+    pole = so101.Attached(
+        name="pole", shape=so101.Box(size=[0.01, 0.01, 0.6]), T_tool_object=so101.SE3.identity()
+    )
+    plan = arm.plan(so101.point(0.25, 0.12, 0.15))
+    another_arms = replace(plan)
+    for given, change, why in (
+        (plan, lambda: setattr(arm, "scene", so101.Scene(obstacles=(crate,))), "'crate'; plan aga"),
+        (another_arms, lambda: None, "'crate'; plan again"),
+        (plan, lambda: arm.set_tool(Tool(name="pole", parts=(pole,), frames={})), "'pole'"),
+        (plan, lambda: arm.set_load(LoadConfig(mass=3.0)), "3000 g"),
+        (plan, lambda: arm.set_speed(0.2), "its limit is 11.459"),
+    ):
+        change()
+        with pytest.raises(so101.errors.PlanningError, match=why):
+            arm.move(given)
+        arm.set_tool(None)
+        arm.scene = before if given is another_arms else arm.scene
+    assert arm.state.q_ref.tolist() == [0.0] * 5
+    arm.set_load(LoadConfig())
+    arm.set_speed(1.0)
+    arm.move(another_arms)
 
 
 def test_limits_of_a_finished_plan_and_three_angles_are_refused(rig):

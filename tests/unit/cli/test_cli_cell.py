@@ -104,7 +104,7 @@ def test_the_motion_that_was_agreed_to_runs_or_none(so101, cell, opened_cells):
 
     result = so101(asked, input=io.BufferedReader(AnswersYes(move_one_away)))
     assert result.exit_code != 0
-    assert "right: the arm is 2.9 deg away from where this plan starts\n" in result.output
+    assert "right: the arm is 2.86 deg away from where this plan starts\n" in result.output
     left = opened_cells[-1].rigs["left"].arm
     np.testing.assert_array_equal(left.state.q_ref, np.zeros(5))
     result = so101(asked, input="y\n")
