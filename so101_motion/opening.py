@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.arm.planning_worker import planner_started
-from so101_motion.common.attributes import checked_kind
+from so101_motion.common.attributes import checked_kind, checked_number
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, frame_along, given_array
 from so101_motion.planning.goals import GoalMetric, PoseGoal
@@ -35,6 +35,7 @@ def open(arm: str, *, calibration: str | Path | None = None) -> Rig | MachineRig
 
     Raises:
         ConfigError: There is no such calibration, or it is given for an arm on no port.
+        CalibrationError: It cannot be used, or the servos hold another.
         BusError: The port cannot be opened, or a servo does not answer.
         MachineUnavailable: The machine cannot be reached.
     """
@@ -74,6 +75,8 @@ def point(
         frame: ``"tool"``, between the jaws, or ``"jaw_tip"``, 98 mm further along; ``"tcp"`` or
             another frame of a tool once ``Arm.set_tool`` has fixed one.
     """
+    for key, value in (("x", x), ("y", y), ("z", z)):
+        checked_number(key, value, unit="m")
     at = PoseGoal.at_point([x, y, z], frame=frame)
     if along is None:
         return at

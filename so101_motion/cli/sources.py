@@ -34,12 +34,6 @@ if TYPE_CHECKING:
 R = TypeVar("R", bound="RigLike")
 
 
-_NO_FILE = (
-    "no calibration file of this arm was found, so zero is the middle of each joint's travel and"
-    " points are some 40 mm off; so101 calibrate makes one"
-)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _SourceWithCaps:
     """A source with caps of its own; None for those of the arm or its machine."""
@@ -172,7 +166,9 @@ class Source(_SourceWithCaps):
         if report.calibration is not None:
             self.say(f"calibration: {report.calibration}")
         elif report.joints:  # without any, opening the arm fails and says why
-            self.say(f"{_NO_FILE}, --calibration names one")
+            from so101_motion.rig.port_settings import NO_FILE
+
+            self.say(f"{NO_FILE}, --calibration names one")
         return report.calibration
 
 
@@ -267,14 +263,15 @@ class CellSource:
 def open_arms(file: CellFile) -> CellRigs:
     from so101_motion.rig.cell_rigs import open_cell
     from so101_motion.rig.hardware_rig import HardwareRig
+    from so101_motion.rig.port_settings import NO_FILE
 
     with interrupts.held():
         opened = open_cell(file)
         for name, rig in opened.rigs.items():
             note_opened(f'arm "{name}"', rig)
             if isinstance(rig, HardwareRig):
-                if all(each.source != "file" for each in rig.servos.setups.values()):
-                    aside(f"{name}: {_NO_FILE}")
+                if not rig.has_file:
+                    aside(f"{name}: {NO_FILE}")
                 for note in rig.servos.notes:
                     aside(f"{name}: {note}")
         return opened

@@ -25,9 +25,9 @@ from so101_motion.common.errors import BusError, CalibrationError, ConfigError, 
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_lease import BusLease
+from so101_motion.rig.port_settings import NO_FILE, ServoSettings
 from so101_motion.rig.protocols import ArmConnection
 from so101_motion.rig.rig import Rig
-from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.rig.shared_port import SharedPort
 
 _log = logging.getLogger(__name__)
@@ -89,6 +89,11 @@ class HardwareRig(Rig):
         """The joints that were never calibrated, so that their angles are guesses."""
         setups = self.servos.setups
         return tuple(joint for joint, setup in setups.items() if setup.is_guessed(joint))
+
+    @property
+    def has_file(self) -> bool:
+        """Whether the calibration of any joint is from a file."""
+        return any(setup.source == "file" for setup in self.servos.setups.values())
 
     @property
     def connection(self) -> ArmConnection:
@@ -244,6 +249,7 @@ def open_so101(
 
     Raises:
         ConfigError: There is no such calibration.
+        CalibrationError: It cannot be used.
     """
     file = None if calibration is None else Path(calibration)
     if file is not None and not file.is_file():
@@ -254,10 +260,15 @@ def open_so101(
             raise ConfigError(
                 "calibration", str(calibration), f"is not a file, nor is {file}, LeRobot's"
             )
+    if file is not None:
+        store.load(file)  # a rig goes on without a file that it cannot use; this one was named
     settings = ServoSettings(
         port=port, servo_ids=SERVO_IDS, gripper_id=GRIPPER_ID, calibration_file=file
     )
-    return open_hardware(settings, clock=clock)
+    rig = open_hardware(settings, clock=clock)
+    if not rig.has_file:
+        _log.warning("%s", NO_FILE)
+    return rig
 
 
 def open_without_waiting(settings: ServoSettings) -> HardwareRig:

@@ -13,6 +13,11 @@ from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg
 from so101_motion.drivers.bus.defaults import BAUDRATE, GRIPPER_ID, SERVO_IDS, TIMEOUT
 
+NO_FILE = (
+    "no calibration file of this arm was found, so zero is the middle of each joint's travel and"
+    " points are some 40 mm off; so101 calibrate makes one"
+)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoSettings:

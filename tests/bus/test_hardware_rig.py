@@ -223,16 +223,20 @@ def test_another_rate_than_the_port_has_is_refused(bench):
         bench.open(servo_ids=None, rate=200.0)
 
 
-def test_an_arm_is_opened_by_the_name_that_lerobot_gave_it(bench, tmp_path, monkeypatch):
+def test_an_arm_is_opened_by_the_name_that_lerobot_gave_it(bench, tmp_path, monkeypatch, caplog):
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
     with pytest.raises(ConfigError, match="mine"):
         open_so101(str(bench.port), "mine", clock=bench.clock)
+    open_so101(str(bench.port), clock=bench.clock).close()
+    assert "no calibration file of this arm was found, so zero is" in caplog.text
+    caplog.clear()
     calibration = store.load(filed(bench, shoulder_pan=(1100, 3000))).calibration
     lerobot.export(calibration, lerobot.path_for("mine"))
     hold_calibration(bench.world, calibration)
     with open_so101(str(bench.port), "mine", clock=bench.clock) as rig:
         assert rig.servos.calibration["shoulder_pan"].range_min == 1100
         assert middles_of(rig).shape == (5,)
+    assert "no calibration file" not in caplog.text
 
 
 @pytest.mark.parametrize(
