@@ -169,7 +169,7 @@ def in_fault(fault: str | None) -> str:
     """The message that an arm in a fault moves nothing before it is told to hold again."""
     told = (fault or "").rstrip(".")
     clear = "" if fault == ANSWERS_AGAIN else "clear it, then "
-    then = f"{clear}let the arm hold again (set_torque, or Hold on the page)"
+    then = f"{clear}let the arm hold again (arm.set_torque(True), or Hold on the page)"
     return f"the arm is in a fault: {told}; {then}"
 
 

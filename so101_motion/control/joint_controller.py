@@ -479,7 +479,7 @@ class JointController:
         if self.mode is Mode.LIMP and silent:
             raise NotHolding(_silent(silent))
         if self.mode is Mode.LIMP:
-            raise NotHolding("the arm is limp; let it hold first (set_torque, or Hold on the page)")
+            raise NotHolding("the arm is limp; let it hold first (arm.set_torque(True), or Hold)")
         raise MotionError(refusal(self.mode, event))
 
     def _refuse_silent_jaw(self) -> None:
