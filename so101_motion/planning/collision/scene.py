@@ -19,7 +19,13 @@ import numpy as np
 import so101_description
 from numpy.typing import NDArray
 
-from so101_motion.common.attributes import ABOVE_ZERO, checked_kind, checked_number, suggest
+from so101_motion.common.attributes import (
+    ABOVE_ZERO,
+    HEAVIEST,
+    checked_kind,
+    checked_number,
+    suggest,
+)
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, Brief, freeze, given_array, in_metres, pose
 from so101_motion.common.public import Public
@@ -74,6 +80,8 @@ class Box(_Form):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", _lengths("size", self.size, (3,), least=0.0))
+        if self.size.min() > 1.0:
+            in_metres("size", self.size, LARGEST_SEEN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +95,8 @@ class Sphere(_Form):
     radius: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", float(_lengths("radius", self.radius, (), least=0.0)))
+        radius = in_metres("radius", _lengths("radius", self.radius, (), least=0.0), LARGEST_SEEN)
+        object.__setattr__(self, "radius", float(radius))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -511,7 +520,11 @@ def _named(name: str) -> None:
 
 
 def _weighed(name: str, mass: float) -> None:
-    checked_number(f"mass of {name}", mass, lower=0.0, upper=LARGEST, unit="kg")
+    if checked_number(f"mass of {name}", mass, lower=0.0, unit="kg") > HEAVIEST:
+        reason = (
+            f"is more than {HEAVIEST:g} kg: did you mean grams? {mass:g} g is {mass / 1000:g} kg"
+        )
+        raise ConfigError(f"mass of {name}", mass, reason)
 
 
 def _place(thing: Obstacle | Attached | StandingArm, key: str, most: float = LARGEST) -> None:
@@ -540,8 +553,7 @@ def refuse_odd_size(name: str, shape: Shape | ShapeFile) -> None:
     if is_speck and extent.max() < SMALLEST_SEEN:
         reason = f'is the largest extent of "{name}"; is it in metres? add "scale": 1000'
         raise ConfigError("size", f"{1000.0 * extent.max():.3g} mm", reason)
-    is_hall = isinstance(shape, Box) and extent.min() > 1.0 and extent.max() > LARGEST_SEEN
-    if extent.min() > LARGEST_SEEN or is_hall:
+    if extent.min() > LARGEST_SEEN:
         reason = f'is the smallest extent of "{name}"; is it in millimetres? add "scale": 0.001'
         raise ConfigError("size", f"{extent.min():.3g} m", reason)
 
