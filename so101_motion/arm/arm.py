@@ -216,7 +216,7 @@ class Arm(CappedJoints):
 
     @property
     def is_moving(self) -> bool:
-        """Whether the arm moves or comes to rest."""
+        """Whether joints move or come to rest; ``Motion.future`` tells whether a motion is over."""
         return self.state.arm_moving
 
     @property

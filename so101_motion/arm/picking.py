@@ -153,6 +153,7 @@ class Picker:
             planned: What ``plan`` has returned, if the arm still is where it was.
             tell: Called with each sentence about what happens; must be brief.
         """
+        checked_kind("name", name, str, "the name of an item, as the scene calls it")
         checked_kind("wishes", wishes, Wishes | None, f"{Wishes.__module__}.Wishes(...)")
         checked_number("tries", tries, lower=1)
         run = PickRun(self, name, place, wishes or Wishes(), tries, planned, tell)

@@ -154,7 +154,8 @@ def in_radians(key: str, given: Array, most: float = 2.0 * math.pi, per: str = "
     """``given``; ``ConfigError`` if a value is finite and beyond ``most``."""
     if (far := _beyond(given, most)) is not None:
         reason = (
-            f"{far:g} rad{per}: did you mean degrees? {far:g} deg is {math.radians(far):.4g} rad"
+            f"{far:g} rad{per}: did you mean degrees? {far:g} deg{per} is"
+            f" {math.radians(far):.4g} rad{per}"
         )
         raise ConfigError(key, given.tolist(), reason)
     return given

@@ -36,4 +36,7 @@ class Complete(Public, metaclass=_MakesComplete):
             near = nearest(name, dir(self))
             hint = f'; did you mean "{near}"?' if near else ""
             raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}", name=name)
+        known = getattr(type(self), name, None)
+        if isinstance(known, property) and known.fset is None and hasattr(self, f"set_{name}"):
+            raise AttributeError(f"{name} is read; set_{name}(...) sets it", name=name)
         super().__setattr__(name, value)

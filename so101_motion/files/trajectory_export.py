@@ -24,6 +24,7 @@ from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 from so101_motion.files import atomic
+from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.trajectory import Trajectory
 
 JOINT_STATE = """\
@@ -62,7 +63,7 @@ class Run:
 Motion = Trajectory | Run
 
 
-def export(motion: Motion, path: Path | str) -> None:
+def export(motion: Motion | Plan, path: Path | str) -> None:
     """Write a motion of the five arm joints to a file; the name's ending chooses the format.
 
     Args:
@@ -73,7 +74,7 @@ def export(motion: Motion, path: Path | str) -> None:
         ConfigError: There is no such format, the file cannot be written, or the package for MCAP is
             not installed.
     """
-    path = Path(path)
+    path, motion = Path(path), motion.trajectory if isinstance(motion, Plan) else motion
     atomic.save("out", path, encoded(motion, path.name))
 
 

@@ -44,12 +44,17 @@ def test_a_calibration_is_refused_for_an_arm_on_no_port(arm):
         so101.open(arm, calibration="mine")
 
 
-@pytest.mark.parametrize(("calibration", "why"), [("nobodys", "nor is"), ("no/file", "not a file")])
-def test_a_calibration_that_is_nowhere_is_refused_before_the_port_is_opened(
+@pytest.mark.parametrize(
+    ("calibration", "why"),
+    [("nobodys", "nor is"), ("no/file", "not a file"), ("bad.json", "is not JSON")],
+)
+def test_a_calibration_that_is_nowhere_or_unreadable_is_refused_before_the_port_is_opened(
     calibration, why, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
-    with pytest.raises(so101.errors.ConfigError, match=why):
+    monkeypatch.chdir(tmp_path)
+    Path("bad.json").write_text("not json")
+    with pytest.raises(so101.So101Error, match=why):
         so101.open(str(tmp_path / "port"), calibration=calibration)
 
 
@@ -156,6 +161,14 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         ),
         "300 m/s: did you mean millimetres": lambda: arm.jog().twist([0, 300, 0]),
         "350 m: did you mean millimetres": lambda: so101.Cell().add("b", rig, at([350, 0, 0])),
+        "40 m: did you mean millimetres[?] 40 mm": lambda: so101.Box(size=[40] * 3),
+        "30 m: did you mean millimetres": lambda: so101.Sphere(radius=30),
+        "is more than 5 kg: did you mean grams[?] 30 g is 0.03 kg": lambda: so101.Obstacle(
+            name="cup", shape=so101.Sphere(radius=0.02), T_base_obstacle=at([0.2, 0, 0]), mass=30
+        ),
+        "the name of an item": lambda: rig.pick(None),
+        "^.y. = .*must be a number": lambda: so101.point(0.2, "1", 0.1),
+        "^.x.: must be a number": lambda: so101.point(None, 0.1, 0.1),
         "200 m: did you mean millimetres": lambda: so101.Box(size=(200, 30, 30)),
         "80 m: did you mean millimetres": lambda: so101.Attached(
             name="pen", shape=so101.Sphere(radius=0.01), T_tool_object=at([0, 0, 80])
@@ -248,6 +261,8 @@ def test_a_misspelt_attribute_is_refused_with_the_name_that_was_meant(rig):
     ):
         with pytest.raises(AttributeError, match=f'no .{name}.; did you mean "{meant}"'):
             setattr(held, name, None)
+    with pytest.raises(AttributeError, match=r"set_speed\(\.\.\.\) sets it"):
+        rig.arm.speed = 1.0
 
 
 def test_a_closed_arm_says_so_whatever_it_is_asked(rig):
