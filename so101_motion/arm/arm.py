@@ -751,7 +751,6 @@ class Arm(CappedJoints):
 
     def _execute(self, motion: Motion, plan: Plan) -> None:
         self._leave_manual(motion)
-        self.state.reading.check_held(ARM_JOINTS)  # rather than that it is not where it was
         off = float(np.max(np.abs(plan.q_start - self.state.q_ref)))
         if off > START_TOLERANCE:
             raise MotionError(
@@ -808,11 +807,15 @@ class Arm(CappedJoints):
         return self._executor.stop(Channel.ARM, by=SUPERSEDED)
 
     def _leave_manual(self, motion: Motion) -> None:
-        """Hold an arm that yields or is limp, unless the motion was ended meanwhile."""
+        """Hold an arm that yields or is limp, unless the motion was ended meanwhile.
+
+        ``ServoAlarm`` if a servo has let go: where its joint sank to is not the trouble.
+        """
         if self._must_hold():
             with motion.begin():
                 holding = self._executor.hold()
             holding.result()
+        self.state.reading.check_held(ARM_JOINTS)
 
     def _must_hold(self) -> bool:
         """Whether the arm is guided or limp, so that it must hold before it moves."""

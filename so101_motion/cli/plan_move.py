@@ -197,6 +197,7 @@ def planned_move(
 ) -> None:
     """Plan, show, ask, move and tell where it arrived."""
     with quietly(), closing(source.open()) as rig:
+        rig.arm.state.reading.check_held(ARM_JOINTS)  # rather than what a sunken arm lies on
         found = _planned(rig, goal, scene, effort)
         if not as_json:
             click.echo(plan_table(found))

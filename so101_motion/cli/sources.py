@@ -16,10 +16,10 @@ import click
 
 from so101_motion.cli.options import flag, option, together
 from so101_motion.cli.param_types import IN_FILE, Finite, port_option
-from so101_motion.cli.shared import aside, busy_message, have_agreed, note_opened
+from so101_motion.cli.shared import aside, busy_message, have_agreed, note_opened, opened
 from so101_motion.common import interrupts
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
-from so101_motion.common.errors import PortUnavailable
+from so101_motion.common.errors import NoReply, PortUnavailable
 from so101_motion.common.state import ARM_JOINTS
 
 if TYPE_CHECKING:
@@ -91,8 +91,12 @@ class Source(_SourceWithCaps):
         """
         from so101_motion.arm.planning_worker import planner_started
 
-        with planner_started():
-            return self._open()
+        try:
+            with planner_started():
+                return self._open()
+        except NoReply:
+            opened.append(lambda: "nothing moved; the servos that answer are as they were found")
+            raise
 
     def _open(self) -> Rig:
         from so101_motion.common.errors import OtherCalibration

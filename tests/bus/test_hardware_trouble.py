@@ -10,7 +10,7 @@ from so101_motion.common.errors import PortUnavailable, ServoAlarm
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ANSWERS_AGAIN
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.goals import JointGoal, LeaveContactGoal
 
 # Trouble: reported by name, nothing else lost, over when it is cleared
 
@@ -106,6 +106,8 @@ def test_a_joint_whose_servo_has_let_go_is_named_and_holds_where_it_sank_to(
     for jogs in (False, True):
         with pytest.raises(ServoAlarm, match=r"elbow_flex: .* has let go .* support the arm"):
             bench.finish(rig.arm.retarget(np.zeros(5)) if jogs else bench.go(rig, 0, 0, 0, 0, 0))
+    with pytest.raises(ServoAlarm, match="let it cool below 55"):
+        bench.finish(rig.arm.move(LeaveContactGoal(), wait=False))
     bench.advance(2.5)  # until it lies on its stop
     sunk = bench.q_deg
     bench.world.warm("elbow_flex", 30.0)
