@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from so101_motion.rig.protocols import RigLike
 
 _PATIENCE = 1.0  # how long to wait for a first answer of the servos [s]; chosen for a busy computer
+_AT_LIMIT = to_rad(0.5)  # a joint this far outside its limits still is at them [rad]; chosen
 
 
 @verb()
@@ -33,12 +34,20 @@ def status(source: AnySource = ANY_SOURCE, as_json: bool = JSON) -> None:
     so101 status --port /dev/ttyACM0
     so101 status --machine my-arm.local:8080 --json
     """  # noqa: D301
+    from so101_motion.rig.hardware_rig import HardwareRig
+
     with quietly(), closing(_open_to_read(source)) as rig:
         seen = _facts(source, rig)
-    if as_json:
+    found = seen.get("joints_found", ARM_JOINTS)
+    if not found:
+        pass  # there is no state to print
+    elif as_json:
         print_json("status", seen)
     else:
         _print_state(seen)
+    silent = [joint for joint in ARM_JOINTS if joint not in found]
+    if silent and isinstance(rig, HardwareRig):
+        rig.servos.require(silent)  # says what to check
 
 
 @verb()
@@ -99,6 +108,8 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     q_deg: dict[str, Any] = _by_joint(to_deg(state.q))
     has_arm = all(joint in found for joint in ARM_JOINTS)
     lower, upper = arm.range
+    is_outside = (state.q < lower - _AT_LIMIT) | (state.q > upper + _AT_LIMIT)
+    floor_z = arm.scene.floor_z
     seen: dict[str, Any] = {
         "source": source.what,
         "connected": rig.connection.is_up,
@@ -106,12 +117,14 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
         "fault": state.fault or "",
         "q_deg": {joint: q if joint in found else None for joint, q in q_deg.items()},
         "range_deg": _by_joint(to_deg(lower), to_deg(upper)),
+        "outside_limits": [j for j, is_so in zip(ARM_JOINTS, is_outside, strict=True) if is_so],
         "jaw_percent": (
             round(100.0 * rig.gripper.aperture, 1)
             if GRIPPER_JOINT in found and GRIPPER_JOINT not in state.reading.silent
             else None
         ),
         "tool_mm": [round(x, 2) for x in to_mm(pose.p).tolist()] if has_arm else None,
+        "tool_below_floor": has_arm and floor_z is not None and bool(pose.p[2] < floor_z),
         "speed_degs_per_sec": round(to_deg(arm.speed), 3),
         "acceleration_degs_per_sec_per_sec": round(to_deg(arm.acceleration), 3),
         "alarms": dict(state.reading.alarms),
@@ -155,8 +168,10 @@ def _print_state(seen: dict[str, Any]) -> None:
             click.echo(f"  {joint:<14}does not answer")
             continue
         lower, upper = map(to_rad, seen["range_deg"][joint])
-        between = range_deg(lower, upper, 0)
-        click.echo(f"  {joint:<14}{seen['q_deg'][joint]:>z8.1f} deg   {between}")
+        between, q_deg = range_deg(lower, upper, 0), seen["q_deg"][joint]
+        if joint in seen["outside_limits"]:
+            between += ", outside its limits"
+        click.echo(f"  {joint:<14}{q_deg:>z8.1f} deg   {between}")
     if seen["jaw_percent"] is None:
         click.echo(f"  {'jaw':<14}does not answer")
     else:
@@ -165,7 +180,8 @@ def _print_state(seen: dict[str, Any]) -> None:
         click.echo(f"  {'tool':<14}not known")
     else:
         where = ", ".join(f"{x:.1f}" for x in seen["tool_mm"])
-        click.echo(f"  {'tool':<14}({where}) mm")
+        below = ", below the table" if seen["tool_below_floor"] else ""
+        click.echo(f"  {'tool':<14}({where}) mm{below}")
     alike: dict[str, list[str]] = {}
     for joint, words in seen["alarms"].items():
         alike.setdefault(words, []).append(joint)

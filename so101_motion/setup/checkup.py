@@ -29,6 +29,7 @@ from so101_motion.calib.record.record import LARGEST_OFFSET, NEW_IDS, SERVO_IDS
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero_report import ZeroReport
 from so101_motion.common.attributes import SPEED_RANGE_DEG
+from so101_motion.common.errors import in_series
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus import registers as reg
@@ -181,6 +182,10 @@ class Check:
     verdict: Verdict  # ``"ok"``, ``"warn"`` or ``"fail"``
     sentence: str
     fix: str = ""  # what to do about it; empty when all is well
+
+
+TORQUE = "torque"
+"""The name of the check that finds some joints limp while the others hold."""
 
 
 def ok(name: str, sentence: str) -> Check:
@@ -441,8 +446,17 @@ def _faults(seen: Findings) -> Iterator[Check]:
     yield from found
     if seen.facts and not found:
         held = [joint for joint, facts in seen.facts.items() if facts.holds(reg.TORQUE_ENABLE)]
-        text = f"held: {', '.join(held)}" if 0 < len(held) < 6 else "held" if held else "limp"
-        yield ok("faults", f"none reported; the joints are {text}")
+        limp = [joint for joint in seen.facts if joint not in held]
+        text = f"held: {', '.join(held)}" if held and limp else "held" if held else "limp"
+        if 0 < len(limp) < len(held):
+            yield warn(
+                TORQUE,
+                f"{in_series(limp)} {'is' if len(limp) == 1 else 'are'} limp, the others hold",
+                f"support the arm and check the cable of {in_series(limp)}: a servo that lost its"
+                " power is limp afterwards; then let the arm hold again (so101 jog does)",
+            )
+        else:
+            yield ok("faults", f"none reported; the joints are {text}")
 
 
 def _bus_quality(seen: Findings) -> Iterator[Check]:

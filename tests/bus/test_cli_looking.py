@@ -128,6 +128,7 @@ def test_a_port_without_an_arm_is_named_with_what_to_do(tmp_path, verb):
 
 def test_the_status_of_a_limp_arm_is_reported_with_its_hot_servo(arm):
     arm.begin(FaultEvent(kind="hot", servo="gripper", value=72.0))
+    arm.world.servo("elbow_flex").memory.keep(reg.MAX_POSITION, 1500)
     status = told("status", "--port", arm.port)
     assert "(72 °C, it switches off at 70)" in status["alarms"]["gripper"]
     assert status["joints_found"] == list(JOINTS)
@@ -135,6 +136,36 @@ def test_the_status_of_a_limp_arm_is_reported_with_its_hot_servo(arm):
     result = run("status", "--port", arm.port)
     assert "gripper: its servo is too hot" in result.stderr
     assert "limp" in result.stdout
+    assert status["outside_limits"] == ["elbow_flex"]
+    assert "outside its limits" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("silent", "shown", "says"),
+    [
+        (JOINTS, "", "try: check that the arm's power supply is on"),
+        (("elbow_flex",), "elbow_flex    does not answer", "try: support the arm, and check"),
+    ],
+)
+def test_the_status_of_an_arm_with_silent_servos_says_what_to_check(arm, silent, shown, says):
+    for joint in silent:
+        arm.begin(FaultEvent(kind="dead", servo=joint))
+    result = run("status", "--port", arm.port)
+    assert result.exit_code == 4
+    assert "now: nothing moved" in run("home", "--port", arm.port, "--yes").stderr
+    assert shown in result.stdout
+    assert ("limp" in result.stdout) == bool(shown)
+    assert says in " ".join(result.stderr.split())
+
+
+@pytest.mark.parametrize("goal", [("--pose", "home"), ("--leave-contact",)], ids=" ".join)
+def test_a_servo_that_let_go_is_named_before_what_the_sunken_arm_lies_on(arm, goal):
+    arm.begin(FaultEvent(kind="hot", servo="shoulder_lift", value=72.0))
+    Path("scene.json").write_text('{"floor_z_mm": 400}')
+    result = run("move", "--port", arm.port, *goal, "--scene", "scene.json", "--yes")
+    assert result.exit_code == 4
+    assert "shoulder_lift: its servo is too hot and has let go" in result.stderr
+    assert "try: let it cool below 55 °C" in result.stderr
 
 
 # A configuration

@@ -9,6 +9,7 @@ from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero_report import ZeroReport
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus import registers
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.servo_types import STS3215_7V4
 from so101_motion.setup.checkup import BusQuality, Findings, check_up, examine, is_healthy, software
@@ -66,6 +67,12 @@ def holding(row, value, place=3):
     return lambda arm: arm.world.servo(place).memory.keep(row, value)
 
 
+def restarted(arm):
+    """The others hold, but a servo has lost its power for a moment."""
+    for place in (1, 2, 4, 5, 6):
+        arm.call(lambda bus, place=place: bus.write(place, registers.TORQUE_ENABLE, 1))
+
+
 @pytest.mark.parametrize(
     ("trouble", "name", "verdict", "words"),
     [
@@ -79,6 +86,7 @@ def holding(row, value, place=3):
         (holding(emulated.FIRMWARE_MINOR, 9), "firmware", "warn", "elbow_flex 3.9"),
         (lambda arm: arm.world.power(16.0), "servos", "fail", "made for at most 14.0 V"),
         (lambda arm: arm.world.power(10.0), "speed", "warn", "must not be asked"),
+        (restarted, "torque", "warn", "elbow_flex is limp, the others hold"),
         (lambda arm: arm.world.warm("gripper", 57.0), "temperature", "warn", "57 °C, gripper"),
         (lambda arm: arm.world.warm("gripper", 66.0), "temperature", "fail", "66 °C, gripper"),
     ],
