@@ -61,8 +61,8 @@ class Parsed(click.ParamType[Any]):
             self.fail(f"{quoted(value)} {error}", param, ctx)
 
 
-def _numbers(*names: str, most: float, in_mm: bool = False) -> Parsed:
-    """As many numbers, each from ``-most`` to ``most``."""
+def _numbers(*names: str, most: float, like: str, in_mm: bool = False) -> Parsed:
+    """As many numbers, each from ``-most`` to ``most``; ``like`` is an example."""
     listed = ",".join(names)
 
     def read(text: str) -> np.ndarray:
@@ -71,7 +71,10 @@ def _numbers(*names: str, most: float, in_mm: bool = False) -> Parsed:
         except ValueError:
             numbers = np.empty(0)
         if numbers.shape != (len(names),) or not np.all(np.abs(numbers) <= most):
-            raise ValueError(f"must be {len(names)} numbers {listed} from {-most:g} to {most:g}")
+            raise ValueError(
+                f"must be {len(names)} numbers {listed} from {-most:g} to {most:g}, with commas,"
+                f" without spaces: {like}"
+            )
         if in_mm and 0.0 < np.abs(numbers).max() < 1.0:
             meant = ",".join(f"{1000.0 * x:g}" for x in numbers)
             raise ValueError(f"is in millimetres; did you mean {meant}?")
@@ -146,6 +149,6 @@ def read_scene(scene: Path | None) -> Scene | None:
 SCENE_FILE = option("A scene file: the obstacles around the arm.", IN_FILE, name="--scene")
 SCENE = together(read_scene, scene=SCENE_FILE)  # the scene in it; None if none is named
 
-POINT = _numbers("X", "Y", "Z", most=5000.0, in_mm=True)
-DIRECTION = _numbers("X", "Y", "Z", most=5000.0)
-JOINTS = _numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
+POINT = _numbers("X", "Y", "Z", most=5000.0, like="250,0,60", in_mm=True)
+DIRECTION = _numbers("X", "Y", "Z", most=5000.0, like="0,0,-1")
+JOINTS = _numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0, like="0,-45,45,60,0")

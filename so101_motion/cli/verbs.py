@@ -53,6 +53,8 @@ class _So101(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[_AS_JSON] = "--json" in args  # known even if the verb's options are wrong
+        if args[:1] == ["help"]:
+            args = [*args[1:], "--help"]
         with reports_errors(as_json=ctx.meta[_AS_JSON]):
             return super().parse_args(ctx, args)
 
@@ -75,7 +77,7 @@ class _So101(click.Group):
     commands=[each for verbs in _SECTIONS.values() for each in verbs],
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@click.version_option(__version__, prog_name="so101")
+@click.version_option(__version__, "-v", "--version", prog_name="so101")
 def main() -> None:
     """Motion for the SO-101 arm: planned, timed, stoppable.
 

@@ -77,7 +77,8 @@ def find(name: str) -> Path:
 
 
 def _offer(name: str, known: tuple[str, ...]) -> str:
-    return suggest(name, known) if known else "save one on the Program tab of so101 view"
+    none = "none is saved; save one on the Program tab of so101 view"
+    return suggest(name, known) if known else none
 
 
 def read(path: Path, arms: ZerosOfArms | None = None) -> Program:

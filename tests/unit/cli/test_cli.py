@@ -204,5 +204,12 @@ def test_a_mistake_is_a_sentence_and_an_exit_code(so101, options, code, says):
     assert says in refused(so101(f"plan {options}"), code)
 
 
+@pytest.mark.parametrize(
+    ("line", "same"), [("help", "--help"), ("help move", "move --help"), ("-v", "--version")]
+)
+def test_what_people_type_for_help_and_the_version_works(so101, line, same):
+    assert so101(line).stdout == so101(same).stdout != ""
+
+
 def test_a_port_without_a_name_is_refused(so101):
     assert "port's name is empty" in refused(so101("plan --pose home --port", ""))

@@ -43,6 +43,7 @@ def no_arm(monkeypatch):
         ("plan --sim --pose ready --scene none.json", "does not exist"),
         ("plan --sim --pose ready --scene there.json --speed 181", "3 to 180"),
         ("move --sim --pose ready --acceleration nan", "not a usable number"),
+        ("move --sim --xyz 250 0 60", "with commas, without spaces: 250,0,60"),
         ("doctor --sim --report none/x.md", "no folder 'none'"),
         ("guide record --sim --yes none/x.json", "no folder 'none'"),
         ("guide record --sim --yes there.json", "is there already"),
