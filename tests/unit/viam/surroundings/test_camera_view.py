@@ -346,7 +346,7 @@ async def test_an_invalid_entry_and_a_store_that_does_not_run_are_refused_by_nam
 
 
 async def test_a_store_that_fails_is_not_planned_without_and_comes_back(monkeypatch):
-    monkeypatch.setattr(store_watch, "LONGEST_READ", 0.15)
+    monkeypatch.setattr(store_watch, "LONGEST_READ", 1.0)
     store = FakeStore(seen_thing("crate"))
     store.trouble = GRPCError(Status.UNAVAILABLE, "unplugged")
     async with watched(store) as scene:
