@@ -16,6 +16,7 @@ import numpy as np
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.files.user_storage import LONGEST_NAME, checked_name
+from so101_motion.planning.collision.coal_shapes import hull_points
 from so101_motion.planning.collision.scene import (
     FLOOR,
     FLOOR_Z,
@@ -29,6 +30,7 @@ from so101_motion.planning.collision.scene import (
     Shape,
     Sphere,
 )
+from so101_motion.planning.collision.shape_files import read_shape
 
 Thing = Obstacle | Attached
 
@@ -88,6 +90,19 @@ def resized(shape: Shape, **to: Any) -> Shape:
     """A shape with these dimensions [m], named as its own; those it does not have are ignored."""
     own = {each.name for each in fields(shape)}
     return replace(shape, **{name: value for name, value in to.items() if name in own})
+
+
+def reshaped(thing: Thing, shape: Shape) -> Thing:
+    """``thing`` with another shape. An obstacle's lowest point stays at its height."""
+    changed = replace(thing, shape=shape)
+    if isinstance(thing, Obstacle) and isinstance(changed, Obstacle):
+        pose = thing.T_base_obstacle
+        low = [
+            float((hull_points(read_shape(each.shape)) @ pose.R[2]).min())
+            for each in (thing, changed)
+        ]
+        return moved(changed, SE3.from_translation((0.0, 0.0, low[0] - low[1])) @ pose)
+    return changed
 
 
 def added(

@@ -18,8 +18,6 @@ GREEN: Color = (60, 160, 80)
 _PALE: Color = (196, 202, 208)
 _GHOST: Color = (60, 130, 246)
 
-_LABEL = "Picture of the setup"  # for another window, which shows another tab
-
 _AT_REST = ViewPicture(q=(0.0, 0.0, 0.0, 0.0, 0.0, 0.6))  # the jaw is open, to be seen
 
 
@@ -30,7 +28,6 @@ class Picture:
         self._on_stage = on_stage
         self._model = RobotModel.load()
         self._root = scene.add_frame("/setup", show_axes=False, visible=False)
-        scene.add_label("/setup/label", _LABEL, position=(-0.2, 0.0, 0.0))
         self._arm = RobotView(scene, "/setup/arm", color=_PALE)
         self._arm.set_visible(False)  # its meshes are sent when it is first shown
         self._ghost = RobotView(scene, "/setup/ghost", color=_GHOST, opacity=0.35)

@@ -18,9 +18,11 @@ import numpy as np
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.files.scene_file import scene_to, write_scene
+from so101_motion.planning.collision.coal_shapes import distance_outside, held_shape
 from so101_motion.planning.collision.collision import NEARBY, CollisionModel
 from so101_motion.planning.collision.scene import (
     FLOOR,
+    LARGEST,
     LINKS,
     Attached,
     Obstacle,
@@ -41,6 +43,8 @@ from ..scene.scene_edits import Thing
 from .loaded_files import VOXEL, read_loaded, thinned
 
 DRAG_PERIOD = 0.2  # how often the scene for planning is updated during a drag [s]; chosen
+
+_BETWEEN_JAWS = 0.02  # from the tip to a thing that may be between the jaws [m]; chosen
 
 INVITATION = Sentence("Add an object, or select one to change it.")
 
@@ -122,9 +126,11 @@ class WorldModel:
 
     def resize(self, **to: Any) -> None:
         """Resize the selected thing: ``size``, shape (3,), ``radius`` or ``length``, [m]."""
+        for name, lengths in to.items():
+            _check(name, 1000.0 * lengths, "mm")
         thing = scene_edits.thing_named(self.scene, self._name())
         shape = scene_edits.resized(read_shape(thing.shape), **to)
-        self._put(replace(thing, shape=shape), "Resized.")
+        self._put(scene_edits.reshaped(thing, shape), "Resized.")
 
     def move_to(self, p: Array) -> None:
         """Put the selected thing at a point, shape (3,), [m]; held things in the tool's frame."""
@@ -158,6 +164,7 @@ class WorldModel:
 
     def set_mass(self, mass: float) -> None:
         """Set the mass of the selected thing [kg]; an obstacle that has one is an item."""
+        _check("mass", 1000.0 * mass, "g")
         thing = scene_edits.thing_named(self.scene, self._name())
         if isinstance(thing, Attached):
             self._put(replace(thing, mass=mass), "Plans include its weight.")
@@ -173,7 +180,13 @@ class WorldModel:
     def hold(self, T_base_tool: SE3, holder: str = "") -> None:
         name = self._name()
         changed = scene_edits.held(self.scene, name, T_base_tool, holder)
-        self._change(changed, f"{holder or 'The gripper'} holds {name}; it moves along.")
+        new = changed.attached[-1]
+        shape, _ = held_shape(read_shape(new.shape))
+        gap = distance_outside(new.T_tool_object.inverse.p, shape)
+        text = f"{holder or 'The gripper'} holds {name}; it moves along."
+        if gap > _BETWEEN_JAWS:
+            text += f" It is not between the jaws: the tip is {1000.0 * gap:.0f} mm away."
+        self._change(changed, text)
 
     def let_go(self, T_base_tool: SE3) -> None:
         name = self._name()
@@ -200,7 +213,9 @@ class WorldModel:
 
     def for_viam(self, *, arm: str) -> str:
         """The scene as the JSON of a Viam WorldState, for a machine that calls its arm ``arm``."""
-        return json.dumps(world_state_json(self.scene, arm=arm), indent=1, ensure_ascii=False)
+        exact = json.dumps(world_state_json(self.scene, arm=arm), ensure_ascii=False)
+        rounded = json.loads(exact, parse_float=lambda number: round(float(number), 6))
+        return json.dumps(rounded, indent=1, ensure_ascii=False)
 
     def load(self, name: str, content: bytes) -> None:
         """Load a scene, or add what is in a file of a mesh or of points; see ``read_loaded``."""
@@ -274,6 +289,15 @@ class WorldModel:
             self.history.add(scene, kind)
         self.scene = scene
         self.sentence = Sentence(text)
+
+
+def _check(name: str, entered: Array | float, unit: str) -> None:
+    """Refuse a size or a mass that was entered in mm or g, in that unit."""
+    least, most = np.min(entered), np.max(entered)
+    if not 0.0 <= least <= most <= 1000.0 * LARGEST:
+        wrong = least if least < 0.0 else most
+        reason = f"{name} must be 0 to {1000.0 * LARGEST:.0f} {unit}, not {wrong:g} {unit}"
+        raise ConfigError(name, None, reason)
 
 
 class OverlapCheck:

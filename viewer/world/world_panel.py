@@ -94,6 +94,7 @@ class WorldPart(Part):
         context, world = self._context, self.world
         self._sentence = gui.add_html("")
         context.buttons("Add", {kind: partial(self._add, kind) for kind in NEW_SHAPES})
+        self._edits = UndoButtons(context, world.history, world.saved_files)
         self._list = gui.add_dropdown("Selected", (_nothing(()),))
         self._selected = self._field(self._list, self._choose)
         self._acts = gui.add_button_group(
@@ -106,7 +107,7 @@ class WorldPart(Part):
             hint="Which arm holds it",
             visible=len(self._tools) > 1,
         )
-        self._edits = UndoButtons(context, world.history, world.saved_files)
+        self._add_thing(gui)
         gui.add_divider()
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),
@@ -117,8 +118,6 @@ class WorldPart(Part):
         self._floor_z = FLOOR_Z
         gui.add_divider()
         self._add_files(gui)
-        gui.add_divider()
-        self._add_thing(gui)  # last, because these fields come and go
 
     def _add_thing(self, gui: viser.GuiApi) -> None:
         world = self.world
@@ -155,6 +154,7 @@ class WorldPart(Part):
         self._viam_scene: Scene | None = None
         bring = gui.add_upload_button(
             "Load",
+            color="gray",
             icon=viser.Icon.UPLOAD,
             hint="A scene (.json), a mesh (.stl, .ply, .obj in mm; .glb),"
             " or points in m (.ply, .pcd, .xyz)",
@@ -168,6 +168,7 @@ class WorldPart(Part):
             step=1.0,
             hint="For point clouds only: smaller cubes show more, and plans take longer",
         )
+        gui.add_html(markup.small("Loaded points become cubes with edges of this length."))
         scale = gui.add_number(
             "Scale",
             1.0,
@@ -177,7 +178,6 @@ class WorldPart(Part):
         )
         self._scale = self._field(scale, partial(setattr, self.world, "scale"))
         self._voxel = self._field(voxel, self.world.set_voxel, units.MM)
-        gui.add_html(markup.small("Loaded points become cubes with edges of this length."))
         bring.on_upload(
             self._context.handler(lambda event: partial(self._load, event.target.value))
         )

@@ -70,7 +70,7 @@ def held_shape(shape: Shape) -> tuple[Any, Array]:
         return hull, points
     kept = points[np.unique(np.argmax(points @ directions().T, axis=0))]
     hull = convex_hull(kept)
-    radius = max(_away(point, hull) for point in points)
+    radius = max(distance_outside(point, hull) for point in points)
     hull.setSweptSphereRadius(radius)
     return hull, (kept[:, None] + 2.0 * radius * _CORNERS).reshape(-1, 3)
 
@@ -96,8 +96,8 @@ def directions(count: int = MOST_CORNERS) -> Array:
     return np.column_stack((flat * np.cos(turn), flat * np.sin(turn), z))
 
 
-def _away(point: Array, hull: Any) -> float:
-    """How far a point (3,) is outside a hull of coal's [m]."""
+def distance_outside(point: Array, hull: Any) -> float:
+    """How far a point, shape (3,), is outside one of coal's shapes, in its frame, [m]."""
     at, result = coal.Transform3s(np.eye(3), point), coal.DistanceResult()
     coal.distance(coal.Sphere(0.0), at, hull, coal.Transform3s(), coal.DistanceRequest(), result)
     return max(0.0, float(result.min_distance))

@@ -160,12 +160,12 @@
       } else {
         lost.hidden = false;
         root.classList.add('so101-lost');
-        tell(link.isExpired ? EXPIRED : TRYING);
+        tell(link.isExpired ? EXPIRED : trying());
       }
     }
 
-    const TRYING =
-      'If the program has ended, start it again (so101 view): this page then comes back by itself.';
+    const trying = () =>
+      `If the program has ended, start it again (${board().program}): this page then comes back by itself.`;
     const EXPIRED =
       'Another page runs here now. Copy its new link from the terminal.';
     let told = '';

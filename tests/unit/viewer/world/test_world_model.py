@@ -51,7 +51,9 @@ def test_what_is_added_is_selected_and_can_be_taken_back(world):
 
 def test_numbers_change_the_selected_thing_or_nothing_where_they_cannot_be(world):
     world.add("box")
+    foot = world.thing.T_base_obstacle.p[2] - 0.02
     world.resize(size=np.array([0.1, 0.2, 0.3]))
+    assert world.thing.T_base_obstacle.p[2] == pytest.approx(foot + 0.15)
     world.move_to(np.array([0.3, 0.0, 0.15]))
     world.turn_to(np.array([0.0, 0.0, 0.5]))
     thing = world.thing
@@ -59,8 +61,10 @@ def test_numbers_change_the_selected_thing_or_nothing_where_they_cannot_be(world
     np.testing.assert_allclose(thing.T_base_obstacle.p, [0.3, 0.0, 0.15])
     np.testing.assert_allclose(thing.T_base_obstacle.rpy, [0.0, 0.0, 0.5], atol=1e-12)
     before = world.scene
-    with pytest.raises(ConfigError):
+    with pytest.raises(ConfigError, match=r"size must be 0 to 100000 mm, not -200 mm$"):
         world.resize(size=np.array([0.1, -0.2, 0.3]))
+    with pytest.raises(ConfigError, match=r"mass must be 0 to 100000 g, not -50 g$"):
+        world.set_mass(-0.05)
     with pytest.raises(ConfigError):
         world.move_to(np.array([0.1, np.nan, 0.3]))
     assert world.scene is before
@@ -124,7 +128,9 @@ def test_what_one_of_several_arms_holds_outlasts_a_loaded_scene_and_is_not_in_it
 
 def test_what_is_held_is_dragged_and_moved_in_the_hand(world):
     world.add("sphere")
+    world.move_to(TOOL @ np.array([0.0, 0.0, 0.12]))
     world.hold(TOOL)
+    assert world.sentence.text.endswith("the tip is 100 mm away.")
     assert isinstance(world.thing, Attached)
     world.drag(TOOL @ SE3.from_translation((0.0, 0.0, 0.05)), TOOL)
     world.drop()
