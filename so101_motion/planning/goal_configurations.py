@@ -69,7 +69,7 @@ def free_configurations(context: PlanningContext, goal: PoseGoal, q_from: Array)
             (solution.q for solution in blocked),
             key=lambda q: collision.clearance(q, request.q_jaw).room,
         )
-        every = f"at the goal, in the best of {len(blocked)} configurations,"
+        every = f"at the goal, even in the best of {len(blocked)} postures,"
         raise context.moves.in_collision(least, "goal", every if len(blocked) > 1 else None)
 
 

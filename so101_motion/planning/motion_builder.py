@@ -210,9 +210,15 @@ class MotionBuilder:
     def in_collision(self, q: Array, where: str, when: str | None = None) -> InCollision:
         """The error for a configuration in contact; ``when`` begins the sentence."""
         closest = self.collision.clearance(q, self.q_jaw)
+        bodies = closest.first, closest.second
+        arms = self.collision.scene.arms
+        near = (a.name for a in arms if any(each.startswith(a.called("")) for each in bodies))
+        arm, advice = next(near, None), _ADVICE[where]
+        if arm is not None and where == "goal":
+            advice = f"choose another goal, or move {arm} away first"
         return InCollision(
             f"{when or _WHEN[where]} {closest.message()} ({closest.margin * 1e3:.0f} mm must"
-            f" stay free); {_ADVICE[where]}",
+            f" stay free); {advice}",
             first=closest.first,
             second=closest.second,
             where=where,

@@ -423,8 +423,9 @@ def _recording(joints: Mapping[str, JointView]) -> str:
             f" Still to do: {', '.join(missing)}."
         )
     if short:
+        them, go = ("it", "it goes") if len(short) == 1 else ("them", "they go")
         return (
-            f"Not quite at both stops yet: {', '.join(short)}. Move them further; if they go no"
+            f"Not quite at both stops yet: {', '.join(short)}. Move {them} further; if {go} no"
             " further, put the arm down, then finish."
         )
     return "All joints have been at their stops. Put the arm down, then finish."

@@ -224,7 +224,7 @@ class MotorOperation(LocalOperation):
             command="assign_id",
             title=f"Write id {motor.target_id} to this motor",
             arguments=named,
-            why_not=None if is_ready else "no motor is found that can be written to",
+            why_not=None if is_ready else "no new motor answers yet",
             due_in=0.0 if self.writes and is_ready and is_sure else None,
         )
         due = max(self._looked_at + PAUSE - self._now(), 0.0)

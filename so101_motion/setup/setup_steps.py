@@ -157,7 +157,7 @@ def _numbered(known: SetupState) -> Check:
         if "duplicate" not in states and not has_stranger:
             return ok("motors", "the motors have their ids already")
     motor = setup.motors[joint]
-    text = f"{6 - setup.step} of 6 motors are still to be set up, next {joint}"
+    text = f"{6 - setup.step} of 6 motors have not got their ids yet; next is {joint}"
     if motor.state == "failed":
         text = f"{joint}: {motor.sentence}"
     return fail("motors", text, setup.next_step)

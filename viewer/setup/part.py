@@ -85,14 +85,21 @@ class StepWizard:
     def is_last(self) -> bool:
         return self.workflow is not None and self.place == len(self.workflow.steps) - 1
 
-    def rows(self, known: SetupState) -> list[tuple[SetupStep, Place]]:
-        """The steps, and which are done, passed over, on the page, or still to come."""
+    def rows(self, known: SetupState, *, waits: bool = False) -> list[tuple[SetupStep, Place]]:
+        """The steps, and which are done, passed over, on the page, or still to come.
+
+        While the setup ``waits`` for a connection, that step is on the page.
+        """
         steps = () if self.workflow is None else self.workflow.steps
-        return [(step, self._place(k, step, known)) for k, step in enumerate(steps)]
+        now = 0 if waits else self.place
+        return [
+            (step, "now" if k == now else self._place(k, step, known))
+            for k, step in enumerate(steps)
+        ]
 
     def _place(self, k: int, step: SetupStep, known: SetupState) -> Place:
         if k >= self.place:
-            return "now" if k == self.place else "left"
+            return "left"
         # All other steps must be done before Next is enabled.
         verdict = step.check(known).verdict if step in (MOTORS, ASSEMBLY, TEST) else "ok"
         is_left_out = verdict == "warn" or (step is TEST and verdict == "fail")
@@ -189,7 +196,8 @@ class SetupPart(Part):
                 purpose, extent = escape(workflow.purpose), escape(workflow.extent)
                 gui.add_html(f'<div class="so101-choice">{purpose}<small>{extent}</small></div>')
                 choose = partial(self._choose, workflow)
-                button(workflow.title, choose, icon=viser.Icon.ARROW_RIGHT)
+                color = None if workflow is WORKFLOWS[0] else "gray"
+                button(workflow.title, choose, icon=viser.Icon.ARROW_RIGHT, color=color)
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         for name, page in self._pages.items():
             self._folders[name] = gui.add_folder(None, visible=False)
@@ -316,7 +324,7 @@ class SetupPart(Part):
         waits = self.setup.target is None and wizard.place > 0
         about = f"{wizard.where}, once the arm is connected again" if waits else wizard.where
         self._head.content = markup.headline(wizard.workflow.title, about, is_under_way=True)
-        self._steps.content = step_list(wizard.rows(self.setup.known))
+        self._steps.content = step_list(wizard.rows(self.setup.known, waits=waits))
         reason = self._reason()
         ends = wizard.is_last and not waits
         self._next.label = "Finish" if ends else self._current.next_label()

@@ -42,7 +42,7 @@ MOST_NAMES = 500  # how many saved paths are offered; chosen, more than a person
 
 _WELCOME = "Press Record a path, then guide the arm by hand."
 _STANDS = "A simulated arm cannot be guided by hand: what you record stands still."
-_CHOOSE = "Press Plan replay to check a saved path for collisions, or Record a path; nothing moves."
+_CHOOSE = "Press Plan replay to check a saved path, or Record a path. Neither moves the arm."
 _BY_HAND = "Press Record a path, then guide the arm by hand. To replay one, press Hold first."
 _MOVED = "The arm has moved. Press Plan replay again."
 
@@ -129,7 +129,8 @@ class TeachingOperation(LocalOperation):
         if not self._stands_at(planned):
             return _MOVED
         approach, along = planned.approach.duration, planned.duration - planned.approach.duration
-        return f"Planned: {approach:.1f} s to its start, then {along:.1f} s along it. Press Replay."
+        times = f"{approach:.1f} s to its start, then {along:.1f} s along it, without its pauses"
+        return f"Planned: {times}. Press Replay."
 
     def _offers(self, recording: _Recording | None) -> tuple[Offer, ...]:
         if recording is not None:

@@ -177,7 +177,7 @@ TOO_FAR = np.radians([0, 0, 95, 0, 0])
         (BELOW, JointGoal(q=HOME), "start", "at the start the jaw is .* mm into the floor"),
         (HOME, JointGoal(q=BELOW), "goal", "at the goal the jaw would be .* mm into the"),
         (HOME, PoseGoal.at_point((0.25, 0.0, -0.05)), "goal",
-         r"in the best of \d+ configurations, .* the floor"),
+         r"in the best of \d+ postures, .* the floor"),
         (HOME, PathGoal(waypoints=np.array([BELOW, HOME])), "path",
          "at waypoint 1 of 2 the jaw would be"),
         (OVER_THE_TABLE[0], PathGoal(waypoints=OVER_THE_TABLE[1:]), "path",

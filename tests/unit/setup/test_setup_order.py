@@ -94,7 +94,7 @@ def test_the_connection_is_judged_as_the_doctor_does():
 def test_motors_that_are_left_are_counted_and_a_finished_arm_needs_no_setup():
     check = MOTORS.check(SetupState(setup=motors(gripper="configured", wrist_roll="verified")))
     assert check.verdict == "fail"
-    assert check.sentence == "4 of 6 motors are still to be set up, next wrist_flex"
+    assert check.sentence == "4 of 6 motors have not got their ids yet; next is wrist_flex"
     failed = MOTORS.check(SetupState(setup=motors(gripper="failed")))
     assert failed.sentence == "gripper: about gripper"
     assert failed.fix == "mend"
