@@ -23,8 +23,14 @@ NEAR_LIMIT = 0.03
 
 
 def sentence(sentence: Sentence) -> str:
-    """One sentence, whole, coloured by its tone; there is room for three lines."""
-    return f'<div class="so101-says so101-{sentence.tone.value}">{escape(sentence.text)}</div>'
+    """One sentence, whole, coloured by its tone; there is room for three lines.
+
+    What it says of keys is left out where a finger taps.
+    """
+    text = escape(sentence.text)
+    for keys in ("Space or ", " or its key"):
+        text = text.replace(keys, f'<span class="so101-keys">{keys}</span>')
+    return f'<div class="so101-says so101-{sentence.tone.value}">{text}</div>'
 
 
 def headline(title: str, subtitle: str, *, is_under_way: bool) -> str:

@@ -129,7 +129,8 @@ def figures(found: Health) -> str:
         _, retries, lost, corrupt = (
             sum(getattr(servo, name) for servo in found.servos) for name in _COUNTS
         )
-        lines.append(("Bus", f"{retries} retries, {lost} lost, {corrupt} garbled"))
+        counts = f"{retries} retries, {lost} lost, {corrupt} garbled"
+        lines.append(("Bus, since the start", f"{counts}; errors are the last two"))
     if found.port_losses is not None:
         times = {0: "never", 1: "once"}.get(found.port_losses, f"{found.port_losses} times")
         lines.append(("Disconnected", times))
@@ -332,7 +333,7 @@ class HealthPart(Part):
         )
         self._alarms: tuple[Alarm, ...] = ()
         self._told: tuple[Alarm, ...] = ()
-        self._due = 0.0
+        self._due, self._warns = 0.0, False
         self._health: Health | None = None
         self._tab = panel.add_tab(f"Health {name}".strip(), viser.Icon.HEARTBEAT)
         with self._tab:
@@ -358,10 +359,13 @@ class HealthPart(Part):
                 *state_alarms(state, health, rig.arm.range),
                 *self._late.alarm(time.monotonic(), health.late_ticks),
             )
+        warns = bool(found) or rig.connection.problem is not None
+        if warns is not self._warns:
+            self._warns = warns
+            self._tab.icon = viser.Icon.ALERT_TRIANGLE if warns else viser.Icon.HEARTBEAT
         self._tell(not_said_yet(found, state))
         if found != self._alarms:
             self._alarms = found
-            self._tab.icon = viser.Icon.ALERT_TRIANGLE if found else viser.Icon.HEARTBEAT
             marks: dict[str, Tone] = {}
             for alarm in found:
                 for joint in alarm.joints:

@@ -15,18 +15,32 @@ from so101_motion.common.errors import Interrupted
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_mm
 from so101_motion.rig.protocols import RigLike
 from so101_motion.viam.client import MachineRig
 
-from ..page import texts
+from ..page import markup, texts
 from ..page.bar import uuid_of
 from ..page.causes import NextEvent
-from ..page.jogging import ARROWS, JOINTS, MODES, SPEEDS, Jogging, read_held
+from ..page.jogging import (
+    ARROWS,
+    BASE,
+    JOINTS,
+    MODES,
+    SPEEDS,
+    TOOL,
+    Jogging,
+    read_held,
+)
 from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
+from .plan_panel import STEPS_MM
 
-_OFF = Sentence("Off. Start jogging, then hold a button or key: the arm moves while you do.")
+_OFF = Sentence(
+    "Off. Start jogging, then hold a button or its key: the arm moves while you do. For steps of"
+    f" {', '.join(f'{mm:g}' for mm in STEPS_MM)} mm: Nudge on the Move tab."
+)
 _OPENS = Sentence("Starting …")
 _ON = Sentence(
     "Hold a button or its key. Gamepad: hold a shoulder button and use the sticks.",
@@ -66,6 +80,7 @@ class JogPart(Part):
             context.buttons(  # below the joints: a phone shows half a page
                 "Speed", {name: partial(self.jogging.set_speed, name) for name in SPEEDS}
             )
+            self._pace = gui.add_html("")
             self._hand = gui.add_text("Held", "", visible=False)
         self._hand.on_update(self._hear)
 
@@ -113,6 +128,11 @@ class JogPart(Part):
         self._sentence.content = self._context.sentence(self._words())
         self._switch.label = "End jogging" if is_on else "Start jogging"
         self._switch.disabled = not is_on and (self._is_far or not self._may_start)
+        pace = SPEEDS[jogging.speed]
+        figures = f"{to_deg(pace.turning):.0f} °/s"
+        if self._mode in (BASE, TOOL):
+            figures = f"{to_mm(pace.going):.0f} mm/s, turns {figures}"
+        self._pace.content = markup.facts([(jogging.speed.capitalize(), figures)])
         self._buttons.content = jog_buttons(
             self._mode, jogging.speed, hand=uuid_of(self._hand) or "", is_on=jogging.is_ready
         )

@@ -65,6 +65,7 @@ class ProgramPart(Part):
         }
         self._fields: dict[str, WaypointFields] = {}
         self._chosen: list[viser.GuiButtonGroupHandle] = []  # for the chosen step
+        self._adding: list[viser.GuiButtonGroupHandle] = []  # what adds one
         with context.tabs.add_tab(PROGRAM):
             self._build(context.gui)
 
@@ -92,7 +93,7 @@ class ProgramPart(Part):
         self._progress = gui.add_progress_bar(0.0, color="green")
         if self._is_one:
             more = {"target": model.record_targets, "wait": model.wait, "pick": model.pick}
-            self._context.buttons(
+            adds = self._context.buttons(
                 "Add",
                 more,
                 "A waypoint where the ghost is; a wait of 1 s, which Pause (s) changes; or one"
@@ -105,7 +106,9 @@ class ProgramPart(Part):
             self._add_record(
                 "Record target", model.record_targets, "these arms go to their targets"
             )
-            self._context.buttons("Add", {"wait": model.wait}, "A step in which all its arms wait")
+            hint = "A step in which all its arms wait"
+            adds = self._context.buttons("Add", {"wait": model.wait}, hint)
+        self._adding.append(adds)
         self._add_order()
 
     def _add_more(self, gui: viser.GuiApi) -> None:
@@ -130,7 +133,8 @@ class ProgramPart(Part):
     ) -> None:
         hint = f"A step in which {what}, at the same time"
         of_each = {name: partial(record, (name,)) for name in self._pages}
-        self._context.buttons(label, {**of_each, _ALL: partial(record, None)}, hint)
+        does = {**of_each, _ALL: partial(record, None)}
+        self._adding.append(self._context.buttons(label, does, hint))
 
     def _add_order(self) -> None:
         model = self.model
@@ -193,6 +197,8 @@ class ProgramPart(Part):
         self._loops.show(index, (program.steps, program.loops), loops)
         for group in self._chosen:
             grey(group, index is None)
+        for group in self._adding:
+            grey(group, run is not None)
         self._undo.show(can=run is None, needed=bool(program.steps))
         for form in self._forms:
             form.visible = bool(program.steps)

@@ -69,7 +69,8 @@ def facts(step: str, timeline: RehearsalTime | None) -> tuple[tuple[str, str], .
 
 def ended(step: str, error: BaseException) -> Sentence:
     if isinstance(error, Interrupted) and (error.by == "stop" or step == ONE_OF_ALL):
-        return Sentence("Stopped. Every arm holds where it is; the rest was not run.")
+        arms = "The arm" if step == ONE_OF_ONE else "Every arm"
+        return Sentence(f"Stopped. {arms} holds where it is; the rest was not run.")
     return texts.ended(error)
 
 

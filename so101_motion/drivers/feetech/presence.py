@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from so101_motion.common.errors import NoReply, ServoFault
+from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.bus.bus import Bus
 
 SILENT_AFTER = 0.25
@@ -82,9 +83,12 @@ def unconfirmed_position(bus: Bus, servo_id: int) -> NoReply:
 
 def restarted_servos(bus: Bus, restarted: Sequence[int]) -> ServoFault:
     names = ", ".join(bus.label(servo_id) for servo_id in restarted)
+    names = "all servos" if len(restarted) > len(ARM_JOINTS) else names
+    one = len(restarted) == 1
+    holds, its = ("holds where it is", "its") if one else ("hold where they are", "their")
     return ServoFault(
-        f"{names} restarted and holds where it is now; its power probably failed: check"
-        " its cable and the supply",
+        f"{names} restarted and {holds} now; {its} power probably failed: check {its} cable and the"
+        " supply",
         servo_id=restarted[0],
     )
 

@@ -512,8 +512,8 @@ class _Planning:
             return NoPath(why, where="goal")
         first = problems[0]
         return NoPath(
-            f"none of {len(problems)} of {grasps} grasps of '{name}' can be planned; the best one:"
-            f" {first}",
+            f"'{name}' can be gripped in {grasps} ways; the best {len(problems)} were tried, but no"
+            f" path was found to any. The first: {first}",
             where="goal",
             blockers=getattr(first, "blockers", ()),
         )

@@ -241,3 +241,4 @@ def test_an_alarm_is_in_the_bar_at_the_tab_and_the_joint_and_once_in_the_log(
     rig.status, rig.connection = status, ArmConnection(to="machine", problem="lost")
     part.refresh()
     assert context.bar._alerts["alarms left"] == ()  # what a lost arm last said is old
+    assert tab.icon == "alert-triangle"
