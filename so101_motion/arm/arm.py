@@ -14,7 +14,7 @@ from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import lru_cache, partial
 from operator import is_
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Unpack
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -79,16 +79,6 @@ START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
 
 
-class _Present(NamedTuple):
-    """What plans of an arm depend on, besides its state."""
-
-    scene: Scene
-    rest: tuple[object, ...]  # its other parts, each replaced by another object when it is set
-
-    def is_same(self, other: _Present) -> bool:
-        return self.scene == other.scene and all(map(is_, self.rest, other.rest))
-
-
 class Arm(CappedJoints):
     """Five joints that can be planned for, moved and stopped.
 
@@ -139,7 +129,7 @@ class Arm(CappedJoints):
         self._strength = Strength.of_servos(LoadConfig().servo_voltage)
         self.set_load(LoadConfig())
         self.newest: tuple[PlanRequest, Plan] | None = None
-        self._planned_in = WeakKeyDictionary[Plan, _Present]()
+        self._planned_in = WeakKeyDictionary[Plan, tuple[Any, ...]]()
         self._kept_off: tuple[Scene, Scene] | None = None  # made from which scene, and which
         self.cell_member: OtherArms | None = None
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
@@ -723,19 +713,19 @@ class Arm(CappedJoints):
     def _situation_in(self, scene: Scene) -> Situation:
         return Situation(self._tooled(scene), self._range, self._payload, self._strength)
 
-    def _present(self) -> _Present:
-        caps = self._caps, self._ceiling
-        parts = self.model, self._range, self._payload, self._strength, *caps
-        return _Present(self._with_surroundings(self.scene), parts)
+    def _present(self) -> tuple[Any, ...]:
+        """What plans depend on besides the arm's state; all but the scene is compared by ``is``."""
+        scene, caps = self._with_surroundings(self.scene), (self._caps, self._ceiling)
+        return scene, self.model, self._range, self._payload, self._strength, *caps
 
     def _checked_again(self, plan: Plan, _motion: Motion) -> Plan:
         """``plan``, checked with what it depends on now, unless it was made with the same."""
         made, now = self._planned_in.get(plan), self._present()
-        if made is not None and made.is_same(now):
+        if made is not None and made[0] == now[0] and all(map(is_, made[1:], now[1:])):
             return plan
-        has_own_caps = made is not None and made.rest[-2] == self._caps
+        has_own_caps = made is not None and made[-2] == self._caps
         verify.check(plan.trajectory, self._below_ceiling(plan.limits if has_own_caps else None))
-        collision, q_jaw = CollisionModel(self.model, now.scene), self.state.q_jaw_ref
+        collision, q_jaw = CollisionModel(self.model, now[0]), self.state.q_jaw_ref
         q = plan.trajectory.q
         if plan.report.departure:  # it begins in contact
             q = q[int(np.argmin(collision.touching(q, q_jaw))) :]
@@ -744,7 +734,7 @@ class Arm(CappedJoints):
             met = collision.clearance(blocked, q_jaw)
             what = f"on this plan, which was made for another scene, {met.message()}; plan again"
             raise InCollision(what, first=met.first, second=met.second, where="path")
-        load = self._situation_in(now.scene).load(self.model, plan.q_start)
+        load = self._situation_in(now[0]).load(self.model, plan.q_start)
         load.check(plan.trajectory)
         load.check_goal(plan.q_goal)
         return plan
