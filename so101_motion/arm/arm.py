@@ -797,15 +797,12 @@ class Arm(CappedJoints):
         return self._executor.stop(Channel.ARM, by=SUPERSEDED)
 
     def _leave_manual(self, motion: Motion) -> None:
-        """Hold an arm that yields or is limp, unless the motion was ended meanwhile.
-
-        ``ServoAlarm`` if a servo has let go: where its joint sank to is not the trouble.
-        """
+        """Hold an arm that yields or is limp, unless the motion was ended meanwhile."""
         if self._must_hold():
             with motion.begin():
                 holding = self._executor.hold()
             holding.result()
-        self.state.reading.check_held(ARM_JOINTS)
+        self.state.reading.check_held(ARM_JOINTS)  # rather than where a sunken arm lies
 
     def _must_hold(self) -> bool:
         """Whether the arm is guided or limp, so that it must hold before it moves."""

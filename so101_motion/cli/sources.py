@@ -95,7 +95,7 @@ class Source(_SourceWithCaps):
             with planner_started():
                 return self._open()
         except NoReply:
-            opened.append(lambda: "nothing moved; the servos that answer are as they were found")
+            opened.append(lambda: "nothing moved; servos that held before still hold")
             raise
 
     def _open(self) -> Rig:

@@ -39,11 +39,9 @@ def status(source: AnySource = ANY_SOURCE, as_json: bool = JSON) -> None:
     with quietly(), closing(_open_to_read(source)) as rig:
         seen = _facts(source, rig)
     found = seen.get("joints_found", ARM_JOINTS)
-    if not found:
-        pass  # there is no state to print
-    elif as_json:
+    if found and as_json:
         print_json("status", seen)
-    else:
+    elif found:
         _print_state(seen)
     silent = [joint for joint in ARM_JOINTS if joint not in found]
     if silent and isinstance(rig, HardwareRig):

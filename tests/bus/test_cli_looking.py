@@ -158,16 +158,6 @@ def test_the_status_of_an_arm_with_silent_servos_says_what_to_check(arm, silent,
     assert says in " ".join(result.stderr.split())
 
 
-@pytest.mark.parametrize("goal", [("--pose", "home"), ("--leave-contact",)], ids=" ".join)
-def test_a_servo_that_let_go_is_named_before_what_the_sunken_arm_lies_on(arm, goal):
-    arm.begin(FaultEvent(kind="hot", servo="shoulder_lift", value=72.0))
-    Path("scene.json").write_text('{"floor_z_mm": 400}')
-    result = run("move", "--port", arm.port, *goal, "--scene", "scene.json", "--yes")
-    assert result.exit_code == 4
-    assert "shoulder_lift: its servo is too hot and has let go" in result.stderr
-    assert "try: let it cool below 55 °C" in result.stderr
-
-
 # A configuration
 
 

@@ -1,15 +1,19 @@
 """An arm on hardware in trouble: joints held fast, cables out, hot servos, the supply."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from harness.emulated_rig import rad
 from harness.held_calibration import filed
 from so101_viewer.page import texts
 
+from so101_motion.cli.plan_move import planned_move
 from so101_motion.common.errors import PortUnavailable, ServoAlarm
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ANSWERS_AGAIN
 from so101_motion.drivers.emulator.hand import Hand, parse_script
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal, LeaveContactGoal
 
 # Trouble: reported by name, nothing else lost, over when it is cleared
@@ -108,6 +112,9 @@ def test_a_joint_whose_servo_has_let_go_is_named_and_holds_where_it_sank_to(
             bench.finish(rig.arm.retarget(np.zeros(5)) if jogs else bench.go(rig, 0, 0, 0, 0, 0))
     with pytest.raises(ServoAlarm, match="let it cool below 55"):
         bench.finish(rig.arm.move(LeaveContactGoal(), wait=False))
+    source = SimpleNamespace(open=lambda: SimpleNamespace(arm=rig.arm, close=lambda: None))
+    with pytest.raises(ServoAlarm, match="let it cool below 55"):  # not that it is in the floor
+        planned_move(source, "home", Scene(floor_z=0.5), 16, yes=True, as_json=True)
     bench.advance(2.5)  # until it lies on its stop
     sunk = bench.q_deg
     bench.world.warm("elbow_flex", 30.0)
