@@ -104,3 +104,15 @@ def ring(first, second, angle_deg):
         0.0715 * np.sin(np.radians(angle_deg)),
     )
     return (p[0], p[1], p[2])
+
+
+def test_what_is_no_number_is_refused_and_the_value_before_comes_back(guest):
+    field = guest.fields("Target (mm)").first
+    before = guest.target_mm()
+    for typed in ("abc", "1e9", ""):
+        field.click()
+        field.press("Control+a")
+        field.press("Delete")
+        guest.page.keyboard.type(typed)
+        field.press("Tab")
+        guest.until(lambda: guest.target_mm() == before)

@@ -13,7 +13,7 @@ NOTICE = "notice.js"  # the script that a film needs as well
 
 _SCRIPTS = (
     "link.js", "double_click.js", "bar.js", "answer.js", "jog.js", "names.js", "plot.js", "row.js",
-    "steps.js", "tabs.js", "timeline.js", "tooltips.js", NOTICE,
+    "numbers.js", "steps.js", "tabs.js", "timeline.js", "tooltips.js", NOTICE,
 )  # fmt: skip
 
 
