@@ -19,7 +19,7 @@ from so101_motion.arm.arm import START_TOLERANCE, Arm
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import Interrupted
+from so101_motion.common.errors import InCollision, Interrupted
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import JointState
@@ -71,6 +71,7 @@ class ViewModel(TargetEditor):
         motion: Follows the plan; None at rest.
         playback: How far into the plan the ghost stands, or at its end; the same for all arms.
         replans: Whether the arm plans again while it moves, when the scene changes.
+        refused: The newest target that no plan could end at, because something is there.
         ran: The newest plan that was executed and how it was followed; None before.
         dropped: Called with why the plan is dropped, also one that is being made.
     """
@@ -94,6 +95,7 @@ class ViewModel(TargetEditor):
         self.plan_view: PlanView | None = None
         self.plan_is_current = self.is_planned_for = False
         self.motion: Motion | None = None
+        self.refused: Target | None = None
         self._in_contact: tuple[object, bytes, bool] = (None, b"", False)  # where it was looked
         self.sweeps, self.replans, self.playback = True, False, Playback()
         self.tracker = MotionTracker()
@@ -527,6 +529,11 @@ class MoveModel:
         error = future.exception()
         if error is not None:
             self._sentence = texts.ended(error)
+            if isinstance(error, InCollision) and error.where == "goal":
+                for name, arm in self.arms.items():
+                    is_own = not name or str(error).startswith(f"{name}: ")
+                    if is_own or error.first.startswith(f"{name}'s "):
+                        arm.refused = arm.target
             return True
         made = future.result()
         if self._backs_out:

@@ -180,4 +180,5 @@ class Stage:
             return
         T_ghost = self._model.link_placements(q_ghost, page.state.q_jaw)
         self._ghost.move_beside(T_ghost, T_live)
-        self._ghost.paint(_GHOST if page.target.problem is None else _GHOST_BAD)
+        is_bad = page.target.problem is not None or page.target is page.refused
+        self._ghost.paint(_GHOST_BAD if is_bad else _GHOST)

@@ -517,6 +517,7 @@ def test_targets_that_arms_cannot_have_run_at_once_are_refused_with_their_names(
     bench.aim(first=OVER_THE_MIDDLE, second=OVER_THE_MIDDLE, third=OVER_THE_MIDDLE)
     assert not bench.plan().plan_is_current
     assert bench.says("arm 1") or bench.says("Arm 1")
+    assert any(arm.refused is arm.target for arm in bench.arms.values())  # its ghost is red
     bench.aim()
     list(bench.arms.values())[1].set_target_point(np.array([0.9, 0.0, 0.2]))  # out of reach
     assert bench.says("arm 2: ")
