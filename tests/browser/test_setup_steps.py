@@ -156,7 +156,7 @@ def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(tmp_
         attributes = {"port": kit.port, "calibration_file": str(file)}
         has = ((SENSOR, CALIBRATION, "calibration", attributes),)  # no arm yet
         with (
-            running_machine(resources=has) as machine,
+            running_machine(resources=has, is_patient=True) as machine,
             Machine.connect(machine.address) as connected,
             serve_setup(port=0, machine=connected, progress_file=tmp_path / "setup.json") as app,
         ):

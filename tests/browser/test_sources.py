@@ -165,7 +165,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             assert not np.allclose(taught, p_leader, atol=0.02)
             hand.press("STOP")
             hand.until(lambda: hand.has("Follow the leader"))
-            hand.expect("Idle, holding")
+            hand.expect("Stopped, holding")
 
             before = np.array(hand.place_of("/live/gripper_link"))
             hand.press("Plan replay")

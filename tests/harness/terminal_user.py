@@ -15,12 +15,12 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-_PATIENT = (
+PATIENT = (
     "from so101_motion.drivers.port.serial_port import SerialPort as Port; read = Port.read; "
     "Port.read = lambda port, until: read(port, until + 0.5); "
 )
 """For a process that opens servos of the tests: these answer when a busy machine lets them."""
-COMMAND = (sys.executable, "-c", f"{_PATIENT}from so101_motion.cli import main; main()")
+COMMAND = (sys.executable, "-c", f"{PATIENT}from so101_motion.cli import main; main()")
 
 _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 

@@ -13,6 +13,7 @@ plain, without a key. The port can be closed and opened again, as when a cable i
 import asyncio
 import contextlib
 import functools
+import sys
 import tempfile
 import threading
 import time
@@ -31,12 +32,14 @@ from harness.fake_parent import (
     GRIPPER,
     HARDWARE_ARM,
     HARDWARE_GRIPPER,
+    MODULE,
     SENSOR,
     SIMULATED,
     SIMULATED_GRIPPER,
     running_module,
     until,
 )
+from harness.terminal_user import PATIENT
 
 SIM = ((ARM, SIMULATED, "arm", {}), (GRIPPER, SIMULATED_GRIPPER, "gripper", {}))
 """What the machine has by default: api, model, name, attributes."""
@@ -154,12 +157,14 @@ class Machine:
 
 
 @contextmanager
-def running_machine(*, emulated=False, resources=None):
+def running_machine(*, emulated=False, resources=None, is_patient=False):
     """Start a machine; it ends with the block.
 
     Args:
         emulated: Whether its arm is on emulated servos, which somebody holds up until it holds
             itself, instead of simulated.
+        is_patient: Whether it waits for each servo of the tests until a busy machine lets that
+            answer; long where servos are missing.
         resources: What it has, like ``SIM``; by default an arm, a gripper, and on emulated servos
             the calibration and discovery as well.
     """
@@ -168,7 +173,7 @@ def running_machine(*, emulated=False, resources=None):
     async def live():
         try:
             async with AsyncExitStack() as stack:
-                ready.set_result(await _start(stack, loop, emulated, resources))
+                ready.set_result(await _start(stack, loop, emulated, resources, is_patient))
                 await done.wait()
         except BaseException as error:
             if ready.done():
@@ -185,12 +190,13 @@ def running_machine(*, emulated=False, resources=None):
         loop.close()
 
 
-async def _start(stack, loop, emulated, resources):
+async def _start(stack, loop, emulated, resources, is_patient):
     servos = None
     if emulated:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="so101-"))
         servos = await stack.enter_async_context(emulated_port(Path(folder)))
-    module, _, _ = await stack.enter_async_context(running_module())
+    command = (sys.executable, "-c", PATIENT + MODULE if is_patient else MODULE)
+    module, _, _ = await stack.enter_async_context(running_module(command=command))
     for api, model, name, attributes in resources or (on_port(servos.port) if servos else SIM):
         component = await module.add(api, model, attributes, name)
         if servos is not None and api == ARM:
