@@ -148,6 +148,15 @@ def calibrate(hand, kit, middle, begin="Let go of the joints"):
     hand.expect("Look at what was recorded")
 
 
+def all_six_answer(hand):
+    """Whether the page has seen them; on a busy machine answers come late, and it offers this."""
+    if hand.says("All six servos are set up correctly"):
+        return True
+    if hand.can("Verify again"):
+        hand.press("Verify again")
+    return False
+
+
 def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(tmp_path):
     from so101_motion.viam.client import Machine
 
@@ -164,7 +173,7 @@ def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(tmp_
             hand.press("Calibration Only")
             hand.expect("Step 1 of 7")
             hand.press("Next")
-            hand.expect("All six servos are set up correctly")
+            hand.until(lambda: all_six_answer(hand))
             hand.press("Next")
             calibrate(hand, kit, 0.5)
             hand.press("Save")
