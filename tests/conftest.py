@@ -1,5 +1,6 @@
 """Fixtures that more than one test directory needs."""
 
+import gc
 import logging
 import signal
 import threading
@@ -134,6 +135,13 @@ def referee(request):
     meant = {rule for mark in request.node.iter_markers("breaks") for rule in mark.args}
     with refereed(meant) as referee:
         yield referee
+
+
+@pytest.fixture(autouse=True, scope="module")
+def old_objects_are_not_looked_through_while_servos_answer():
+    """A whole run's process has so many that one look by the collector takes a second or two."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")
