@@ -67,6 +67,12 @@ def test_an_added_obstacle_is_drawn_and_planned_with_and_moves_nothing(world, ri
     world.until(lambda: not arrows.visible)  # one pair of handles at a time
     fill(world, "Size (mm)", "40", "50", "70")
     world.until(lambda: np.allclose(rig.arm.scene.obstacles[0].shape.size, [0.04, 0.05, 0.07]))
+    world.until(  # its bottom stays, so its middle is higher; the page hears of it a little later
+        lambda: (
+            float(shown(world, "Position (mm)").nth(2).input_value() or 0)
+            == pytest.approx(1e3 * rig.arm.scene.obstacles[0].T_base_obstacle.p[2], abs=0.1)
+        )
+    )
     fill(world, "Position (mm)", "250", "-100", "32.6")
     world.until(
         lambda: np.allclose(rig.arm.scene.obstacles[0].T_base_obstacle.p, [0.25, -0.1, 0.0326])
