@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -149,8 +150,14 @@ def alternating(seconds: float, rounds: int, commit: str | None) -> Iterator[dic
         for _ in range(rounds):
             for who, checkout in checkouts.items():
                 command = [sys.executable, "-m", "benchmarks.bench_cycle", "--once"]
+                own = {**os.environ, "PYTHONPATH": str(checkout)}  # its planning process, too
                 done = subprocess.run(
-                    [*command, str(seconds)], cwd=checkout, check=True, stdout=-1, text=True
+                    [*command, str(seconds)],
+                    cwd=checkout,
+                    env=own,
+                    check=True,
+                    stdout=-1,
+                    text=True,
                 )
                 runs[who].append(json.loads(done.stdout.splitlines()[-1]))
         for what in runs["now"][0]:
