@@ -3,6 +3,7 @@
 import gc
 import logging
 import signal
+import sys
 import threading
 from dataclasses import dataclass
 
@@ -142,6 +143,14 @@ def old_objects_are_not_looked_through_while_servos_answer():
     """A whole run's process has so many that one look by the collector takes a second or two."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def arms_of_verbs_in_this_process_are_forgotten():
+    """Else the next error that is printed here tells what they do."""
+    yield
+    if "so101_motion.cli.shared" in sys.modules:
+        sys.modules["so101_motion.cli.shared"].opened.clear()
 
 
 @pytest.fixture(autouse=True, scope="session")
