@@ -16,7 +16,8 @@ The same request gives the same motion, byte for byte; only the times in the rep
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import lru_cache, partial
 from typing import NamedTuple
 
@@ -47,11 +48,11 @@ from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import MotionBuilder, Pieces
-from so101_motion.planning.moving_start import taken_up
 from so101_motion.planning.paths.path import PathFinder
 from so101_motion.planning.paths.start_recovery import FARTHEST, find_departure, needs_departure
 from so101_motion.planning.planning_context import PlanningContext
 from so101_motion.planning.request import PathDeviation, Plan, PlanReport, PlanRequest
+from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.path_geometry import JointPath
 from so101_motion.planning.timing.torque import Load, carried
@@ -348,3 +349,33 @@ def _towards(context: PlanningContext) -> list[Array]:
     if isinstance(goal, PoseGoal):
         return [context.ik.solve(goal, context.request.q_start).q]
     return []
+
+
+TRIED = 16  # number of states that are tried as the end of the cut; chosen: each takes 50 us
+
+
+def taken_up(context: PlanningContext, lead: Trajectory, motion: Trajectory) -> Trajectory:
+    """The motion from the first state of ``lead`` to the end of ``motion``, which starts at rest.
+
+    ``lead`` would come to rest where ``motion`` begins. Any instant of that is a state, and the
+    fastest motion from the first to a later one cuts off what lies between. The shortest cut that
+    keeps all limits and is proven free is taken.
+
+    Raises:
+        PlanningError: Not even coming to rest first keeps the limits and out of contact.
+    """
+    whole, limits, moves = lead.then(len(lead) - 1, motion), context.request.limits, context.moves
+    last, begin = len(whole) - 1, whole.sample(0.0)
+    tried: list[tuple[int, int, Callable[[], Trajectory]]] = []
+    for k in np.unique(np.linspace(1, last, TRIED).astype(int)).tolist():
+        with suppress(PlanningError):
+            count, cut = online.between(begin, whole.sample(k * whole.dt), limits, whole.dt)
+            tried.append((count - k, k, cut))
+    for saved, k, cut in sorted(tried, key=lambda each: each[0]):
+        shorter = cut().then(saved + k, whole.since(k))
+        if saved < 0 and moves.is_free(shorter):
+            with suppress(PlanningError):
+                context.check([shorter])
+                return shorter
+    context.check([whole])
+    return whole

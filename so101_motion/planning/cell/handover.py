@@ -3,8 +3,8 @@
 Three motions, all of them planned and proven before anything moves. *Approach*: all arms move
 together, the giver to where the object can be taken, the taker to a place before it. *Take*: the
 taker goes straight to the object with its jaw open. It closes, the giver opens, and *leave*: the
-giver goes straight back. ``meetings.py`` finds where the arms meet, and ``grasps.py`` how the
-object is taken.
+giver goes straight back. ``meetings.py`` finds where the arms meet, and how the object is
+taken.
 
 The taker's gripper and jaw may touch the object from the straight line to it on, the giver's until
 it has left. There is no other exception: the arms themselves always keep apart, and the object
@@ -26,8 +26,7 @@ import numpy as np
 from so101_motion.common.errors import ConfigError, NoPath, PlanningError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_rad
-from so101_motion.planning.cell.grasps import Grasp, grasps_of
-from so101_motion.planning.cell.meetings import Meeting, Meetings
+from so101_motion.planning.cell.meetings import Grasp, Meeting, Meetings, grasps_of
 from so101_motion.planning.cell.team_requests import Handover, HandoverRequest, TeamMember
 from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision.apart import ROOM, first_meeting

@@ -8,7 +8,7 @@ tolerances is returned as a solution.
 Position comes first. If a point can be reached but not with the wanted orientation, the
 :class:`~so101_motion.common.errors.Unreachable` holds the configuration *at the point* with the
 nearest orientation. If the point itself is out of reach, it holds the nearest reachable point
-(``workspace.py``) and what stops the arm there.
+and what stops the arm there.
 
 "Near the seed" is the Euclidean distance of joint angles.
 """
@@ -29,7 +29,7 @@ from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
 from so101_motion.planning.kinematics.arm_geometry import Joints, to_joints
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.geometry_from_model import measure_structure
-from so101_motion.planning.kinematics.ik_closed import ClosedForms
+from so101_motion.planning.kinematics.ik_closed import ClosedForms, Workspace
 from so101_motion.planning.kinematics.ik_cloud import Cloud, CloudSolver
 from so101_motion.planning.kinematics.ik_task import (
     FULL_STRETCH,
@@ -42,7 +42,6 @@ from so101_motion.planning.kinematics.ik_task import (
     minimise,
 )
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.kinematics.workspace import Workspace
 
 __all__ = ["IkSolution", "IkSolver"]
 

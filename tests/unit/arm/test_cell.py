@@ -20,8 +20,8 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
 from so101_motion.common.geometry import SE3
 from so101_motion.control.streamed_trajectory import TimedPoint
-from so101_motion.planning.cell.grasps import grasps_of
 from so101_motion.planning.cell.handover import JawGeometry
+from so101_motion.planning.cell.meetings import grasps_of
 from so101_motion.planning.collision.apart import (
     GUARDED,
     PARTING,

@@ -13,8 +13,8 @@ from harness.facing_arms import T_LEFT_RIGHT, Facing, distance
 from so101_motion.common.errors import ConfigError, InCollision, NoPath, Overloaded, Unreachable
 from so101_motion.common.geometry import SE3, rot_z, rotation_angle, rotation_by
 from so101_motion.planning.cell import together
-from so101_motion.planning.cell.grasps import grasps_of
 from so101_motion.planning.cell.handover import JawGeometry, plan_handover
+from so101_motion.planning.cell.meetings import grasps_of
 from so101_motion.planning.cell.team_requests import HandoverRequest, TeamMember
 from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision import apart
