@@ -176,10 +176,14 @@ class MotionBuilder:
         report = self.check_limits(trajectory)
         if self.load is not None:
             report = replace(report, effort=self.load.check(trajectory))
+        self.check_contact(trajectory)
+        return report
+
+    def check_contact(self, trajectory: Trajectory) -> None:
+        """Refuse a motion that touches something."""
         blocked = self._first_blocked(trajectory)
         if blocked is not None:
             raise self.in_collision(blocked, "path")
-        return report
 
     def is_free(self, trajectory: Trajectory) -> bool:
         """Whether a motion touches nothing; ``check`` says what else is wrong with it."""

@@ -27,6 +27,7 @@ from so101_motion.planning.goals import (
     PoseGoal,
 )
 from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.verify import limit_report
 
@@ -138,6 +139,17 @@ def test_the_cap_on_tool_speed_is_kept(model, plan, goal):
     points = np.array([model.frame(q).p for q in made.trajectory.q])
     speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / made.trajectory.dt
     assert 0.07 < speed.max() < 0.08 * 1.002
+
+
+def test_a_moving_arm_that_brakes_harder_than_its_caps_goes_on_from_where_it_comes_to_rest(plan):
+    hard = MotionLimits.uniform(velocity=3.0, acceleration=30.0, jerk=3000.0)
+    lead = online.stop(HOME, np.ones(5), np.zeros(5), hard, 0.01).since(2)
+    made = plan(JointGoal(q=GOAL), lead.q[-1], lead=lead)
+    np.testing.assert_array_equal(made.trajectory.q[: len(lead)], lead.q)
+    goes_on = made.trajectory.since(len(lead) - 1)
+    assert limit_report(lead, LIMITS).acceleration.max() > 2.0
+    assert limit_report(goes_on, LIMITS).worst <= 1.002
+    np.testing.assert_allclose(goes_on.q[-1], GOAL)
 
 
 @pytest.mark.parametrize("what", ["joints", "pose", "waypoints", "line"])
