@@ -20,7 +20,11 @@ from so101_motion.control.request_queue import running_future
 from so101_motion.planning.collision.course import stop_along
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.time_scaling import shortest_pause, shortest_speedup
+from so101_motion.planning.timing.time_scaling import (
+    own_limits,
+    shortest_pause,
+    shortest_speedup,
+)
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 FORESIGHT = 0.06
@@ -87,6 +91,7 @@ class PlannedMotion:
         self._trajectory, self._k, self._k_before = trajectory, 0, 0
         self._now: Setpoint | None = None
         self._passed = 0  # samples before the first that ``_trajectory`` still has
+        self._own: MotionLimits | None = None  # of what was planned, once it has rested
         self._continuation: _Continuation | None = None
         self._changes: tuple[Trajectory | None, Array] = None, np.zeros((0, 0))
         self.played = trajectory, 0
@@ -137,6 +142,7 @@ class PlannedMotion:
         is_in_time = seen is self._trajectory and self._k < at
         if is_in_time:
             self._trajectory, self._k, self._passed = whole, self._k - since, self._passed + since
+            self._own = None
         taken.set_result(is_in_time)
 
     @property
@@ -168,12 +174,18 @@ class PlannedMotion:
 
     def resumed(self) -> PlannedMotion | None:
         """The rest of the motion, from rest at the last setpoint; None if that cannot be."""
-        return self._anew(shortest_speedup(self._trajectory, self._k * self._trajectory.dt))
+        t = self._k * self._trajectory.dt
+        return self._anew(shortest_speedup(self._trajectory, t, self._as_planned()))
 
     def paused(self, limits: MotionLimits, rest: float) -> PlannedMotion | None:
         """The motion with a stop and a ``rest`` [s] from now on; None if that cannot be."""
         t = self._k * self._trajectory.dt
-        return self._anew(shortest_pause(self._trajectory, t, limits, rest))
+        return self._anew(shortest_pause(self._trajectory, t, limits, rest, self._as_planned()))
+
+    def _as_planned(self) -> MotionLimits:
+        """With what the motion goes on: stops that were put into it since were harder."""
+        self._own = self._own or own_limits(self._trajectory)
+        return self._own
 
     def _anew(self, trajectory: Trajectory | None) -> PlannedMotion | None:
         """This motion, with ``trajectory`` from its next tick on, which is then tick 0."""

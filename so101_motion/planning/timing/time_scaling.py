@@ -75,15 +75,18 @@ _TRIED = Ramp(
 
 
 def shortest_pause(
-    trajectory: Trajectory, t: float, limits: MotionLimits, rest: float
+    trajectory: Trajectory, t: float, limits: MotionLimits, rest: float, own: MotionLimits
 ) -> Trajectory | None:
-    """The shortest stop from ``t`` on, ``rest`` [s], and what is left; None as below."""
+    """The shortest stop from ``t`` on, ``rest`` [s], and what is left; None as below.
+
+    ``limits`` are those of the stop, ``own`` those with which it goes on.
+    """
     dt, now = trajectory.dt, trajectory.sample(t)
     ticks = round(rest / dt)
     if not now.qd.any() and not now.qdd.any():
         return _played_out(trajectory, t, dt).with_rest(before=ticks)
     found = shortest_slowdown(trajectory, t, limits, dt, at_sample=True)
-    resumed = None if found is None else shortest_speedup(trajectory, found[1])
+    resumed = None if found is None else shortest_speedup(trajectory, found[1], own)
     if found is None or resumed is None:
         return None
     return joined([found[0].with_rest(after=ticks), resumed])
@@ -117,18 +120,22 @@ def shortest_slowdown(
     return (_played_out(trajectory, t, dt), t + left) if left <= longest else None
 
 
-def shortest_speedup(trajectory: Trajectory, t: float) -> Trajectory | None:
-    """The shortest continuation of a motion from rest at its time ``t`` [s], to its end.
-
-    Its own accelerations and jerks are the limits. Where they allow no more, its time runs slower
-    to the end than it did; None if none tried keeps them.
-    """
-    dt = trajectory.dt
-    limits = MotionLimits(
+def own_limits(trajectory: Trajectory) -> MotionLimits:
+    """The largest speeds, accelerations and jerks of a motion."""
+    return MotionLimits(
         velocity=_largest(trajectory.qd),
         acceleration=_largest(trajectory.qdd),
-        jerk=_largest(np.diff(trajectory.qdd, axis=0) / dt),
+        jerk=_largest(np.diff(trajectory.qdd, axis=0) / trajectory.dt),
     )
+
+
+def shortest_speedup(trajectory: Trajectory, t: float, limits: MotionLimits) -> Trajectory | None:
+    """The shortest continuation of a motion from rest at its time ``t`` [s], to its end.
+
+    Where the limits allow no more, its time runs slower to the end than it did; None if none tried
+    keeps them.
+    """
+    dt = trajectory.dt
     shortest = max(_braking_time(trajectory.sample(t), limits), 2.0 * dt)
     # With an even number of ticks it goes on through the motion's own samples.
     ticks = 2 * np.ceil(0.5 * shortest / dt * np.geomspace(1.0, SLOWEST, 2 * ATTEMPTS))

@@ -1044,3 +1044,16 @@ def test_a_setpoint_that_was_refused_is_not_skipped_by_the_stop():
     stop = motion.brake(now, LIMITS)
     np.testing.assert_array_equal(stop.q[0], now.q)
     assert np.abs(stop.q[1] - now.q).max() <= 1.5 * 0.01
+
+
+def test_a_motion_that_rests_several_times_goes_on_as_gently_as_it_was_planned():
+    limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
+    stop = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+    source = PlannedMotion(point_to_point(np.zeros(5), np.full(5, 2.0), limits, 0.01))
+    for ticks in (60, 120, 5, 120):  # the third stop begins within the second
+        for k in range(ticks):
+            source.sample(k)
+        assert source.paused(stop, 0.2) is not None
+    source.sample(0)
+    speed = np.abs(source.played[0].qd)
+    assert np.diff(speed, axis=0).max() <= 1.03 * 2.0 * 0.01

@@ -286,7 +286,7 @@ def test_a_motion_rests_on_its_path_and_goes_on(seed, share) -> None:
     moved = online.point_to_point(rng.uniform(-1, 1, 5), rng.uniform(-1, 1, 5), limits, 0.01)
     k = round(share * moved.duration / moved.dt)
 
-    paused = time_scaling.shortest_pause(moved, k * moved.dt, stop, 0.2)
+    paused = time_scaling.shortest_pause(moved, k * moved.dt, stop, 0.2, limits)
     assert paused is not None
     for whole in ("q", "qd", "qdd"):
         np.testing.assert_allclose(
@@ -311,7 +311,7 @@ def test_a_motion_can_rest_wherever_it_turns_or_stands() -> None:
     q, qd, qdd = (np.concatenate([getattr(w, x) for w in ways]) for x in ("q", "qd", "qdd"))
     moved = Trajectory(dt=0.01, q=q, qd=qd, qdd=qdd, duration=0.01 * (len(q) - 1))
     for k in range(0, len(moved), 3):
-        assert time_scaling.shortest_pause(moved, 0.01 * k, stop, 0.2) is not None, k
+        assert time_scaling.shortest_pause(moved, 0.01 * k, stop, 0.2, limits) is not None, k
 
 
 @settings(max_examples=20)
@@ -324,7 +324,7 @@ def test_a_motion_goes_on_from_rest_as_gently_as_it_began(seed, share) -> None:
     moved = online.point_to_point(rng.uniform(-1, 1, 5), rng.uniform(-1, 1, 5), limits, 0.01)
     t = share * moved.duration
 
-    resumed = time_scaling.shortest_speedup(moved, t)
+    resumed = time_scaling.shortest_speedup(moved, t, time_scaling.own_limits(moved))
     assert resumed is not None
     for derivative in (resumed.qd, resumed.qdd):
         assert not derivative[[0, -1]].any()
