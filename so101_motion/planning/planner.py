@@ -357,12 +357,13 @@ TRIED = 16  # number of states that are tried as the end of the cut; chosen: eac
 def taken_up(context: PlanningContext, lead: Trajectory, motion: Trajectory) -> Trajectory:
     """The motion from the first state of ``lead`` to the end of ``motion``, which starts at rest.
 
-    ``lead`` would come to rest where ``motion`` begins. Any instant of that is a state, and the
-    fastest motion from the first to a later one cuts off what lies between. The shortest cut that
-    keeps all limits and is proven free is taken.
+    ``lead`` would come to rest where ``motion``, which was checked, begins. It may brake harder
+    than the request's limits allow, as a stop does that nothing softer can replace. Any instant of
+    that is a state, and the fastest motion from the first to a later one cuts off what lies
+    between. The shortest cut that keeps all limits and is proven free is taken.
 
     Raises:
-        PlanningError: Not even coming to rest first keeps the limits and out of contact.
+        InCollision: Not even coming to rest first is free of contact.
     """
     whole, limits, moves = lead.then(len(lead) - 1, motion), context.request.limits, context.moves
     last, begin = len(whole) - 1, whole.sample(0.0)
@@ -377,5 +378,5 @@ def taken_up(context: PlanningContext, lead: Trajectory, motion: Trajectory) -> 
             with suppress(PlanningError):
                 context.check([shorter])
                 return shorter
-    context.check([whole])
+    moves.check_contact(whole)
     return whole
