@@ -244,10 +244,7 @@ class Arm(CappedJoints):
         """
         state, scene = self._open_state, self._situation.scene
         with self._looking:
-            collision = self._looked_with
-            if collision is None or collision.scene != scene:
-                collision = self._looked_with = CollisionModel(self.model, scene)
-            close = collision.first_contact(state.q, state.q_jaw)
+            close = self._look_in(scene).first_contact(state.q, state.q_jaw)
         if close is None:
             return "" if self.cell_member is None else self.cell_member.touching()
         return " close to ".join(map(scene.called, close))
@@ -308,12 +305,11 @@ class Arm(CappedJoints):
             ArmClosed: The arm has been closed.
             Interrupted: The motion whose step called this was interrupted.
         """
-        request = self.request(
-            _goal(goal), limits=limits, search=search, q_start=q_start, q_jaw=q_jaw
-        )
-        present = self._present()
+        request = self.request(goal, limits=limits, search=search, q_start=q_start, q_jaw=q_jaw)
+        present = self.present()
         plan: Plan = wait_here(self._planner(request))
-        self.newest, self._planned_in[plan] = (request, plan), present
+        self.newest = (request, plan)
+        self.note(plan, present)
         return plan
 
     def move(
@@ -352,7 +348,7 @@ class Arm(CappedJoints):
                 )
             if replan:
                 raise ConfigError("replan", True, "needs a goal, not a finished plan")
-            motion = self.start_series((partial(self._checked_again, to),))
+            motion = self.start_series((lambda _: self.check_again(to),))
         elif replan:
             asked = search or Search()
             motion = self.start_replanned(
@@ -644,12 +640,12 @@ class Arm(CappedJoints):
         )
         if lead is not None:  # which does not wait
             request = replace(request, lead=lead, route_effort=1)
-        present, planning = self._present(), self._planner(request)
+        present, planning = self.present(), self._planner(request)
 
         def note(done: Future[Plan]) -> None:
             if not done.cancelled() and done.exception() is None:
                 self.newest = (request, done.result())
-                self._planned_in[done.result()] = present
+                self.note(done.result(), present)
                 if reason := done.result().report.short_of_drive:
                     _log.info("the arm %s", reason)
 
@@ -660,9 +656,48 @@ class Arm(CappedJoints):
         """Have the planning process do a task of several motions; its request is ``request``'s."""
         return self._planner(task)
 
+    def present(self) -> tuple[Any, ...]:
+        """What plans depend on besides the arm's state; all but the scene is compared by ``is``."""
+        scene, caps = self._with_surroundings(self.scene), (self._caps, self._ceiling)
+        return scene, self.model, self._range, self._payload, self._strength, *caps
+
+    def note(self, plan: Plan, present: tuple[Any, ...]) -> None:
+        """Note what ``present`` was when a plan of this arm was asked for."""
+        self._planned_in[plan] = present
+
+    def check_again(self, plan: Plan, q_jaw: float | None = None) -> Plan:
+        """``plan``, checked with what it depends on now, unless it was made with the same.
+
+        Args:
+            plan: Its motion counts, wherever the arm is.
+            q_jaw: Where the jaw will be [rad]; its present setpoint if not given.
+
+        Raises:
+            PlanningError: It does not hold any more.
+        """
+        made, now = self._planned_in.get(plan), self.present()
+        if made is not None and made[0] == now[0] and all(map(is_, made[1:], now[1:])):
+            return plan
+        has_own_caps = made is not None and made[-2] == self._caps
+        verify.check(plan.trajectory, self._below_ceiling(plan.limits if has_own_caps else None))
+        q, q_jaw = plan.trajectory.q, self.state.q_jaw_ref if q_jaw is None else q_jaw
+        with self._looking:
+            collision = self._look_in(now[0])
+            if plan.report.departure:  # it begins in contact
+                q = q[int(np.argmin(collision.touching(q, q_jaw))) :]
+            blocked = collision.first_blocked(q, q_jaw, tolerance=MARGIN_TOLERANCE)
+            met = None if blocked is None else collision.clearance(blocked, q_jaw)
+        if met is not None:
+            what = f"on this plan, which was made for another scene, {met.message()}; plan again"
+            raise InCollision(what, first=met.first, second=met.second, where="path")
+        load = self._situation_in(now[0]).load(self.model, plan.q_start)
+        load.check(plan.trajectory)
+        load.check_goal(plan.q_goal)
+        return plan
+
     def request(
         self,
-        goal: Goal,
+        goal: Goal | ArrayLike,
         *,
         limits: MotionLimits | None = None,
         search: Search | None = None,
@@ -678,7 +713,7 @@ class Arm(CappedJoints):
         lower, upper = self._range.with_tolerance()
         return PlanRequest(
             q_start=state.q_ref if q_start is None else q_start,
-            goal=goal,
+            goal=_goal(goal),
             limits=self.effective_limits(limits),
             q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
             scene=self._with_surroundings(self._tooled(search.scene or self.scene)),
@@ -710,34 +745,14 @@ class Arm(CappedJoints):
         scene = self.scene if known is None or known[0] != self.scene else known[1]
         return self._situation_in(scene)
 
+    def _look_in(self, scene: Scene) -> CollisionModel:
+        """The collisions in a scene, for who holds ``_looking``."""
+        if self._looked_with is None or self._looked_with.scene != scene:
+            self._looked_with = CollisionModel(self.model, scene)
+        return self._looked_with
+
     def _situation_in(self, scene: Scene) -> Situation:
         return Situation(self._tooled(scene), self._range, self._payload, self._strength)
-
-    def _present(self) -> tuple[Any, ...]:
-        """What plans depend on besides the arm's state; all but the scene is compared by ``is``."""
-        scene, caps = self._with_surroundings(self.scene), (self._caps, self._ceiling)
-        return scene, self.model, self._range, self._payload, self._strength, *caps
-
-    def _checked_again(self, plan: Plan, _motion: Motion) -> Plan:
-        """``plan``, checked with what it depends on now, unless it was made with the same."""
-        made, now = self._planned_in.get(plan), self._present()
-        if made is not None and made[0] == now[0] and all(map(is_, made[1:], now[1:])):
-            return plan
-        has_own_caps = made is not None and made[-2] == self._caps
-        verify.check(plan.trajectory, self._below_ceiling(plan.limits if has_own_caps else None))
-        collision, q_jaw = CollisionModel(self.model, now[0]), self.state.q_jaw_ref
-        q = plan.trajectory.q
-        if plan.report.departure:  # it begins in contact
-            q = q[int(np.argmin(collision.touching(q, q_jaw))) :]
-        blocked = collision.first_blocked(q, q_jaw, tolerance=MARGIN_TOLERANCE)
-        if blocked is not None:
-            met = collision.clearance(blocked, q_jaw)
-            what = f"on this plan, which was made for another scene, {met.message()}; plan again"
-            raise InCollision(what, first=met.first, second=met.second, where="path")
-        load = self._situation_in(now[0]).load(self.model, plan.q_start)
-        load.check(plan.trajectory)
-        load.check_goal(plan.q_goal)
-        return plan
 
     def _execute(self, motion: Motion, plan: Plan) -> None:
         self._leave_manual(motion)

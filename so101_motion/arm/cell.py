@@ -15,16 +15,23 @@ it was measured, and as going on with that velocity for a moment.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from so101_motion.arm.cell_member import LEAD, CellMember, RigWithExecutor, SharedSpace, Stand
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.arm.team_motion import TeamSeries, TeamStep, end_together, handover_steps
-from so101_motion.common.errors import ConfigError, MotionError, in_series
+from so101_motion.common.errors import (
+    ConfigError,
+    Interrupted,
+    MotionError,
+    PlanningError,
+    in_series,
+)
 from so101_motion.common.geometry import SE3, pose
 from so101_motion.common.public import Complete
 from so101_motion.planning.among import crosses, crossing
@@ -136,8 +143,10 @@ class Cell(Complete):
             PlanningError: There is no such motion; the error says why.
             Interrupted: The motion whose step called this was interrupted.
         """
-        planning = self.start_plan(goals, scenes=scenes, limits=limits, stands=stands)
-        return wait_here(planning)
+        presents = self._presents()
+        plans = wait_here(self.start_plan(goals, scenes=scenes, limits=limits, stands=stands))
+        self._note(plans, presents)
+        return plans
 
     def start_plan(
         self,
@@ -170,17 +179,20 @@ class Cell(Complete):
 
         ``plans`` has the plan of each arm of the cell, by its name. Stopping one arm ends the
         motion of all. With ``wait`` False the motions are returned at once. They raise
-        ``MotionError`` if an arm is not where its plan begins, and ``InCollision`` if they would
-        meet now because of what they hold or how wide their jaws are.
+        ``MotionError`` if an arm is not where its plan begins, and ``PlanningError`` if a plan does
+        not hold any more: arms would meet because of what they hold or how wide their jaws are, or
+        what ``Arm.move`` looks at was set since.
 
         Raises:
             ConfigError: These are not the arms of this cell.
         """
         self._refuse_other_than_all(plans)
         motions = self.start_series(iter((TeamStep(partial(self.check_again, plans), {}),)))
-        if wait:
-            for motion in motions.values():
+        for motion in motions.values() if wait else ():
+            with suppress(Interrupted):  # of others has the reason
                 motion.result()
+        for motion in motions.values() if wait else ():
+            motion.result()
         return motions
 
     def plan_handover(
@@ -204,14 +216,11 @@ class Cell(Complete):
             PlanningError: The arms cannot pass it on; the error says why.
         """
         self._refuse_unknown((giver, taker))
-        return self._worker.plan(
-            HandoverRequest(
-                team=self._team({}, scenes or {}, {}, {}),
-                giver=giver,
-                taker=taker,
-                thing=thing,
-            )
-        ).result()
+        presents, team = self._presents(), self._team({}, scenes or {}, {}, {})
+        asked = HandoverRequest(team=team, giver=giver, taker=taker, thing=thing)
+        plan = self._worker.plan(asked).result()
+        self._note(plan.approach, presents)
+        return plan
 
     def start_handover(self, plan: Handover) -> dict[str, Motion]:
         """Pass a thing on as ``plan_handover`` has planned it; supersedes what is under way.
@@ -247,12 +256,16 @@ class Cell(Complete):
         return motions
 
     def check_again(self, plans: Mapping[str, Plan]) -> Future[dict[str, Plan]]:
-        """Check again that arms keep apart on ``plans`` of ``plan_together``, as they are now.
+        """Check ``plans`` of ``plan_together`` again, with the arms as they are now.
 
-        Returns ``plans``, done already; ``InCollision`` if they would meet, because of what they
-        hold or how wide their jaws are.
+        Returns ``plans``, done already; raises as ``move`` does.
         """
         arms = list(self.members.values()) if plans else []  # none: nobody is to move
+        for member in arms:
+            try:
+                member.arm.check_again(plans[member.name])
+            except PlanningError as error:
+                raise error.about(member.name) from None
         courses = {each.name: each.along(plans[each.name].trajectory, 0.0) for each in arms}
         for k, member in enumerate(arms):
             others = [each.seen_from(member, courses[each.name]) for each in arms[k + 1 :]]
@@ -263,13 +276,22 @@ class Cell(Complete):
         checked.set_result(dict(plans))
         return checked
 
+    def _presents(self) -> dict[str, tuple[Any, ...]]:
+        return {name: member.arm.present() for name, member in self.members.items()}
+
+    def _note(self, plans: Mapping[str, Plan], presents: Mapping[str, tuple[Any, ...]]) -> None:
+        for name, plan in plans.items():
+            self.members[name].arm.note(plan, presents[name])
+
     def _refuse_other_than_all(self, plans: Mapping[str, Plan]) -> None:
         self._refuse_unknown(plans)
         for name in self.members:
             if name not in plans:
                 raise ConfigError("plans", list(plans), f'has none for "{name}"; plan again')
 
-    def _refuse_unknown(self, names: Iterable[str]) -> None:
+    def _refuse_unknown(self, names: Collection[str]) -> None:
+        if not names:
+            raise ConfigError("goals", names, f"name at least one of {in_series(self.members)}")
         for name in names:
             if name not in self.members:
                 known = ", ".join(sorted(self.members)) or "none"
@@ -295,7 +317,7 @@ class Cell(Complete):
         team = []
         for name, member in self.members.items():
             stand = stands.get(name) or member.stand
-            goal = goals.get(name) or JointGoal(q=stand.q)
+            goal = goals[name] if name in goals else JointGoal(q=stand.q)
             scene = scenes.get(name)
             if scene is None:
                 scene = replace(member.arm.scene, attached=member.attached_to(member))

@@ -158,10 +158,12 @@ def end_together(motions: Mapping[str, Motion]) -> None:
     """End the motions of several arms as soon as one of them ends early."""
 
     def end_others(name: str, done: Future[None]) -> None:
-        if done.exception() is not None:
+        error = done.exception()
+        if error is not None:
+            why = error.by if isinstance(error, Interrupted) else error
             for key, motion in motions.items():
                 if key != name:
-                    motion.interrupt(f"what ended the motion of {name}")
+                    motion.interrupt(f"what ended the motion of {name}: {why}")
 
     for name, motion in motions.items():
         motion.future.add_done_callback(partial(end_others, name))
@@ -219,10 +221,10 @@ def handover_steps(
     stay = partial(check_again, {})
     yield TeamStep(stay, {giver.name: press, taker.name: be_open})
     yield TeamStep(partial(check_again, plan.approach), {giver.name: offer})
-    yield TeamStep(stay, {taker.name: plan.take})
+    yield TeamStep(stay, {taker.name: lambda _: taker.arm.check_again(plan.take)})
     yield TeamStep(stay, {taker.name: close})
     yield TeamStep(stay, {giver.name: let_go})
-    yield TeamStep(stay, {giver.name: plan.leave})
+    yield TeamStep(stay, {giver.name: lambda _: giver.arm.check_again(plan.leave)})
     yield TeamStep(stay, {taker.name: lambda _: _hold(taker, plan.taken)})
 
 

@@ -345,20 +345,29 @@ def _steps(
         planning, planned = replay(), list[Replay]()
         yield lambda motion: planned.append(motion.wait_for(planning))
         replay = planned[0]
-    yield replay.approach
+    yield partial(_checked, arm, gripper, ReplayLeg(begin=None, plan=replay.approach))
     for leg in replay.legs:
         if gripper is not None and leg.begin is not None:
             yield partial(move_jaw, gripper, leg.begin)
         if leg.plan is None:
             continue
+        going = partial(_checked, arm, gripper, leg)
         if gripper is None or leg.aperture is None:
-            yield leg.plan
+            yield going
             continue
         run = _JawRun(arm, gripper, leg.plan, leg.aperture)
         runs.append(run)
         yield run.begin
-        yield leg.plan
+        yield going
         yield run.end
+
+
+def _checked(arm: Arm, gripper: Gripper | None, leg: ReplayLeg, _: Motion) -> Plan | None:
+    """The motion of a leg, checked again with the jaw as wide open as it will be."""
+    widest = None
+    if gripper is not None and leg.aperture is not None:
+        widest = float(angles(gripper, leg.aperture.max(keepdims=True))[0])
+    return leg.plan and arm.check_again(leg.plan, widest)
 
 
 def _close(runs: list[_JawRun]) -> None:

@@ -17,7 +17,13 @@ from so101_motion.arm import cell_member as member_module
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import CellMember
 from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
+from so101_motion.common.errors import (
+    ConfigError,
+    InCollision,
+    Interrupted,
+    MotionError,
+    PlanningError,
+)
 from so101_motion.common.geometry import SE3
 from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.planning.cell.handover import JawGeometry
@@ -214,14 +220,31 @@ def test_a_common_motion_that_was_looked_at_is_carried_out_as_it_is(pair_of):
         np.testing.assert_allclose(pair.cell.members[name].arm.state.q_ref, plans[name].q_goal)
 
 
-def test_a_common_motion_is_refused_when_an_arm_holds_more_than_it_was_planned_for(pair_of):
+PLANK = Attached(name="plank", shape=Box(size=[0.02, 0.02, 0.5]), T_tool_object=SE3.identity())
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda arm: setattr(arm, "scene", Scene(attached=(PLANK,), floor_z=None)), "plank"),
+        (
+            lambda arm: setattr(
+                arm,
+                "scene",
+                arm.scene.with_obstacles([obstacle("new", (0.05,) * 3, arm.T_base_tool.p)]),
+            ),
+            "right: on this plan, which was made for another scene, .* 'new'; plan again",
+        ),
+        (lambda arm: arm.set_speed(0.1), "right: .* its limit is 5.7"),
+    ],
+)
+def test_a_common_motion_is_refused_when_what_it_was_planned_for_has_changed(pair_of, change, why):
     pair, plans = planned_pair(pair_of)
-    plank = Attached(name="plank", shape=Box(size=[0.02, 0.02, 0.5]), T_tool_object=SE3.identity())
-    pair.right.scene = Scene(attached=(plank,), floor_z=None)
+    change(pair.right)
     motions = pair.cell.move(plans, wait=False)
     ends = [each.future.exception() for each in motions.values()]  # the first ends the others
-    assert any(isinstance(end, InCollision) and "plank" in str(end) for end in ends)
-    assert all(isinstance(end, InCollision | Interrupted) for end in ends)
+    assert any(isinstance(end, PlanningError) and re.search(why, str(end)) for end in ends)
+    assert all(re.search(why, str(end)) for end in ends), "the reason is in every one of them"
 
 
 def test_a_common_motion_needs_its_arms_and_a_plan_for_each(pair_of):
@@ -230,6 +253,10 @@ def test_a_common_motion_needs_its_arms_and_a_plan_for_each(pair_of):
         pair.cell.move({"left": plans["left"]}, wait=False)
     with pytest.raises(ConfigError, match="left, right"):
         pair.cell.plan_together({"middle": JointGoal(q=np.zeros(5))})
+    with pytest.raises(ConfigError, match="at least one of left and right"):
+        pair.cell.plan_together({})
+    with pytest.raises(ConfigError, match="degrees"):
+        pair.cell.plan_together({"left": np.full(5, 45.0)})
 
 
 @pytest.mark.parametrize("name", ["left", "right"])
@@ -244,7 +271,7 @@ def test_stopping_one_arm_of_a_common_motion_stops_all(pair_of, name):
     said = {each: str(motion.future.exception()) for each, motion in motions.items()}
     other = next(each for each in said if each != name)
     assert "stop" in said[name]
-    assert f"what ended the motion of {name}" in said[other]
+    assert f"what ended the motion of {name}: stop" in said[other]
 
 
 def test_a_stop_while_arms_are_planned_for_together_leaves_all_where_they_are(pair_of):

@@ -148,7 +148,8 @@ def test_a_stop_ends_it_anywhere_and_the_jaw_stops_too(guest, seconds):
     assert np.ptp(q_jaw) == 0.0
 
 
-def test_an_obstacle_on_the_path_is_refused_before_anything_moves(guest):
+def test_an_obstacle_on_the_path_is_refused_also_if_it_comes_after_the_planning(guest):
+    planned = plan_replay(guest.rig.arm, path_through(HERE, *LOOP))
     box = Obstacle(
         name="box", shape=Box(size=(0.1, 0.1, 0.5)), T_base_obstacle=SE3.from_translation(
             guest.rig.arm.model.frame(np.radians(LOOP[0])).p
@@ -157,6 +158,8 @@ def test_an_obstacle_on_the_path_is_refused_before_anything_moves(guest):
     guest.rig.arm.scene = Scene(obstacles=(box,))
     with pytest.raises(InCollision, match="into the recording"):
         plan_replay(guest.rig.arm, path_through(HERE, *LOOP))
+    with pytest.raises(InCollision, match="'box'; plan again"):
+        guest.finish(start_replay(guest.rig.arm, None, planned))
 
 
 def test_a_jaw_that_would_touch_where_it_opens_is_refused(guest):

@@ -216,6 +216,19 @@ def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(rig):
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
 
 
+def test_a_leg_through_an_obstacle_that_has_come_since_is_refused_before_it_begins(rig):
+    rehearsal = rehearse(Solo.of(rig), program(at(A, "aside")))
+    middle = rehearsal.legs[0].plan.trajectory.sample(0.5 * rehearsal.legs[0].seconds).q
+    T = SE3.from_translation(rig.arm.model.frame(middle).p)
+    came = Obstacle(name="crate", shape=Box(size=[0.03] * 3), T_base_obstacle=T)
+    before, rig.arm.scene = rig.arm.state.q, rig.arm.scene.with_obstacles([came])
+    run = start_program(Solo.of(rig), rehearsal)
+    until(rig, run.future.done)
+    with pytest.raises(InCollision, match=r"waypoint 1 \(aside\).* 'crate'; plan again"):
+        run.future.result()
+    np.testing.assert_array_equal(rig.arm.state.q, before)
+
+
 def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig):
     with pytest.raises(ConfigError, match="has no waypoint"):
         rehearse(Solo.of(rig), Program())
