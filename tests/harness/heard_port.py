@@ -23,6 +23,7 @@ class HeardPort(SerialPort):
 
     def __init__(self, name, baud, *, terminal):
         self._terminal, self._taken = terminal, terminal.delivered
+        self._device = terminal.device
         super().__init__(name, baud)
         terminal.leave_to_client(left=True)
         super().discard()  # what was left for others
@@ -32,6 +33,9 @@ class HeardPort(SerialPort):
         sent = self._terminal.received + len(data)
         super().write(data)
         until = time.monotonic() + _PATIENCE
+        while self._terminal.device != self._device and time.monotonic() < until:
+            time.sleep(1e-5)  # unplugged, but open until the thread that looked at it runs again
+            super().write(data)  # raises then
         self._terminal.serve_now()
         while self._terminal.received < sent and self._terminal.device and time.monotonic() < until:
             time.sleep(1e-5)  # the kernel hands them over in a thread of its own
