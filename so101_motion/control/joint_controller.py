@@ -411,7 +411,12 @@ class JointController:
             raise
 
     def _seed(self) -> None:
-        reading = self._looked()
+        try:
+            self._hold_at(self._looked())
+        except NoReply:  # this machine may have stood still since that look
+            self._hold_at(self._looked())
+
+    def _hold_at(self, reading: JointReading) -> None:
         self._rest_at(reading)
         self._driver.write(reading.q, reading.q_jaw)
         self._driver.set_torque(True)

@@ -239,6 +239,20 @@ def test_an_arm_is_opened_by_the_name_that_lerobot_gave_it(bench, tmp_path, monk
     assert "no calibration file" not in caplog.text
 
 
+def test_an_arm_is_held_although_the_machine_stands_still_after_a_look_at_it(bench, monkeypatch):
+    rig = bench.open()
+    bench.finish(rig.executor.release())
+    write, stalls = rig.servos.write, iter((0.2,))
+
+    def stand_still_and_write(*given):
+        bench.clock._now += next(stalls, 0.0)
+        return write(*given)
+
+    monkeypatch.setattr(rig.servos, "write", stand_still_and_write)
+    bench.finish(rig.executor.hold())
+    assert bench.driven == [True] * 6
+
+
 @pytest.mark.parametrize(
     ("on", "does", "holds"),
     [
