@@ -61,6 +61,18 @@ class Attribute:
     idle: str = ""  # why it has no effect; empty if it has one
 
 
+SPEED_CAP = Attribute(
+    "speed_degs_per_sec", unit="deg/s", range=SPEED_RANGE_DEG, default=SPEED_RANGE_DEG[1], ours=True
+)
+ACCELERATION_CAP = Attribute(
+    "acceleration_degs_per_sec_per_sec",
+    unit="deg/s^2",
+    range=ACCELERATION_RANGE_DEG,
+    default=ACCELERATION_RANGE_DEG[1],
+    ours=True,
+)
+
+
 class Attributes:
     """Named values; each is checked when it is read: ``ConfigError`` for what cannot be used.
 

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from so101_motion.calib.record import store
 from so101_motion.calib.record.zero import CONVENTIONS
 from so101_motion.common.attributes import (
-    ACCELERATION_RANGE_DEG,
+    ACCELERATION_CAP,
     HEAVIEST,
     SERVO_VOLTAGES,
-    SPEED_RANGE_DEG,
+    SPEED_CAP,
     Attribute,
     Attributes,
     Config,
@@ -278,35 +278,13 @@ class MotionConfig(ForAnArmConfig):
 class ArmConfig(Config):
     """The settings of every arm, real or simulated."""
 
-    speed: float = attribute(
-        "speed_degs_per_sec",
-        unit="deg/s",
-        range=SPEED_RANGE_DEG,
-        default=50.0,
-        zero_is_none=True,
-        by=_capped,
+    speed: float = derived(_capped, replace(SPEED_CAP, default=50.0, zero_is_none=True, ours=False))
+    acceleration: float = derived(
+        _capped, replace(ACCELERATION_CAP, default=100.0, zero_is_none=True, ours=False)
     )
-    acceleration: float = attribute(
-        "acceleration_degs_per_sec_per_sec",
-        unit="deg/s^2",
-        range=ACCELERATION_RANGE_DEG,
-        default=100.0,
-        zero_is_none=True,
-        by=_capped,
-    )
-    max_speed: float = attribute(
-        "max_speed_degs_per_sec",
-        unit="deg/s",
-        range=SPEED_RANGE_DEG,
-        default=SPEED_RANGE_DEG[1],
-        ours=True,
-    )
-    max_acceleration: float = attribute(
-        "max_acceleration_degs_per_sec_per_sec",
-        unit="deg/s^2",
-        range=ACCELERATION_RANGE_DEG,
-        default=ACCELERATION_RANGE_DEG[1],
-        ours=True,
+    max_speed: float = derived(Attributes.value, replace(SPEED_CAP, name=f"max_{SPEED_CAP.name}"))
+    max_acceleration: float = derived(
+        Attributes.value, replace(ACCELERATION_CAP, name=f"max_{ACCELERATION_CAP.name}")
     )
     motion: str | None = attribute("motion", kind="text")
     tool: Tool | None = attribute(

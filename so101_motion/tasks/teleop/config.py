@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from so101_motion.common.attributes import (
-    ACCELERATION_RANGE_DEG,
-    SPEED_RANGE_DEG,
+    ACCELERATION_CAP,
+    SPEED_CAP,
     Attribute,
     Attributes,
     Config,
@@ -99,20 +99,8 @@ class TeleopConfig(Config):
     )
     pace: Pace = derived(  # the follower's caps
         _pace,
-        Attribute(
-            "speed_degs_per_sec",
-            unit="deg/s",
-            range=SPEED_RANGE_DEG,
-            default=SPEED_RANGE_DEG[1],
-            ours=True,
-        ),
-        Attribute(
-            "acceleration_degs_per_sec_per_sec",
-            unit="deg/s^2",
-            range=ACCELERATION_RANGE_DEG,
-            default=ACCELERATION_RANGE_DEG[1],
-            ours=True,
-        ),
+        SPEED_CAP,
+        ACCELERATION_CAP,
         Attribute(
             "approach_speed_degs_per_sec", unit="deg/s", range=(1.0, 90.0), default=30.0, ours=True
         ),
