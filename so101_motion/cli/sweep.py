@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import Progress, SweepResult
-    from so101_motion.tasks.sweeps.place import FixedArm, PlaceSweep, Region
+    from so101_motion.tasks.sweeps.place import PlaceSweep, Region
     from so101_motion.tasks.sweeps.placement import Placement
     from so101_motion.tasks.sweeps.sweep import Sweep
 
@@ -288,9 +289,8 @@ def place(
     if scene_file is not None and cell_file is not None:
         raise click.UsageError("give --scene or --cell, not both; a cell file has its own scene")
     scene = read_scene(scene_file)
-    others: tuple[FixedArm, ...] = ()
     if cell_file is not None:
-        scene, others = _others(cell_file, arm, others_at)
+        scene = _with_others(cell_file, arm, others_at)
     elif others_at or arm:
         raise click.UsageError("--arm and --others-at need the arms of a cell file; give --cell")
     work = PlaceSweep(
@@ -298,7 +298,6 @@ def place(
         region=region,
         by=by,
         scene=scene_text(scene or Scene()),
-        others=others,
         velocity=caps["velocity"],
         acceleration=caps["acceleration"],
         payload=payload,
@@ -317,14 +316,13 @@ def place(
         raise SystemExit(CHECK_FAILED)
 
 
-def _others(
-    file: Path, placed: str | None, q_deg: tuple[Array, ...]
-) -> tuple[Scene, tuple[FixedArm, ...]]:
-    """The scene of a cell, and its other arms at the given joint angles."""
+def _with_others(file: Path, placed: str | None, q_deg: tuple[Array, ...]) -> Scene:
+    """The scene of a cell with its other arms at the given joint angles."""
     from so101_motion.arm.gripper import JAW_CLOSED
     from so101_motion.common.named_poses import POSES
     from so101_motion.files.cell_file import read_cell
-    from so101_motion.tasks.sweeps.place import FixedArm
+    from so101_motion.planning.collision.apart import ROOM
+    from so101_motion.planning.collision.scene import StandingArm
 
     cell = read_cell(file)
     names = [each.name for each in cell.arms]
@@ -332,16 +330,13 @@ def _others(
         raise click.UsageError(f"{file} has no arm {placed}; it has {', '.join(names)}")
     folded = next(pose.q for pose in POSES if pose.name == "rest")
     configurations = [to_rad(each) for each in q_deg] or [folded]
-    at = tuple((*q.tolist(), JAW_CLOSED) for q in configurations)
-    others = []
-    for each in cell.arms:
-        if each.name != placed:
-            x, y, z = each.T_cell_base.p.tolist()
-            roll, pitch, yaw = each.T_cell_base.rpy.tolist()
-            others.append(
-                FixedArm(name=each.name, position=(x, y, z), rpy=(roll, pitch, yaw), q=at)
-            )
-    return cell.scene, tuple(others)
+    at = np.array([(*q, JAW_CLOSED) for q in configurations])
+    others = (
+        StandingArm(name=each.name, T_base_arm=each.T_cell_base, q=at, room=ROOM)
+        for each in cell.arms
+        if each.name != placed
+    )
+    return replace(cell.scene, arms=tuple(others))
 
 
 def _print_placement(placement: Placement, out: Path, *, as_json: bool) -> None:

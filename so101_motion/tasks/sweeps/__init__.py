@@ -2,7 +2,7 @@
 
 from so101_motion.tasks.sweeps.atlas import Atlas, Reach
 from so101_motion.tasks.sweeps.engine import Progress, SweepResult, WorkerPool, run_sweep
-from so101_motion.tasks.sweeps.place import FixedArm, PlaceSweep, Region
+from so101_motion.tasks.sweeps.place import PlaceSweep, Region
 from so101_motion.tasks.sweeps.placement import Base, Placement, find_bases
 from so101_motion.tasks.sweeps.placement_files import write_placement
 from so101_motion.tasks.sweeps.placement_task import (
@@ -19,7 +19,6 @@ __all__ = [
     "Atlas",
     "Base",
     "Episode",
-    "FixedArm",
     "PlaceSweep",
     "Placement",
     "PlacementTask",

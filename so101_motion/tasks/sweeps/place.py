@@ -14,12 +14,11 @@ import numpy as np
 from so101_motion.common.attributes import SERVO_VOLTAGES
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, rot_x, rot_y, rot_z
-from so101_motion.files.scene_file import scene_from
-from so101_motion.planning.collision.apart import ROOM
-from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene, StandingArm
+from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.tasks.sweeps.mounted_arm import CRITERIA, MountedArm
 from so101_motion.tasks.sweeps.placement_task import task_from
+from so101_motion.tasks.sweeps.reach import scene_in
 from so101_motion.tasks.sweeps.sweep import Columns
 
 COARSE = 8  # the first round uses every so many steps of the lattice. A power of two.
@@ -31,27 +30,6 @@ _MOST = 100_000  # most bases in the first round. Chosen: some minutes' work.
 _TABLE_SIZE = np.array([3.0, 3.0, 0.05])
 
 LatticeIndex = tuple[int, int, int, int]  # steps along x, y, z and of the turn
-
-
-@dataclass(frozen=True, kw_only=True)
-class FixedArm:
-    """Another SO-101 of the cell that is an obstacle, as plain data."""
-
-    name: str  # its name in messages
-    position: tuple[float, float, float]  # position of its base in the cell, x, y, z [m]
-    rpy: tuple[float, float, float]  # orientation of its base [rad]
-    # its five joints and its jaw [rad], in one or several configurations. Plans keep clear of it in
-    # each of them, but not between them.
-    q: tuple[tuple[float, ...], ...]
-
-    @property
-    def T_cell_base(self) -> SE3:
-        return SE3.from_rpy(np.array(self.rpy), np.array(self.position))
-
-    def standing(self) -> StandingArm:
-        """This arm as an obstacle in the cell, with the room that planned arms keep."""
-        q = np.array(self.q)
-        return StandingArm(name=self.name, T_base_arm=self.T_cell_base, q=q, room=ROOM)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,8 +174,9 @@ class PlaceSweep:
     planned: bool = False  # whether they are planned, or only screened
     jittered: bool = False  # whether bases near them are judged as well, if they are planned
     by: str = "time"  # the criterion, one of ``CRITERIA``
-    scene: str = '{"obstacles": []}'  # the cell, as the JSON text of a scene
-    others: tuple[FixedArm, ...] = ()  # other arms in the cell, as obstacles
+    # the cell, as ``scene_text`` writes it, with its other arms; plans keep clear of those in each
+    # of their configurations, but not between them
+    scene: str = '{"obstacles": []}'
     velocity: float = 3.0  # velocity cap of the joints [rad/s]
     acceleration: float = 7.5  # acceleration cap [rad/s^2]
     jerk: float = 500.0  # jerk cap [rad/s^3]
@@ -272,8 +251,7 @@ class _Judge:
 
     def __init__(self, sweep: PlaceSweep) -> None:
         self._sweep, self._bases = sweep, sweep.bases
-        arms = tuple(each.standing() for each in sweep.others)
-        self._scene = replace(scene_from(json.loads(sweep.scene), folder=None), arms=arms)
+        self._scene = scene_in(sweep.scene)
         self._task = task_from(json.loads(sweep.task))
         self._arm = MountedArm(
             self._task,

@@ -9,16 +9,15 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.files import atomic
 from so101_motion.files.cell_file import CellArm, CellFile, write_cell
-from so101_motion.files.scene_file import scene_from, write_scene
+from so101_motion.files.scene_file import write_scene
 from so101_motion.tasks.program.files import write as write_program
 from so101_motion.tasks.sweeps.place import PlaceSweep
 from so101_motion.tasks.sweeps.placement import Base, Placement
 from so101_motion.tasks.sweeps.placement_task import task_from
+from so101_motion.tasks.sweeps.reach import scene_in
 
 _PIXELS_PER_M = 800.0
 _BORDER = 60.0
@@ -37,15 +36,15 @@ def write_placement(
     best = folder / "best"
     best.mkdir(exist_ok=True)
     task = task_from(json.loads(sweep.task))
-    scene = scene_from(json.loads(sweep.scene), folder=None)
+    scene = scene_in(sweep.scene)
     for number, base in enumerate(placement.best, 1):
         T_cell_base = sweep.region.base(base.lattice_index)
         write_program(task.program(base.q), best / f"{number:02d}.json")
         write_scene(sweep.region.seen_from(scene, T_cell_base), best / f"{number:02d}-scene.json")
-        if sweep.others:
-            arms = {arm: T_cell_base, **{each.name: each.T_cell_base for each in sweep.others}}
+        if scene.arms:
+            arms = {arm: T_cell_base, **{each.name: each.T_base_arm for each in scene.arms}}
             placed = tuple(CellArm(name=name, T_cell_base=T) for name, T in arms.items())
-            cell = CellFile(arms=placed, scene=replace(scene, attached=()))
+            cell = CellFile(arms=placed, scene=replace(scene, attached=(), arms=()))
             write_cell(cell, best / f"{number:02d}-cell.json")
     rows = [in_figures(base) for base in placement.best]
     table = json.dumps({"by": sweep.by, "sha256": placement.sha256, "best": rows}, indent=1)
@@ -73,7 +72,7 @@ def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
     with a number are the best bases, with a stroke in the direction that they face; dots are the
     poses, black squares other arms.
     """
-    task = task_from(json.loads(sweep.task))
+    task, arms = task_from(json.loads(sweep.task)), scene_in(sweep.scene).arms
     places = {
         each.lattice_index: sweep.region.place(each.lattice_index) for each in placement.screened
     }
@@ -85,7 +84,7 @@ def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
     left = min(x for x, _ in bound)
     top = max(y for _, y in bound)
     right, bottom = max(x for x, _ in bound), min(y for _, y in bound)
-    points = [pose.p for pose in task.poses] + [np.array(arm.position) for arm in sweep.others]
+    points = [pose.p for pose in task.poses] + [arm.T_base_arm.p for arm in arms]
     for p in points:
         left, right = min(left, p[across]), max(right, p[across])
         bottom, top = min(bottom, p[up]), max(top, p[up])
@@ -108,8 +107,8 @@ def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
     for pose in task.poses:
         px, py = pixels(pose.p[across], pose.p[up])
         parts.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="4" fill="#1c7ed6"/>')
-    for arm in sweep.others:
-        px, py = pixels(arm.position[across], arm.position[up])
+    for arm in arms:
+        px, py = pixels(arm.T_base_arm.p[across], arm.T_base_arm.p[up])
         parts.append(
             f'<rect x="{px - 9:.1f}" y="{py - 9:.1f}" width="18" height="18"/>'
             f'<text x="{px:.1f}" y="{py + 24:.1f}" text-anchor="middle" font-size="12">'

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from so101_motion.common.attributes import SERVO_VOLTAGES, LoadConfig
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_mm
-from so101_motion.files.scene_file import scene_from, scene_to
+from so101_motion.files.scene_file import arms_from, arms_to, scene_from, scene_to
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.batch_ik import (
@@ -138,7 +138,15 @@ class ReachSweep:
 
 
 def scene_text(scene: Scene) -> str:
-    return json.dumps(scene_to(scene), sort_keys=True)
+    arms = {"arms": arms_to(scene.arms)} if scene.arms else {}
+    return json.dumps({**scene_to(scene), **arms}, sort_keys=True)
+
+
+def scene_in(text: str) -> Scene:
+    """The scene of a text that ``scene_text`` made."""
+    content = json.loads(text)
+    arms = arms_from(content.pop("arms", []))
+    return replace(scene_from(content, folder=None), arms=arms)
 
 
 class _Ways(NamedTuple):

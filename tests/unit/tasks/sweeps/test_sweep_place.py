@@ -10,12 +10,12 @@ import pytest
 from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.geometry import SE3
 from so101_motion.files.cell_file import read_cell
+from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene, StandingArm
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program import Loop, Program, Waypoint, files
 from so101_motion.tasks.sweeps import (
-    FixedArm,
     PlaceSweep,
     Region,
     find_bases,
@@ -97,24 +97,26 @@ def test_no_base_stands_in_an_obstacle(tmp_path):
 
 FOLDED = tuple(np.radians([0.0, -92.0, 78.0, 60.0, 0.0, -10.0]).tolist())
 ORIGIN = Region(x=(0.0, 0.0), y=(0.0, 0.0), turn=(0.0, 0.0))
-LEFT = FixedArm(name="left", position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0), q=(FOLDED,))
+
+
+def left_at(y: float, *q: tuple[float, ...]) -> Scene:
+    T_cell_base = SE3.from_translation((0.0, y, 0.0))
+    arm = StandingArm(name="left", T_base_arm=T_cell_base, q=np.array([FOLDED, *q]), room=ROOM)
+    return Scene(arms=(arm,))
 
 
 def test_every_configuration_of_another_arm_is_kept_clear_of(tmp_path):
     """An arm that reaches over one of the poses, at one of two configurations, is in the way."""
-    beside = replace(LEFT, position=(0.0, -0.3, 0.0))
-    screen = replace(SMALL, region=ORIGIN, others=(beside,))
+    screen = replace(SMALL, region=ORIGIN, scene=scene_text(left_at(-0.3)))
     assert screen.open()(0)["missed"].tolist() == [-1]
     over = (*np.radians([-85.0, 30.0, 0.0, 30.0, 0.0]).tolist(), 0.0)
-    reaching = replace(beside, q=(FOLDED, over))
-    assert (
-        screen.open()(0)["clearance"] > replace(screen, others=(reaching,)).open()(0)["clearance"]
-    )
+    reaching = replace(screen, scene=scene_text(left_at(-0.3, over)))
+    assert screen.open()(0)["clearance"] > reaching.open()(0)["clearance"]
 
 
 def test_the_cell_with_the_other_arm_is_written_beside_the_program(tmp_path):
-    others = (replace(LEFT, position=(0.0, -0.4, 0.0)),)
-    sweep = replace(SMALL, region=ORIGIN, others=others)
+    scene = left_at(-0.4)
+    sweep = replace(SMALL, region=ORIGIN, scene=scene_text(scene))
     placement = find_bases(sweep, tmp_path / "out")
     write_placement(placement, sweep, tmp_path / "out", arm="right")
     cell = read_cell(tmp_path / "out" / "best" / "01-cell.json")
@@ -122,7 +124,7 @@ def test_the_cell_with_the_other_arm_is_written_beside_the_program(tmp_path):
     assert cell.arms[1].T_cell_base.p == pytest.approx([0.0, -0.4, 0.0])
     assert "left</text>" in (tmp_path / "out" / "map.svg").read_text()
     arm = cell.arms[0]
-    seen = ORIGIN.seen_from(Scene(arms=tuple(each.standing() for each in others)), arm.T_cell_base)
+    seen = ORIGIN.seen_from(scene, arm.T_cell_base)
     collision = CollisionModel(RobotModel.load(), seen)
     for q in placement.best[0].q:
         assert collision.is_free(q)
