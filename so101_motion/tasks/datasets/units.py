@@ -169,7 +169,7 @@ def _travel(joint: str, entry: JointCalibration | None) -> float:
     if joint in SWEPT:
         return expected_travel(joint)
     if joint == GRIPPER_JOINT:
-        return (JAW_OPEN - JAW_CLOSED) * TICKS_PER_RAD
+        return float(JAW_OPEN - JAW_CLOSED) * TICKS_PER_RAD
     return float(_FULL_TURN[1] - _FULL_TURN[0])
 
 
