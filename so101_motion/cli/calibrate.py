@@ -19,9 +19,9 @@ from so101_motion.common.errors import So101Error
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
-    from so101_motion.calib.record.store import Stored
     from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.terminal import Terminal
+    from so101_motion.common.operation import View
     from so101_motion.setup.calibrator import StepResult
 
 _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
@@ -86,17 +86,17 @@ def calibrate(
         ended = operation.ended
         assert ended is not None
         assert ended.stored is not None
-        sentences = [meaning.sentence for meaning in explain_stored(ended.stored)]
         if as_json:
-            held = {"holds": ended.holds, "trouble": ended.trouble, "meaning": sentences}
+            meaning = [each.sentence for each in explain_stored(ended.stored)]
+            held = {"holds": ended.holds, "trouble": ended.trouble, "meaning": meaning}
             print_json("calibrate", {"port": report.port.name, **facts(ended.stored), **held})
         else:
-            _print_result(ended, ended.stored, sentences)
+            _print_result(operation.view, ended)
 
 
 def _on_machine(source: MachineSource, events: TextIO | None) -> None:
     from so101_motion.cli.operation_terminal import OperationTerminal
-    from so101_motion.cli.terminal import Terminal, sentence
+    from so101_motion.cli.terminal import Terminal
     from so101_motion.common.operation import RemoteOperation
 
     with quietly(), source.connect() as machine:
@@ -109,9 +109,13 @@ def _on_machine(source: MachineSource, events: TextIO | None) -> None:
                 raise click.UsageError("--machine needs a terminal: a person moves the joints")
             _go_through(OperationTerminal(operation, terminal), terminal)
             view = operation.view
-        click.echo(sentence(view.text))
-        if view.note:
-            aside(view.note)
+        _print_view(view)
+
+
+def _print_view(view: View) -> None:
+    click.echo(view.text)
+    if view.note:
+        aside(view.note)
 
 
 def _go_through(walk: OperationTerminal, terminal: Terminal) -> None:
@@ -138,15 +142,9 @@ def _put_back(walk: OperationTerminal, terminal: Terminal) -> None:
         )
 
 
-def _print_result(ended: StepResult, stored: Stored, sentences: list[str]) -> None:
-    click.echo(f"saved to {stored.path}")
-    for meaning in sentences:
-        echo(meaning, indent="  ")
-    for note in stored.notes:
-        echo(f"note: {note}", err=True)
-    if ended.trouble:
-        echo(f"note: saved, but {ended.trouble}", err=True)
+def _print_result(view: View, ended: StepResult) -> None:
+    _print_view(view)
     if ended.holds:
         held = "the other joints are held" if ended.trouble else "the arm is held where it stands"
         echo(f"{held}; switch its power off to release it", err=True)
-    echo("next: so101 doctor, or so101 viam config", err=True)
+    echo("next: so101 doctor, then so101 jog, or so101 viam config for Viam", err=True)

@@ -85,6 +85,7 @@ def doctor(
     if not sim and not as_json:
         _print_next(seen, checks)
     if not is_healthy(checks):
+        aside("not ready to move")
         raise SystemExit(CHECK_FAILED)
     if not as_json and all(check.name != TORQUE for check in checks):
         aside("ready to move")

@@ -1,7 +1,7 @@
 """Lead a person through any operation in the terminal.
 
-Enter gives the first command that is offered, other commands have a letter each, ``q`` undoes all.
-Commands that are due are given by themselves; without a person those are all there are.
+A command has its letter; the first one that is offered has Enter if it has no letter; ``q`` undoes
+all. Commands that are due are given by themselves; without a person those are all there are.
 """
 
 from __future__ import annotations
@@ -133,11 +133,7 @@ class OperationTerminal:
 
 def _keys(view: View) -> list[tuple[Offer, tuple[str, ...]]]:
     offers = [offer for offer in view.offers if not offer.cancels and not offer.is_look]
-    return [
-        (o, (ENTER, o.key) if o is offers[0] else (o.key,))
-        for o in offers
-        if o.key or o is offers[0]
-    ]
+    return [(o, (o.key or ENTER,)) for o in offers if o.key or o is offers[0]]
 
 
 def _trouble(view: View) -> str:

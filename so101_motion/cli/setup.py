@@ -140,6 +140,7 @@ def _walk(
     OperationTerminal(motors, terminal).go()
     if joints:
         return None
+    terminal.say(motors.view.text)
     OperationTerminal(ChainOperation(motors, waits=True), terminal).go()
     if motors.checked is not None and motors.checked.ok:
         progress.clear()

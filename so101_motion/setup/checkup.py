@@ -323,6 +323,7 @@ def _planner(seen: Findings) -> Iterator[Check]:
         yield ok("planner", text)
 
 
+WEAK_12_V = 10.5  # chosen; 12 V servos are slow below it
 _PLUG_IN = "plug the adapter in, switch the arm's power supply on, or name the port with --port"
 
 
@@ -419,7 +420,8 @@ def _supply(seen: Findings) -> Iterator[Check]:
         return  # the servos' own check tells
     kind = next(iter(seen.facts.values())).nominal_volts
     text = f"{volts[0]:.1f} V at the first servo, {volts[-1]:.1f} V at the last, {kind:g} V type"
-    yield ok("supply", text)
+    is_weak = kind == 12.0 and min(volts) < WEAK_12_V
+    yield warn("supply", text, "use a supply of 12 V") if is_weak else ok("supply", text)
 
 
 def _temperature(seen: Findings) -> Iterator[Check]:

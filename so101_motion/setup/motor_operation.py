@@ -63,9 +63,10 @@ PATIENCE = 12.0
 """After this long without an answer the view says what may be wrong [s]; chosen: time to unplug one
 motor and plug in another."""
 
+_WATCHING = "Watching the cable; nothing to press yet."
 _LOOKING = (
-    "Watching the cable; nothing to press yet. The six motors of a follower's kit are alike: take"
-    " any. Those of a leader differ: see its guide for which goes where."
+    f"{_WATCHING} The six motors of a follower's kit are alike: take any. Those of a leader differ:"
+    " see its guide for which goes where."
 )
 _WRITING = "writing to"
 _NOBODY, _UNKNOWN = "no servo answers", "unknown"
@@ -639,15 +640,17 @@ class ChainOperation(LocalOperation):
         title = "Verify all six" if found is None else "Verify again"
         why = "The calibration is under way: press Next." if self._is_busy() else None
         verify = Offer(command="verify", title=title, why_not=why, due_in=due, is_look=self._waits)
-        accept = Offer(command="accept", title="accept it as it is")
+        accept = Offer(command="accept", title="Accept it as it is", key="a")
+        good = "" if found is None or wrong else found.sentence
+        notes = (() if found is None else found.notes) + ((_WATCHING,) if self._waits else ())
         return View(
             state="chain",
             title="All six together",
-            text=PUT_TOGETHER if found is None else "" if wrong else found.sentence,
+            text=PUT_TOGETHER if found is None or (wrong and self._waits) else good,
             rows=() if found is None else tuple(map(_checked_row, found.motors.values())),
             trouble=_about(wrong),
             fix=wrong[0].fix if wrong else "",
-            note=" ".join(found.notes) if found is not None else "",
+            note=" ".join(notes),
             offers=(verify, accept) if self._waits else (verify,),
             picture=Picture(
                 q=_DRAWN,

@@ -73,7 +73,7 @@ def test_a_calibration_by_hand_is_saved_once_the_person_says_so(arm, tmp_path):
         until_asked_to_save(person, arm)
         assert not file.exists()
         person.presses("\n")
-        person.sees("saved to")
+        person.sees(f"Saved: {file}")
         person.sees("the arm is held")
         assert person.code() == 0
     ((joint, entry),) = store.read(file).calibration.items()

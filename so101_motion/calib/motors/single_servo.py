@@ -310,7 +310,7 @@ def _several(joint: str, ids: tuple[int, ...]) -> MotorSetupError:
     )
     if set(SERVO_IDS.values()) <= set(ids):
         reason = "a whole arm is connected, all six ids answer"
-        fix = f"verify it; or, to set this servo up again, {fix}"
+        fix = f"skip it to verify the arm; or, to set this servo up again, {fix}"
     elif SERVO_IDS[joint] in ids:
         kind = "id taken"
         reason = (

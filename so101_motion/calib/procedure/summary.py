@@ -287,5 +287,5 @@ def _line(view: JointView, was: record.JointCalibration | None, *, is_moved: boo
         cells=(quality, whole, change),
         text=view.sentence if tone == "warm" else "",
         tone=tone,
-        mark="✓",
+        mark="✓" if tone == "good" else "!",
     )

@@ -241,7 +241,8 @@ def assess(
     if travel > min(EXCESS * expected, WIDEST):
         return _not_usable(
             Verdict.TOO_WIDE,
-            f"{moved}, which is impossible; check horn and gears for slip, then start again",
+            f"{moved}, which is impossible; check that its motor is no other joint's and that its"
+            " horn does not slip, then start again",
         )
     assert arc is not None  # it has a travel
     return _grade(joint, arc, expected, home, moved)

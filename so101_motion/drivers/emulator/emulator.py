@@ -251,7 +251,7 @@ class Emulator:
         self.world = build_world(self._options, t=now(), gravity=gravity, things=things)
         self.world.hand = Hand(parse_script(self._options.hand), now())
         self.bus = Bus(self.world, replace(self._options.wire))
-        self._ids = [servo.memory.raw(reg.ID) for servo in self.world.servos]
+        self._own_ids: dict[str, int] = {}  # of twins, by joint
         for attend in self.on_open:
             attend(self)
         self._port: ServedPort = (
@@ -308,8 +308,10 @@ class Emulator:
                     world.power(value if begins else rated)
                 case "twin":
                     servo = world.servo(place)
-                    own_id = self._ids[world.servos.index(servo)]
-                    servo.memory.set(reg.ID, int(value) if begins else own_id)
+                    own = self._own_ids.setdefault(servo.joint.name, servo.memory.raw(reg.ID))
+                    servo.memory.set(reg.ID, int(value) if begins else own)
+                    if not begins:
+                        del self._own_ids[servo.joint.name]  # another one may be written
                 case "take":
                     if begins and world.things is not None:
                         world.things.take_away(place)

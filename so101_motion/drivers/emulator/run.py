@@ -155,4 +155,4 @@ def _obey(
         else:
             timetable.add(parse_fault(line))
     except ConfigError as error:
-        announce(str(error))
+        announce(f"{error}; help lists what can be typed")

@@ -144,7 +144,7 @@ def test_it_is_led_through_in_a_terminal(kettle, send, is_remote, monkeypatch):
 
     def types():
         shown = (b"Fill the kettle", b"Boil: it is not full", b"0.5 l", b"Boil it", b"overflow")
-        for words, key in zip(shown, (b"b", b"\n", b"f", b"f", b"b"), strict=True):
+        for words, key in zip(shown, (b"b", b"f", b"f", b"f", b"b"), strict=True):
             sees(words)
             os.write(person, key)
 

@@ -192,7 +192,7 @@ def test_nobody_there_means_power_or_cable_and_is_told_within_three_seconds():
         ({5: 1, 4: 9}, "gripper", "several servos", ("1 and 9 answer", "only the servo")),
         ({5: 1, 6: 1}, "gripper", "same id", ("answer as servo 1 at once",)),
         ({5: 1, 6: 6}, "gripper", "id taken", ("id of gripper, 6",)),
-        (None, "elbow_flex", "several servos", ("verify it",)),
+        (None, "elbow_flex", "several servos", ("skip it to verify",)),
     ],
     ids=["two ids", "one id", "its own id", "a whole arm"],
 )

@@ -63,7 +63,10 @@ def test_two_servos_with_one_id_are_named_and_garbled_answers_are_no_twins():
     twins = check(setup, "elbow_flex")
     assert twins.status == "duplicate"
     assert "several servos answer as 3 (elbow_flex) at once, and none as 4" in twins.error
-    assert check(setup, "wrist_flex").status == "not_responding"
+    missing = check(setup, "wrist_flex")
+    assert missing.status == "not_responding"
+    assert missing.error.endswith("it may be one of those that answer as 3")
+    assert "so101 setup --joint elbow_flex, then --joint wrist_flex" in missing.fix
     _, setup = arm(ids=TWINS, q_start=(0.0,) * 6, calibrated=False)  # though they hold the same
     assert check(setup, "elbow_flex").status == "duplicate"
     bus, setup = arm()
