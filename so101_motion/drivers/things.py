@@ -127,18 +127,11 @@ class Things:
         told: What happened to them last, one sentence each, for people; may be emptied.
     """
 
-    def __init__(
-        self,
-        things: Iterable[Thing],
-        model: HandModel,
-        *,
-        floor_z: float | None,
-        supports: Sequence[Support] = (),
-    ) -> None:
+    def __init__(self, model: HandModel, *, floor_z: float | None) -> None:
         self.told = deque[str](maxlen=50)
-        self._things = {thing.name: thing for thing in things}
+        self._things = dict[str, Thing]()
         self._model, self._loaded = model, model
-        self._floor_z, self._supports = floor_z, tuple(supports)
+        self._floor_z, self._supports = floor_z, tuple[Support, ...]()
         zero = np.zeros(5)
         self._T_tool_hand = model.frame(zero).inverse @ model.frame(zero, "gripper_link")
         self._lock = threading.RLock()

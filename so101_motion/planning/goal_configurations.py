@@ -201,13 +201,7 @@ def _check(model: RobotModel, moves: MotionBuilder, q: Array, name: str) -> None
     try:
         model.check_limits(q)
     except OutsideLimits as error:
-        raise OutsideLimits(
-            f"{name}: {error}",
-            joint=error.joint,
-            value=error.value,
-            lower=error.lower,
-            upper=error.upper,
-        ) from None
+        raise error.about(name) from None
     if not moves.collision.is_free(q, moves.q_jaw):
         raise moves.in_collision(q, "path", f"at {name}")
 

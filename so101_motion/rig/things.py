@@ -23,7 +23,7 @@ def things_in(scene: Scene, *, friction: float = FRICTION) -> Things:
         scene: The scene.
         friction: Coefficient of friction between the fingers and each thing.
     """
-    things = Things((), RobotModel.load(), floor_z=scene.floor_z)
+    things = Things(RobotModel.load(), floor_z=scene.floor_z)
     keep_up(things, Scene(floor_z=scene.floor_z), scene, friction=friction)
     return things
 

@@ -32,7 +32,7 @@ from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.errors import BusError, CalibrationError
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_mm
-from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus, Port
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
 from so101_motion.drivers.bus.defaults import BAUDRATE
 from so101_motion.drivers.port.port_list import (
     FoundPort,
@@ -205,12 +205,11 @@ def discover(
     *,
     find: Callable[[Collection[str]], Sequence[FoundPort]] = find_ports,
     reply_timeout: float = REPLY_TIMEOUT,
-    open_port: Callable[[str, int], Port] = SerialPort,
 ) -> Discovery:
     """Look at all ports; takes less than a second, unless one hangs or the computer is busy."""
 
     def open_bus(name: str, baud: int) -> Bus:
-        return Bus(open_port(name, baud), reply_timeout=reply_timeout)
+        return Bus(SerialPort(name, baud), reply_timeout=reply_timeout)
 
     ports, files = find(extra), file_search.find()
 
