@@ -3,9 +3,8 @@
 #
 # Expected: the distance to the field, as to a box of the same shape, or an error: bodies do collide with height fields.
 # Seen: 0.90 to 0.98 m, whether the ball is 350 mm above the field, 50 mm above it or 10 mm in it, while the contacts of
-# the same state say -0.010: it is measured to a point near the field's edge. mink
-# takes a height field as an obstacle without a word, and the ball is driven 250 mm deep into it; above a box
-# it stops at 10 mm, as it was told.
+# the same state say -0.010: it is measured to a point near the field's edge. mink takes a height field
+# as an obstacle without a word, and the ball is driven 250 mm deep into it; above a box it stops at 10 mm, as it was told.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
