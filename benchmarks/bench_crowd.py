@@ -156,7 +156,7 @@ class Crowd:
         """Go on until all are over, which begin together; whether they are in time."""
         moving, begun = 0.0, False
         while not all(each.future.done() for each in motions):
-            begun |= all(rig.arm.is_moving for rig in self.rigs)
+            begun |= all(rig.arm.state.arm_moving for rig in self.rigs)
             if begun:
                 moving += 0.01
                 self.tick()
@@ -219,7 +219,7 @@ def by_themselves(crowd: Crowd, rounds: int) -> Counter[str]:
                     rig.arm.start_stop()
                     del under_way[k]
                 else:
-                    moved = 0.01 if rig.arm.is_moving else 0.0
+                    moved = 0.01 if rig.arm.state.arm_moving else 0.0
                     under_way[k] = motion, q, is_clear, lasts + moved
             elif rests[k] > 0:
                 rests[k] -= 1

@@ -374,7 +374,7 @@ def latency(count: int) -> list[_common.Row]:
             arm.scene = Scene()
             arm.move(goals[number % 2])
             motion = arm.move(goals[1 - number % 2], replan=True, wait=False)
-            while not arm.is_moving:
+            while not arm.state.arm_moving:
                 time.sleep(0.01)
             time.sleep(float(course.rng.uniform(0.25, 0.45)))
             playing = motion.playing

@@ -155,8 +155,8 @@ def around(browser: Browser, file: Path) -> None:
         film.fold_curves()
         film.shoot(seconds=1.2)
         film.press("Execute")
-        film.guest.until(lambda: rig.arm.is_moving)
-        while rig.arm.is_moving:
+        film.guest.until(lambda: rig.arm.state.arm_moving)
+        while rig.arm.state.arm_moving:
             film.shoot()
         film.shoot(seconds=1.5)
         film.write(file)
@@ -171,11 +171,11 @@ def stop(browser: Browser, file: Path) -> None:
         film.fold_curves()
         film.shoot(seconds=0.8)
         film.press("Execute")
-        guest.until(lambda: rig.arm.is_moving)
+        guest.until(lambda: rig.arm.state.arm_moving)
         stops = rig.arm.stops
         film.press("STOP", pictures=13)
         guest.until(lambda: rig.arm.stops > stops)
-        while rig.arm.is_moving:
+        while rig.arm.state.arm_moving:
             film.shoot()
         film.shoot(seconds=2.5)
         film.write(file)

@@ -206,8 +206,11 @@ class Arm(CappedJoints):
 
     @property
     def is_moving(self) -> bool:
-        """Whether joints move or come to rest; ``Motion.future`` tells whether a motion is over."""
-        return self.state.arm_moving
+        """Whether a motion is under way, also while it is being planned and until it has settled.
+
+        ``state.arm_moving`` is whether joints move.
+        """
+        return self.state.arm_moving or not self.newest_motion.future.done()
 
     @property
     def is_movable_by_hand(self) -> bool:
@@ -843,7 +846,9 @@ def _goal(to: Goal | ArrayLike) -> Goal:
     try:
         return JointGoal(q=joint_angles("goal", to))
     except ConfigError as error:
+        more = ""
         if isinstance(to, Sequence) and len(to) and isinstance(to[0], Goal | Sequence):
-            many = "of several points a ToolPathGoal or a PathGoal is made"
-            raise ConfigError("goal", to, f"{error.reason}; {many}") from None
-        raise
+            more = "; of several points a ToolPathGoal or a PathGoal is made"
+        elif not isinstance(to, Sequence | np.ndarray):
+            more = ", or a goal such as so101.point(0.25, 0.1, 0.1)"
+        raise ConfigError("goal", to, error.reason + more) from None

@@ -319,8 +319,9 @@ class Gripper(JawVerbs):
 
     @property
     def is_moving(self) -> bool:
-        """Whether the jaw moves."""
-        return self._executor.state.jaw_moving
+        """Whether a motion of the jaw is under way, until it has settled."""
+        latest = self._latest
+        return self._executor.state.jaw_moving or (latest is not None and not latest.future.done())
 
     @property
     def is_holding(self) -> bool:

@@ -203,7 +203,7 @@ def crawl(guest, rig):
 
     def begin():
         crawl_aside(rig)
-        guest.until(lambda: rig.arm.is_moving and guest.says("Moving"))
+        guest.until(lambda: rig.arm.state.arm_moving and guest.says("Moving"))
 
     yield begin
     rig.arm.stop()

@@ -63,10 +63,10 @@ def test_a_common_motion_is_planned_executed_and_stopped(guest, arms):
         np.testing.assert_array_equal(rig.arm.state.q, q)  # planning moves nothing
     guest.until(lambda: guest.says("arm 1 to arm 2"))  # the clearance between them
     guest.press("Execute")
-    guest.until(lambda: all(rig.arm.is_moving for rig in rigs))
+    guest.until(lambda: all(rig.arm.state.arm_moving for rig in rigs))
     guest.press("STOP")
     guest.until(lambda: guest.says("Stopped. All arms hold where they are."))
-    guest.until(lambda: not any(rig.arm.is_moving for rig in rigs))
+    guest.until(lambda: not any(rig.arm.state.arm_moving for rig in rigs))
     assert guest.problems == []
 
 

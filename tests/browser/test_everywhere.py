@@ -76,7 +76,7 @@ def test_at_any_size_nothing_covers_stop_and_targets_fit_a_finger(guest, rig, cr
         guest.until(lambda: page.get_by_role("option", name="jaw tip").is_visible())
         assert page.evaluate(AT_STOP)
         page.locator("#so101-stop").click()
-        guest.until(lambda: not rig.arm.is_moving)
+        guest.until(lambda: not rig.arm.state.arm_moving)
         assert np.abs(rig.arm.state.q - ASIDE).max() > to_rad(1.0), "it has not arrived"
         page.keyboard.press("Escape")
         for words in FOR_DEVELOPERS:

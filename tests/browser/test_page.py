@@ -148,7 +148,7 @@ def test_stop_between_two_other_clicks_ends_a_move_on_the_way(guest, rig):
     rig.arm.set_speed(to_rad(3.0))  # for twenty seconds
     guest.plan()
     guest.press("Execute")
-    guest.until(lambda: rig.arm.is_moving and far_from(HOME, rig))
+    guest.until(lambda: rig.arm.state.arm_moving and far_from(HOME, rig))
     guest.page.evaluate(BETWEEN_CLICKS)
     guest.until(lambda: at_rest(rig))
     assert far_from(HOME, rig)

@@ -109,7 +109,7 @@ def test_a_program_is_recorded_planned_run_and_kept(program, rig, own_files):
     with told(rig) as goals:
         program.press("Run program")
         program.until(lambda: program.says("Done."))
-        program.until(lambda: not (rig.arm.is_moving or rig.gripper.is_moving))
+        program.until(lambda: not (rig.arm.state.arm_moving or rig.gripper.is_moving))
     assert min(float(np.max(np.abs(q - READY))) for q in goals) < to_rad(0.5)
     assert at(HOME, rig)
     program.until(lambda: program.button("Run program").is_disabled())

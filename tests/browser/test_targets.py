@@ -37,7 +37,7 @@ def test_a_click_on_the_floor_sets_the_target_and_undo_takes_it_back(guest, rig)
     guest.until(lambda: guest.target_mm() == there)
     guest.until(redo.is_disabled)
     click_does(guest, "selects")
-    assert not rig.arm.is_moving
+    assert not rig.arm.state.arm_moving
 
 
 def test_a_ring_turns_the_gripper_and_what_is_out_of_reach_is_red(guest):

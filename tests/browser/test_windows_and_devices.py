@@ -14,7 +14,7 @@ SMALL = (1120, 700)  # the least with panels on both sides
 def at_rest(rig):
     """Whether it holds, short of where a crawl ends by itself."""
     is_short = np.abs(rig.arm.state.q - ASIDE).max() > to_rad(1.0)
-    return bool(rig.arm.state.mode is Mode.HOLDING and not rig.arm.is_moving and is_short)
+    return bool(rig.arm.state.mode is Mode.HOLDING and not rig.arm.state.arm_moving and is_short)
 
 
 CUT_OFF = """
@@ -315,7 +315,7 @@ def test_p_plans_escape_and_space_stop_also_in_a_field_and_no_other_key_moves_th
     guest.until(lambda: guest.page.get_by_role("option", name="jaw tip").is_visible())
     guest.page.keyboard.press("Escape")
     guest.until(lambda: not guest.page.get_by_role("option", name="jaw tip").is_visible())
-    assert rig.arm.is_moving
+    assert rig.arm.state.arm_moving
     guest.page.keyboard.press("Control+k")  # no list of commands that would cover Stop
     guest.fields("Target (mm)").first.click()
     guest.page.keyboard.press("Escape")

@@ -96,7 +96,7 @@ def test_one_that_missed_its_goals_stops_beside_arms_that_it_can_meet(bench, awa
             silence_moves(bench, rig, ticks=9)
         bench.emulator.bus.faults.request_loss = 0.0
         bench.advance(0.5)
-        assert not rig.arm.is_moving
+        assert not rig.arm.state.arm_moving
 
 
 def pushes(bench, joint):

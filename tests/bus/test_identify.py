@@ -72,7 +72,7 @@ async def test_a_servo_is_identified_by_a_request_kept_and_used_at_once(
         assert outline["duration_s"] < 60.0
         assert bench.q_deg == pytest.approx(before, abs=0.2), "nothing has moved"
 
-        moving = await bench.start(ask(), lambda: arm.rig.arm.is_moving)
+        moving = await bench.start(ask(), lambda: arm.rig.arm.state.arm_moving)
         moving.cancel()
         await bench.until_it_rests(client)
         here = bench.q_deg
@@ -152,7 +152,7 @@ def test_the_operation_plans_first_moves_when_told_to_and_stops(bench, rig):
     assert bench.q_deg == pytest.approx(before, abs=0.2)
     with ThreadPoolExecutor(1) as pool:
         moving = pool.submit(operation.ask, "move", carrying=False)
-        while not rig.arm.is_moving:
+        while not rig.arm.state.arm_moving:
             assert not moving.done()
             bench.advance(0.01)
         rig.arm.start_stop()

@@ -32,7 +32,7 @@ def stays(bench, rig, seconds=1.0):
     """The arm holds, and is where it was a moment ago."""
     here = place(bench, rig)
     bench.advance(seconds)
-    assert not rig.arm.is_moving
+    assert not rig.arm.state.arm_moving
     assert rig.arm.state.mode is Mode.HOLDING
     assert place(bench, rig) == pytest.approx(here, abs=0.7)
     return here
@@ -149,7 +149,7 @@ def test_a_new_target_is_turned_to_without_a_stop(bench, rig):
     farther = start + 1.2 * (near(rig, 1, 0, 0, 0, 0) - np.degrees(rig.arm.state.q))
     second = rig.arm.retarget(np.radians(farther))
     bench.advance(0.03)
-    assert rig.arm.is_moving
+    assert rig.arm.state.arm_moving
     with pytest.raises(Interrupted, match="a newer motion"):
         bench.finish(first)
     bench.finish(second)

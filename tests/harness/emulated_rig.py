@@ -171,7 +171,7 @@ class HardwareBench(PortBench):
     def turn(self):
         """How long others get the processor between two advances [s]; while nothing moves,
         a plan may be being made, which takes real time."""
-        is_moving = any(rig.arm.is_moving or rig.gripper.is_moving for rig in self._rigs)
+        is_moving = any(rig.arm.state.arm_moving or rig.gripper.is_moving for rig in self._rigs)
         return 0.001 if is_moving else 0.02
 
     def finish(self, motion, at_most=15.0):
@@ -187,7 +187,7 @@ class HardwareBench(PortBench):
     def under_way(self, motion, rig, seconds=0.3):
         """Let a motion get going."""
         for _ in range(10_000):
-            if rig.arm.is_moving or motion.future.done():
+            if rig.arm.state.arm_moving or motion.future.done():
                 break
             self.advance(0.0)
             wait([motion.future], timeout=0.002)  # its thread may have to wait for the processor
@@ -234,7 +234,7 @@ class ArmBench(PortBench):
         return getattr(motion, "future", motion).result(timeout=4.0 * at_most)
 
     def under_way(self, motion, rig, seconds=0.3):
-        while not (rig.arm.is_moving or motion.future.done()):
+        while not (rig.arm.state.arm_moving or motion.future.done()):
             self.advance(0.005)
         self.advance(seconds)
 

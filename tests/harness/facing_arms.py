@@ -64,7 +64,7 @@ class FacingArms:
         while moving < 4000:
             if until() or all(future.done() for future in futures):
                 return
-            if any(arm.is_moving for arm in self.arms.values()):
+            if any(arm.state.arm_moving for arm in self.arms.values()):
                 moving += 1
             else:
                 wait(futures, timeout=0.001)  # threads' turn

@@ -176,7 +176,7 @@ async def test_a_stop_or_a_call_that_is_given_up_ends_it(arm, client, what, end)
         await do(client, "end_path")
         call = do(client, "replay_path", name="wave")
     running = asyncio.ensure_future(call)
-    while not arm.rig.arm.is_moving:
+    while not arm.rig.arm.state.arm_moving:
         assert not running.done()
         await advance(client, 0.0)
         await asyncio.sleep(0)

@@ -79,7 +79,7 @@ def test_a_request_that_moves_the_arm_is_a_motion_as_any_other(rig):
     for ends, by in ((rig.arm.stop, "stop"), (lambda: move_to(rig, RIGHT), "newer")):
         motion = rig.start_request(command)
         until_true(lambda: rig.arm.state.arm_moving and rig.arm.state.q[0] > RIGHT[0] + 0.05)
-        assert rig.arm.is_moving
+        assert rig.arm.state.arm_moving
         ends()
         with pytest.raises(Interrupted, match=by):
             motion.result(60.0)

@@ -173,13 +173,13 @@ async def test_contacts_can_be_allowed_by_name(arm, motion):
 
 async def test_giving_up_the_call_stops_the_arm(arm, motion):
     call = asyncio.ensure_future(motion.move("arm", at(100, -200, 150)))
-    await until(lambda: arm.resource.rig.arm.is_moving)
+    await until(lambda: arm.resource.rig.arm.state.arm_moving)
     await advance(arm, 0.1)
     call.cancel()
     with pytest.raises(asyncio.CancelledError):
         await call
     await until(lambda: arm.resource.rig.arm.newest_motion.future.done())
-    assert not arm.resource.rig.arm.is_moving
+    assert not arm.resource.rig.arm.state.arm_moving
     assert np.linalg.norm(await tool(arm) - (100, -200, 150)) > 10
 
 

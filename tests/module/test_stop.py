@@ -192,7 +192,7 @@ SOURCES = {
 @pytest.mark.parametrize("ending", ["stop", "newer", "jog"])
 async def test_superseded_is_aborted_and_stopped_is_cancelled(arm, client, motion, source, ending):
     call = asyncio.ensure_future(SOURCES[source](client, motion))
-    await until(lambda: arm.rig.arm.is_moving or call.done())
+    await until(lambda: arm.rig.arm.state.arm_moving or call.done())
     await advance(client, 0.3)
     assert not call.done()
     if ending == "newer":
@@ -256,7 +256,7 @@ async def test_a_move_that_is_refused_leaves_the_motion_under_way_alone(
 
 async def test_a_motion_service_that_is_removed_ends_what_it_moves(arm, client, motion):
     call = asyncio.ensure_future(motion.move("arm", point(100, 250, 150)))
-    await until(lambda: arm.rig.arm.is_moving)
+    await until(lambda: arm.rig.arm.state.arm_moving)
     await advance(client, 0.3)
     await motion.resource.close()
     await refused(call, Status.CANCELLED, "the removal of its motion service")
@@ -298,5 +298,5 @@ async def test_a_stop_while_a_move_is_prepared_ends_it(prepared, move, monkeypat
     if move is MOVES["through joint positions"]:
         machine.answer.set()
     await refused(moving, Status.CANCELLED, "ended early by stop")
-    assert not arm.resource.rig.arm.is_moving
+    assert not arm.resource.rig.arm.state.arm_moving
     np.testing.assert_array_equal(arm.resource.rig.arm.state.q_ref, before)

@@ -201,7 +201,7 @@ class ArmResource(Configured, Arm):
         return convert.to_joint_positions(self._arm.state.q)
 
     async def is_moving(self) -> bool:
-        return self._arm.is_moving or not self._arm.newest_motion.future.done()
+        return self._arm.is_moving
 
     def T_end(self) -> SE3:
         return self._arm.T_base("tool")

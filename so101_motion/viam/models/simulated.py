@@ -85,7 +85,7 @@ class SimulatedArm(ArmResource):
         async def let_time_pass() -> None:
             clock = self.rig.clock
             while isinstance(clock, ManualClock) and not over.done():
-                if self._arm.is_moving:
+                if self._arm.state.arm_moving:
                     await self._pass_time(clock, TICK)
                 await asyncio.sleep(0.001)
 

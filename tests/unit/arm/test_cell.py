@@ -57,10 +57,10 @@ def test_an_arm_that_waits_longer_than_planned_says_so_once_and_for_whom(pair_of
     plan = pair.right.plan(JointGoal(q=goals[1]))
     pair.finish(pair.left.move(JointGoal(q=starts[0]), wait=False))
     first = pair.left.move(JointGoal(q=goals[0]), wait=False)
-    while not pair.left.is_moving:
+    while not pair.left.state.arm_moving:
         pair.advance(0.0)
     second = pair.right.move(plan, wait=False)
-    while not (pair.right.is_moving or second.future.done()):
+    while not (pair.right.state.arm_moving or second.future.done()):
         pair.advance(0.0)
     pair.arrive(first, second)
     [said] = caplog.messages
@@ -85,12 +85,12 @@ def test_an_arm_that_is_stopped_in_the_way_stops_the_other_and_says_so(pair_of):
         motions = []
         for arm, q in zip((pair.left, pair.right), goals, strict=True):
             motions.append(arm.move(JointGoal(q=q), wait=False))
-            while not arm.is_moving:
+            while not arm.state.arm_moving:
                 pair.advance(0.0)  # no time passes while it is planned
         for _ in range(ticks):
             pair.advance()
         pair.left.start_stop()
-        while pair.left.is_moving:
+        while pair.left.state.arm_moving:
             pair.advance()
         path, q_right = motions[1].plan.trajectory.q, pair.right.state.q_ref
         left_over = path[np.argmin(np.abs(path - q_right).max(axis=1)) :]
@@ -161,7 +161,7 @@ def task_of(pair_of, seed):
 
 def until_both_move(pair, *motions):
     """They begin at one moment, some milliseconds after their plan."""
-    while not (pair.left.is_moving and pair.right.is_moving):
+    while not (pair.left.state.arm_moving and pair.right.state.arm_moving):
         assert not any(each.future.done() for each in motions)
         wait([each.future for each in motions], timeout=0.001)
         pair.advance(0.0002)
@@ -366,7 +366,7 @@ def test_a_stick_goes_from_hand_to_hand_with_its_shape_and_weight(bench):
 
 def test_stopping_one_arm_ends_the_handover_and_the_stick_stays_where_it_is(bench):
     motions = bench.cell.start_handover(bench.cell.plan_handover("left", "right", "stick"))
-    bench.finish(motions, until=lambda: bench.arms["right"].is_moving)
+    bench.finish(motions, until=lambda: bench.arms["right"].state.arm_moving)
     for _ in range(20):
         bench.clock.advance(0.01)
     bench.arms["right"].start_stop()

@@ -38,7 +38,7 @@ def until(rig, condition):
     moment, end = threading.Event(), time.monotonic() + 60.0
     while not condition():
         assert time.monotonic() < end
-        if rig.arm.is_moving or rig.gripper.is_moving:
+        if rig.arm.state.arm_moving or rig.gripper.is_moving:
             rig.clock.advance(0.05)
         else:
             rig.clock.advance(0.01)

@@ -91,7 +91,7 @@ def finish(clock, motion):
 
 def under_way(rig, clock, to=-LEFT):
     motion = rig.arm.move(to, replan=True, wait=False)
-    while not rig.arm.is_moving:
+    while not rig.arm.state.arm_moving:
         clock.advance(TICK)
     clock.advance(0.4)
     return motion
@@ -127,7 +127,7 @@ def test_without_an_answer_the_arm_stops_before_the_obstacle(rig, clock, planner
     planner.holds = True
     motion = under_way(rig, clock)
     rig.arm.scene = ball(AHEAD)
-    while rig.arm.is_moving:
+    while rig.arm.state.arm_moving:
         clock.advance(TICK)
         if len(planner.asked) > 1 and rig.arm.state.qd.any():
             assert planner.asked[0][1].cancelled()  # it was late
@@ -164,7 +164,7 @@ def test_a_stop_is_at_once_whatever_the_planner_does(rig, clock, planner, tape):
         motion.result()
     swing = np.abs(tape[-1] - tape[before]).max()
     assert 0.0 < swing < 0.1  # as short as that of any motion
-    assert not rig.arm.is_moving
+    assert not rig.arm.state.arm_moving
 
 
 def test_a_planner_that_dies_ends_in_a_stop(rig, clock, planner, tape):
@@ -173,7 +173,7 @@ def test_a_planner_that_dies_ends_in_a_stop(rig, clock, planner, tape):
     rig.arm.scene = ball(AHEAD)
     with pytest.raises(WorkerError):
         finish(clock, motion)
-    assert not rig.arm.is_moving
+    assert not rig.arm.state.arm_moving
     assert is_free(tape, ball(AHEAD))
 
 
@@ -192,14 +192,14 @@ def test_a_new_goal_that_cannot_be_reached_ends_in_a_stop(rig, clock):
     rig.arm.scene = ball(AT_THE_GOAL)
     with pytest.raises(InCollision):
         finish(clock, rig.arm.move(-LEFT, replan=True, wait=False))
-    assert not rig.arm.is_moving
+    assert not rig.arm.state.arm_moving
 
 
 def test_an_arm_whose_goal_is_taken_waits_until_it_is_free(rig, clock):
     motion = under_way(rig, clock)
     rig.arm.scene = ball(AT_THE_GOAL)
     clock.advance(2.0)
-    assert not rig.arm.is_moving
+    assert not rig.arm.state.arm_moving
     assert not motion.future.done()
     rig.arm.scene = Scene()
     finish(clock, motion)

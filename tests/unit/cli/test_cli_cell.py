@@ -158,7 +158,7 @@ def test_ctrl_c_stops_all_arms_and_says_so(so101, cell, monkeypatch, flags):
 
     def stop(cell):
         own(cell)
-        stopped.append([member.arm.is_moving for member in cell.members.values()])
+        stopped.append([member.arm.state.arm_moving for member in cell.members.values()])
 
     monkeypatch.setattr(Motion, "result", interrupted)
     monkeypatch.setattr(Cell, "stop", stop)

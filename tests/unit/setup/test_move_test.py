@@ -204,7 +204,7 @@ def test_a_stopped_test_offers_another_and_is_not_shown_of_a_limp_arm(rig, clock
     test = make(rig)
     test.ask("plan")
     test.ask("move")
-    pass_until(clock, lambda: rig.arm.is_moving)
+    pass_until(clock, lambda: rig.arm.state.arm_moving)
     stop = threading.Thread(target=rig.arm.stop if stops == "the arm" else test.close)
     stop.start()
     pass_until(clock, lambda: not stop.is_alive() and not test.is_running)

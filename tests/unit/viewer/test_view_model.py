@@ -487,11 +487,11 @@ def test_stopping_one_arm_stops_all_and_the_page_says_so(bench):
     assert bench.plan().can_execute
     bench.model.execute()
     first, second, _ = (rig.arm for rig in bench.opened.rigs.values())
-    bench.move(lambda: first.is_moving and second.is_moving)
+    bench.move(lambda: first.state.arm_moving and second.state.arm_moving)
     stopping = second.start_stop()
     bench.move(lambda: bench.says("Stopped. All arms hold where they are."))
     assert stopping.done()
-    assert not first.is_moving
+    assert not first.state.arm_moving
 
 
 def test_a_plan_is_dropped_for_all_arms_as_soon_as_one_target_changes(bench):

@@ -96,8 +96,8 @@ def test_a_stop_ends_it(tmp_path, clock, rig):
 
     def stop_later():  # time passes while threads are started and plans are made, too
         nonlocal moved
-        moved += rig.arm.is_moving
-        if 0.01 * moved > replay.approach.duration + 1.0 and rig.arm.is_moving and not stopped:
+        moved += (moving := rig.arm.state.arm_moving)
+        if 0.01 * moved > replay.approach.duration + 1.0 and moving and not stopped:
             stopped.append(rig.arm.start_stop())
 
     with pytest.raises(Interrupted):
@@ -126,7 +126,7 @@ def test_an_impossible_episode_is_refused_before_anything_moves(tmp_path, rig):
         plan_episode(rig, data_set, 2, units=MODEL)
     with pytest.raises(ConfigError, match=r"3\.0 s long"):
         plan_episode(rig, data_set, 0, units=MODEL, start=4.0)
-    assert not rig.arm.is_moving
+    assert not rig.arm.state.arm_moving
 
 
 @pytest.fixture

@@ -45,7 +45,8 @@ class Guest:
         """Let time pass until a motion is over."""
         begin = self.clock.now()
         # While nothing moves, its own thread or a planner may be at work, in real time.
-        while not wait([motion.future], timeout=0.0005 if self.rig.arm.is_moving else 0.01).done:
+        arm = self.rig.arm
+        while not wait([motion.future], timeout=0.0005 if arm.state.arm_moving else 0.01).done:
             assert self.clock.now() - begin < at_most, "it never ended"
             self.clock.advance(0.01)
         motion.result()

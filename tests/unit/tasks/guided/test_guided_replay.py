@@ -133,7 +133,7 @@ def test_a_stop_ends_it_anywhere_and_the_jaw_stops_too(guest, seconds):
     path = path_through(HERE, *LOOP, aperture=[1.0, 0.1, 0.1, 1.0, 0.0])
     rig = guest.rig
     motion = start_replay(rig.arm, rig.gripper, plan_replay(rig.arm, path, gripper=rig.gripper))
-    while not (rig.arm.is_moving or rig.gripper.is_moving):
+    while not (rig.arm.state.arm_moving or rig.gripper.is_moving):
         guest.clock.advance(0.01)
     guest.clock.advance(seconds)
     motion.interrupt("stop")

@@ -92,7 +92,7 @@ def until(rig, condition):
     while time.monotonic() < end:
         if condition():
             return
-        if rig.arm.is_moving or rig.gripper.is_moving or clock.pausing:
+        if rig.arm.state.arm_moving or rig.gripper.is_moving or clock.pausing:
             clock.advance(0.02)
         else:
             moment.wait(0.0005)
@@ -187,7 +187,7 @@ def test_stop_ends_a_run_whatever_it_is_doing(rig, clock, doing, how):
     stop()
     until(rig, run.future.done)
     assert isinstance(run.future.exception(), Interrupted)
-    until(rig, lambda: not rig.arm.is_moving and not rig.gripper.is_moving)
+    until(rig, lambda: not rig.arm.state.arm_moving and not rig.gripper.is_moving)
     stands = rig.arm.state.q
     clock.advance(8.0)
     np.testing.assert_allclose(rig.arm.state.q, stands, atol=to_rad(0.05))

@@ -69,7 +69,7 @@ async def in_time(arms, asked):
     rested = 0
     while not passing.done():
         rigs = [arm.rig for arm in arms.values()]
-        moving = any(rig.arm.is_moving or rig.gripper.is_moving for rig in rigs)
+        moving = any(rig.arm.state.arm_moving or rig.gripper.is_moving for rig in rigs)
         rested = 0 if moving else rested + 1
         await asyncio.sleep(0.001)
         rigs[0].clock.advance(0.01 if moving or rested % 20 == 0 else 0.0)

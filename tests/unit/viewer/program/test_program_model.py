@@ -313,7 +313,7 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(tab, change):
         tab.until(lambda: not tab.model.can_record)
         with pytest.raises(MotionError, match="record it when it stands still"):
             tab.model.record_arms()
-    tab.until(lambda: not tab.rig.arm.is_moving and not tab.rig.gripper.is_moving)
+    tab.until(lambda: not tab.rig.arm.state.arm_moving and not tab.rig.gripper.is_moving)
     assert "ress Plan program" in tab.said
     assert not tab.model.can_run
     assert tab.model.can_record
@@ -396,13 +396,13 @@ def test_stop_ends_it_for_all_arms(bench):
     assert bench.plan().can_run
     bench.model.start()
     first, second = (rig.arm for rig in bench.opened.rigs.values())
-    bench.move(lambda: first.is_moving and second.is_moving)
+    bench.move(lambda: first.state.arm_moving and second.state.arm_moving)
     with pytest.raises(ConfigError, match="stop the program before you change it"):
         bench.model.remove()
     second.start_stop()
     bench.move(lambda: bench.says("Stopped. Every arm holds where it is; the rest was not run."))
-    assert not first.is_moving
-    assert not second.is_moving
+    assert not first.state.arm_moving
+    assert not second.state.arm_moving
 
 
 def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
