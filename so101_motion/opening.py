@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from so101_motion.arm.planning_worker import planner_started
 from so101_motion.common.attributes import checked_kind, checked_number
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3, frame_along, given_array
 from so101_motion.planning.goals import GoalMetric, PoseGoal
 
@@ -24,7 +24,7 @@ _MACHINE = "viam://"
 _KNOWN = re.compile(r"sim|viam://.*|COM\d+|(?!viam:|https?:).*/.*", re.DOTALL)
 
 
-def open(arm: str, *, calibration: str | Path | None = None) -> Rig | MachineRig:
+def open(arm: str | Path, *, calibration: str | Path | None = None) -> Rig | MachineRig:
     """Open an arm with its gripper; opening moves nothing. Use it in a ``with`` block, or close it.
 
     Args:
@@ -39,6 +39,7 @@ def open(arm: str, *, calibration: str | Path | None = None) -> Rig | MachineRig
         BusError: The port cannot be opened, or a servo does not answer.
         MachineUnavailable: The machine cannot be reached.
     """
+    arm = str(arm) if isinstance(arm, Path) else arm
     if not isinstance(arm, str) or not (_KNOWN.fullmatch(arm) or (arm and Path(arm).exists())):
         near = 'did you mean "sim"? ' if "sim" in str(arm).lower() else ""
         reason = f'{near}must be "sim", a serial port such as "/dev/ttyACM0", or "viam://HOST:PORT"'
@@ -47,18 +48,21 @@ def open(arm: str, *, calibration: str | Path | None = None) -> Rig | MachineRig
         raise ConfigError("calibration", str(calibration), "is for an arm on a serial port")
     what = "a file, or the name that LeRobot knows the arm by"
     checked_kind("calibration", calibration, str | Path | None, what)
-    with planner_started():
-        if arm.startswith(_MACHINE):
-            from so101_motion.viam.client import MachineRig
+    try:
+        with planner_started():
+            if arm.startswith(_MACHINE):
+                from so101_motion.viam.client import MachineRig
 
-            return MachineRig.connect(arm.removeprefix(_MACHINE))
-        if arm == "sim":
-            from so101_motion.rig.simulated_rig import open_simulated
+                return MachineRig.connect(arm.removeprefix(_MACHINE))
+            if arm == "sim":
+                from so101_motion.rig.simulated_rig import open_simulated
 
-            return open_simulated()
-        from so101_motion.rig.hardware_rig import open_so101
+                return open_simulated()
+            from so101_motion.rig.hardware_rig import open_so101
 
-        return open_so101(arm, calibration)
+            return open_so101(arm, calibration)
+    except So101Error as error:
+        raise error.with_traceback(None) from None  # without the frames of all the layers below
 
 
 def point(

@@ -140,13 +140,17 @@ class CappedJoints(Complete):
 
 
 def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) -> None:
-    lower, upper = bounds_deg
+    (lower, upper), per = bounds_deg, unit.removeprefix("deg")
     if not isinstance(value, Real):
-        raise ConfigError(name, value, f"must be a number [rad{unit.removeprefix('deg')}]")
-    in_radians(name, np.array(value), 2.0 * to_rad(upper), unit.removeprefix("deg"))
+        raise ConfigError(name, value, f"must be a number [rad{per}]")
+    in_radians(name, np.array(value), 2.0 * to_rad(upper), per)
     value_deg = round(to_deg(value), 9)  # 180 deg came in as a float in radians
     if not lower <= value_deg <= upper:
-        reason = f"is {value_deg:.4g} {unit}; must be from {lower:g} to {upper:g} {unit}"
+        least, most = (f"{to_rad(each):.3g}" for each in bounds_deg)
+        reason = (
+            f"is {value_deg:.4g} {unit}; must be from {lower:g} to {upper:g} {unit}, that is"
+            f" {least} to {most} rad{per}"
+        )
         raise ConfigError(name, value, reason)
 
 

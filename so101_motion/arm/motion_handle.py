@@ -61,7 +61,7 @@ class Motion(Public):
         while not self.future.done():
             left = end - time.monotonic()
             if left <= 0.0:
-                raise TimeoutError
+                raise TimeoutError(f"still under way after {timeout:g} s, and goes on")
             wait((self.future,), min(left, LOOK_FOR_SIGNALS))
         if (error := self.future.exception()) is not None:
             raise error.with_traceback(None) if isinstance(error, So101Error) else error

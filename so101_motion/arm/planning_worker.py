@@ -28,13 +28,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
 from so101_motion.arm.planning_process import CAN_COPY, HANG_TIMEOUT, ChildDied, PlanningProcess
 from so101_motion.common import interrupts
 from so101_motion.common.attributes import checked_kind, checked_number
-from so101_motion.common.errors import CLOSED, So101Error, WorkerError
+from so101_motion.common.errors import So101Error, WorkerError
 
 if TYPE_CHECKING:
     from so101_motion.planning.cell.team_requests import TeamTask
     from so101_motion.planning.request import Plan, PlanRequest
 
 _log = logging.getLogger(__name__)
+
+CLOSED = "this planner, or its arm, has been closed; open it again"
 
 T = TypeVar("T")
 

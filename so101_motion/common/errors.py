@@ -288,8 +288,6 @@ SUPERSEDED = "a newer motion"
 SHUTDOWN = "shutdown"
 """``Interrupted.by`` of a motion that ended because its arm was closed."""
 
-CLOSED = "this arm has been closed; open it again"
-
 
 class CommandRefused(MotionError):
     """A command would have moved a ``joint`` too far at once, so it was not sent."""
@@ -307,7 +305,8 @@ class Interrupted(MotionError):
 
     def __init__(self, by: str) -> None:
         self.by = by
-        super().__init__(f"the motion was ended early by {by}; the arm holds where it stopped")
+        holds = "" if by == SUPERSEDED else "; the arm holds where it stopped"
+        super().__init__(f"the motion was ended early by {by}{holds}")
 
 
 class ArmClosed(Interrupted):
@@ -315,7 +314,7 @@ class ArmClosed(Interrupted):
 
     def __init__(self) -> None:
         super().__init__(SHUTDOWN)
-        self.args = (CLOSED,)
+        self.args = ("this arm has been closed; open it again",)
 
 
 class NotHolding(MotionError):

@@ -81,14 +81,19 @@ class Brief(Public):
 
 _FEW = 15  # most numbers of an array that are shown; chosen, three rows of joints
 
-FARTHEST = 10.0  # [m]; lengths beyond it are probably millimetres; chosen
+FARTHEST = 10.0  # [m]; goals beyond it are probably in millimetres; chosen
+
+LARGEST = 100.0  # largest size and distance [m]; a larger number was probably meant as millimetres
 
 
 def joint_angles(
     key: str, given: ArrayLike, shape: tuple[int, ...] = (5,), *, most: float = 2.0 * math.pi
 ) -> Array:
-    """Joint angles of a calling program [rad]; ``ConfigError`` beyond ``most``."""
-    return in_radians(key, given_array(key, given, shape, "joint angles in radians"), most)
+    """Joint angles of a calling program [rad]; ``ConfigError`` beyond ``most``, or not finite."""
+    q = in_radians(key, given_array(key, given, shape, "joint angles in radians"), most)
+    if not is_finite(q):
+        raise ConfigError(key, q.tolist(), "must be finite angles [rad]")
+    return q
 
 
 def angle(key: str, given: float) -> float:
@@ -197,6 +202,10 @@ def _place(given: ArrayLike) -> Array:
     return given_array("p", given, (3,), "lengths in metres")
 
 
+def _near_place(given: ArrayLike) -> Array:
+    return in_metres("p", _place(given), LARGEST)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SE3(Public):
     """A rigid transform.
@@ -224,8 +233,8 @@ class SE3(Public):
 
     @classmethod
     def from_translation(cls, p: ArrayLike) -> SE3:
-        """A pure translation by ``p``, shape (3,), [m]."""
-        return cls(np.eye(3), _place(p))
+        """A pure translation by ``p``, shape (3,), [m]; ``ConfigError`` beyond ``LARGEST``."""
+        return cls(np.eye(3), _near_place(p))
 
     @classmethod
     def from_rpy(cls, rpy: Iterable[float], p: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
@@ -235,7 +244,7 @@ class SE3(Public):
         """
         angles = given_array("rpy", tuple(rpy), (3,), "angles in radians")
         roll, pitch, yaw = in_radians("rpy", angles, 4.0 * math.pi)
-        return cls(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), _place(p))
+        return cls(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), _near_place(p))
 
     @classmethod
     def from_quaternion(cls, wxyz: Iterable[float], p: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
@@ -251,7 +260,7 @@ class SE3(Public):
                 [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
             ]
         )
-        return cls(R, _place(p))
+        return cls(R, _near_place(p))
 
     @property
     def rpy(self) -> Array:

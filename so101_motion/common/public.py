@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABCMeta
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from so101_motion.common.attributes import nearest
+from so101_motion.common.attributes import suggest
 
 
 class Public:
@@ -16,6 +16,19 @@ class Public:
 
     def __dir__(self) -> list[str]:
         return self._shown.split() or [n for n in object.__dir__(self) if not n.startswith("_")]
+
+    if not TYPE_CHECKING:  # or any name would be right for a type checker
+
+        def __getattr__(self, name: str) -> Any:
+            raise _unknown(self, name)
+
+
+def _unknown(of: object, name: str) -> AttributeError:
+    """The error for a name that is none, with the names there are for users."""
+    text = f"{type(of).__name__} has no {name!r}"
+    if not name.startswith("_"):
+        text = f"{text}; {suggest(name, dir(of))}"
+    return AttributeError(text, name=name)
 
 
 class _MakesComplete(ABCMeta):
@@ -33,9 +46,7 @@ class Complete(Public, metaclass=_MakesComplete):
     def __setattr__(self, name: str, value: object) -> None:
         is_known = name.startswith("_") or name in self.__dict__ or hasattr(type(self), name)
         if self._is_complete and not is_known:
-            near = nearest(name, dir(self))
-            hint = f'; did you mean "{near}"?' if near else ""
-            raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}", name=name)
+            raise _unknown(self, name)
         known = getattr(type(self), name, None)
         if isinstance(known, property) and known.fset is None and hasattr(self, f"set_{name}"):
             raise AttributeError(f"{name} is read; set_{name}(...) sets it", name=name)

@@ -73,8 +73,9 @@ def read_setting(what: str, path: Path, largest: int) -> object:
         ConfigError: It is not there, cannot be read, is larger than ``largest`` bytes or no JSON;
             the message calls it ``what``.
     """
+    data = setting_bytes(what, path, largest)
     try:
-        return content(setting_bytes(what, path, largest))
+        return content(data)
     except ValueError as error:
         raise ConfigError(what, str(path), str(error)) from error
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from so101_motion.common.attributes import suggest
 from so101_motion.common.encoder_zeros import KEY, EncoderZeros, shift, zeros_from, zeros_to
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import Array
+from so101_motion.common.geometry import Array, joint_angles
 from so101_motion.common.named_poses import POSES, NamedPose
 from so101_motion.files import user_storage
 
@@ -71,7 +71,7 @@ class SavedPoses:
 
     def save(self, name: str, q: Array) -> NamedPose:
         """Save joint angles ``q``, shape (5,), [rad], as ``name``; replaces a pose of that name."""
-        pose = NamedPose(name=_free_name(name), q=q, zeros=self._zeros())
+        pose = NamedPose(name=_free_name(name), q=joint_angles("q", q), zeros=self._zeros())
         with self._changing() as poses:
             poses[pose.name] = pose
         return pose

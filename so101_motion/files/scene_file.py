@@ -21,12 +21,11 @@ import numpy as np
 
 from so101_motion.common.attributes import HEAVIEST, Attributes, checked_number
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import LARGEST, SE3, Array
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from so101_motion.files import atomic, json_file
 from so101_motion.planning.collision.scene import (
     FLOOR_Z,
-    LARGEST,
     MARGIN,
     Attached,
     Box,
@@ -56,15 +55,15 @@ Entry = Mapping[str, Any]
 T = TypeVar("T")
 
 
-def read_scene(path: Path) -> Scene:
+def read_scene(path: Path | str) -> Scene:
     """Read a scene file; ``ConfigError`` names what cannot be read or is not valid."""
-    content = json_file.read_setting("scene", path, LARGEST_FILE)
+    content = json_file.read_setting("scene", path := Path(path), LARGEST_FILE)
     return scene_from(content, folder=path.parent)
 
 
-def write_scene(scene: Scene, path: Path) -> None:
+def write_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene file; meshes become vertices. ``ConfigError`` if it cannot be written."""
-    atomic.save("scene", path, (json.dumps(scene_to(scene), indent=2) + "\n").encode())
+    atomic.save("scene", Path(path), (json.dumps(scene_to(scene), indent=2) + "\n").encode())
 
 
 def scene_from(content: object, *, folder: Path | None = Path()) -> Scene:

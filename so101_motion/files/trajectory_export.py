@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from so101_motion.common.attributes import checked_kind
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, freeze
 from so101_motion.common.state import ARM_JOINTS
@@ -75,6 +76,7 @@ def export(motion: Motion | Plan, path: Path | str) -> None:
             not installed.
     """
     path, motion = Path(path), motion.trajectory if isinstance(motion, Plan) else motion
+    checked_kind("motion", motion, Motion, "a plan, its trajectory, or a Run")
     atomic.save("out", path, encoded(motion, path.name))
 
 

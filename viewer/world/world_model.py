@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from so101_motion.common.errors import ConfigError, So101Error
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import LARGEST, SE3, Array
 from so101_motion.files.scene_file import scene_to, write_scene
 from so101_motion.planning.collision.coal_shapes import distance_outside, held_shape
 from so101_motion.planning.collision.collision import NEARBY, CollisionModel
 from so101_motion.planning.collision.scene import (
     FLOOR,
-    LARGEST,
     LINKS,
     Attached,
     Obstacle,

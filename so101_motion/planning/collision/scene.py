@@ -27,7 +27,16 @@ from so101_motion.common.attributes import (
     suggest,
 )
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, Brief, freeze, given_array, in_metres, pose
+from so101_motion.common.geometry import (
+    LARGEST,
+    SE3,
+    Array,
+    Brief,
+    freeze,
+    given_array,
+    in_metres,
+    pose,
+)
 from so101_motion.common.public import Public
 
 FLOOR = "floor"  # the name of the floor in messages
@@ -44,7 +53,6 @@ MARGIN = 0.003
 parts, backlash (about 1 deg) and cables near the body, and small enough for tight poses."""
 
 MARGIN_TOLERANCE = 0.2  # share of a margin that a motion beside its proven path may lack; chosen
-LARGEST = 100.0  # largest size and distance [m]; a larger number was probably meant as millimetres
 SMALLEST_SEEN = 0.002
 LARGEST_SEEN = 10.0  # larger things are in another unit [m]; chosen
 FEW_POINTS = 10  # a cloud of fewer points may be a speck; chosen
@@ -408,7 +416,7 @@ class Scene(Brief):
         for key, kind in (("obstacles", Obstacle), ("attached", Attached)):
             given = getattr(self, key)
             if not (isinstance(given, list | tuple) and all(isinstance(e, kind) for e in given)):
-                raise ConfigError(key, given, f"must be a tuple of {kind.__name__}")
+                raise ConfigError(key, given, f"must be a tuple of {kind.__name__}(name=..., ...)")
             object.__setattr__(self, key, tuple(given))
         if self.floor_z is not None:
             in_metres("floor_z", np.array(checked_number("floor_z", self.floor_z, unit="m")))
@@ -500,7 +508,7 @@ class Scene(Brief):
 
 def checked_scene(given: Scene) -> Scene:
     """A scene of a calling program; ``ConfigError`` for anything else."""
-    return checked_kind("scene", given, Scene, "a Scene of obstacles, even of none")
+    return checked_kind("scene", given, Scene, "a Scene, such as Scene(obstacles=(post,))")
 
 
 _T = TypeVar("_T", Obstacle, Attached)

@@ -512,8 +512,8 @@ class _Planning:
             return NoPath(why, where="goal")
         first = problems[0]
         return NoPath(
-            f"'{name}' can be gripped in {grasps} ways; the best {len(problems)} were tried, but no"
-            f" path was found to any. The first: {first}",
+            f"'{name}' can be gripped in {grasps} ways, but none of the best {len(problems)} can be"
+            f" carried out. The first: {first}",
             where="goal",
             blockers=getattr(first, "blockers", ()),
         )

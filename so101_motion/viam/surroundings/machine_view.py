@@ -18,10 +18,9 @@ from viam.proto.robot import FrameSystemConfig
 
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
-from so101_motion.common.geometry import SE3
+from so101_motion.common.geometry import LARGEST, SE3
 from so101_motion.planning.collision.scene import (
     FLOOR,
-    LARGEST,
     LINKS,
     Attached,
     Mesh,

@@ -11,6 +11,9 @@ import pytest
 import so101_motion as so101
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.clock import ManualClock
+from so101_motion.files.saved_poses import SavedPoses
+from so101_motion.files.scene_file import read_scene
+from so101_motion.files.trajectory_export import export
 from so101_motion.planning.collision.scene import Tool
 from so101_motion.planning.collision.shape_files import file_mesh
 from so101_motion.tasks.jog_operation import JogOperation
@@ -71,6 +74,19 @@ def test_move_waits_for_goals_plans_and_joint_angles(rig):
     np.testing.assert_allclose(rig.arm.q, np.full(5, 0.2), atol=1e-3)
     rig.arm.move([0.0, -0.5, 0.5, 0.0, 0.0])
     np.testing.assert_allclose(rig.arm.q, [0.0, -0.5, 0.5, 0.0, 0.0], atol=1e-3)
+
+
+def test_a_motion_is_under_way_from_when_it_was_asked_for(rig):
+    motion = rig.arm.move([0.2, 0, 0, 0, 0], wait=False)
+    assert rig.arm.is_moving, "it is still being planned"
+    with pytest.raises(TimeoutError, match="under way after 0 s"):
+        motion.result(0)
+    motion.result()
+    assert not rig.arm.is_moving
+    motion = rig.gripper.open(wait=False)
+    assert rig.gripper.is_moving
+    motion.result()
+    assert not rig.gripper.is_moving
 
 
 def test_a_plan_is_refused_when_what_it_was_made_for_has_changed(rig):
@@ -170,6 +186,13 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         "^.y. = .*must be a number": lambda: so101.point(0.2, "1", 0.1),
         "^.x.: must be a number": lambda: so101.point(None, 0.1, 0.1),
         "200 m: did you mean millimetres": lambda: so101.Box(size=(200, 30, 30)),
+        "300 m: did you mean millimetres": lambda: at((300, 0, 10)),
+        "such as so101.point": lambda: arm.move(None),
+        "must be finite angles": lambda: arm.move([np.nan] * 5),
+        "to 3.14 rad/s": lambda: arm.set_speed(-1),
+        "must be a plan, its trajectory": lambda: export(arm, "move.csv"),
+        "5 joint angles .* these are 4": lambda: SavedPoses().save("x", [0.0] * 4),
+        "^.scene. = .nowhere.json.: cannot be read": lambda: read_scene("nowhere.json"),
         "80 m: did you mean millimetres": lambda: so101.Attached(
             name="pen", shape=so101.Sphere(radius=0.01), T_tool_object=at([0, 0, 80])
         ),
@@ -189,7 +212,7 @@ def test_keys_move_the_tool_in_steps(rig):
     jogging.ask("step")
     assert [each.arguments["x"] for each in jogging.view.offers if each.title == "back"] == [-50.0]
     jogging.close()
-    assert not rig.arm.is_moving
+    assert not rig.arm.state.arm_moving
 
 
 def test_a_key_stops_the_tool_on_its_way(monkeypatch):
@@ -261,6 +284,8 @@ def test_a_misspelt_attribute_is_refused_with_the_name_that_was_meant(rig):
     ):
         with pytest.raises(AttributeError, match=f'no .{name}.; did you mean "{meant}"'):
             setattr(held, name, None)
+    with pytest.raises(AttributeError, match=r'no .homer.; did you mean "home".*known: T_base'):
+        rig.arm.homer()
     with pytest.raises(AttributeError, match=r"set_speed\(\.\.\.\) sets it"):
         rig.arm.speed = 1.0
 
@@ -298,7 +323,7 @@ def test_leaving_the_block_brings_the_arm_to_rest(rig, opened):
         if opened == "follow":
             source.aim([0.3, -0.3, 0.3, 0.0, 0.0])
     assert source.future.done()
-    assert not rig.arm.is_moving
+    assert not rig.arm.state.arm_moving
 
 
 def test_an_error_in_the_block_is_the_one_that_is_raised(rig):

@@ -87,7 +87,7 @@ def held(name="pen", **settings):
         (lambda: obstacle(shape="box"), '"shape of mug" = .box.: must be a shape, such as Box'),
         (lambda: obstacle(mass="heavy"), '"mass of mug" = .heavy.: must be a number'),
         (lambda: Scene(obstacles=obstacle()), "must be a tuple of Obstacle"),
-        (lambda: obstacle(pose=SE3.from_translation((300, 0, 0))), "of mug.* mean millimetres"),
+        (lambda: obstacle(pose=SE3(np.eye(3), (300, 0, 0))), "of mug.* mean millimetres"),
         (lambda: obstacle(pose=SE3.from_translation((np.nan, 0, 0))), "of mug.* finite numbers"),
         (lambda: held(mass=-1.0), '"mass of pen" = -1.0: .* of at least 0 kg'),
         (lambda: Scene(margin=0.0), '"margin" = 0.0: .* of more than 0 and at most 0.1 m'),
