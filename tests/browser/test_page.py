@@ -63,7 +63,7 @@ def test_a_target_is_planned_kept_over_a_reload_executed_and_its_run_downloaded(
         return page.locator("div:visible", has_text=" s; peak ").last.inner_text()
 
     def opacity():
-        plot = page.locator(".uplot").filter(visible=True).first
+        plot = page.locator(".uplot .u-wrap").filter(visible=True).first
         return float(plot.evaluate("plot => getComputedStyle(plot).opacity"))
 
     def in_front(tab):

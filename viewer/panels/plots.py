@@ -190,7 +190,7 @@ def _add_plot(
         uplot.Series(label=line, stroke=_GRAY, width=1, dash=(6, 4), points={"show": False})
         for line in lines
     )
-    axis = uplot.Axis(stroke=_GRAY, labelSize=18, size=34)
+    axis = uplot.Axis(labelSize=18, size=34)
     return gui.add_uplot(
         data,
         (uplot.Series(label="time (s)"), *drawn, *level),

@@ -70,7 +70,6 @@ class Stage:
                 axis,
                 position=p,
                 anchor="center-center",
-                font_screen_scale=0.8,
             )
         self._page, self._reach = page, reach
         context.on_drag(self._target, self._dragged, self._released)

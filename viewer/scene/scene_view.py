@@ -203,7 +203,6 @@ def _floor(stage: viser.SceneApi, path: str) -> viser.GridHandle:
             position=1.05 * end + _ABOVE,
             anchor="center-center",
             depth_test=True,
-            font_screen_scale=0.8,
         )
     return floor
 

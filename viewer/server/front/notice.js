@@ -1,6 +1,15 @@
 // Without a graphics card: one line instead of viser's five, outside the picture, and gone by itself.
 // A film has no bar: there the line stays in viser's notice.
+// And the labels in the picture, which viser draws black on white, are white on black in the dark.
 (() => {
+  const { shaderSource } = WebGL2RenderingContext.prototype;
+  WebGL2RenderingContext.prototype.shaderSource = function (shader, source) {
+    const light = !matchMedia('(prefers-color-scheme: dark)').matches;
+    shaderSource.call(this, shader, light ? source : source
+      .replace('vec4(1.0, 1.0, 1.0, 0.85 * vAlpha)', 'vec4(0.08, 0.08, 0.08, 0.85 * vAlpha)')
+      .replace('gl_FragColor = vec4(0.0, 0.0, 0.0, a);', 'gl_FragColor = vec4(1.0, 1.0, 1.0, a);'));
+  };
+
   const READ = 12000;  // ms
   const SLOW = 'No graphics card is used, so the picture is slow.';
   let due = 0;
