@@ -30,7 +30,7 @@ from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 
 from .page import texts
-from .page.causes import Causes, same_things, things_around
+from .page.causes import Causes, NextEvent, same_things, things_around
 from .page.plan_view import (
     Between,
     CommonPlan,
@@ -348,6 +348,7 @@ class MoveModel:
         self._causes = Causes(arm.arm for arm in arms.values())
         self._had_alarms = False  # before the newest motion, which ended for them
         self._arrived: tuple[Sentence | None, tuple[Array, ...]] = (None, ())  # and where
+        self._next = [NextEvent(arm.arm) for arm in arms.values()]
         for name, arm in self.arms.items():
             arm.dropped, arm.playback = partial(self._drop_plan, name), self.playback
 
@@ -479,6 +480,10 @@ class MoveModel:
             before = self._sentence
             self._sentence = texts.ALREADY_THERE if here else texts.PRESS_PLAN
             news.append(self._sentence is not before)
+        stopped = any([each.look()[0] for each in self._next])
+        if stopped and self._sentence is self._arrived[0]:  # as the bar says
+            self._sentence = texts.ALL_STOPPED if self._cell else texts.ended(Interrupted("stop"))
+            news.append(True)
         news += [self._collect_plan(), self._show_plan_under_way(), self._collect_motions()]
         return any((*news, self.playback.advance(self._now())))
 

@@ -95,6 +95,7 @@ class FakeArm:
 
     def __init__(self):
         self.speed = self.acceleration = 1.0
+        self.stops = 0
         self.scene = object()
         self.range = (np.full(5, -2.0), np.full(5, 2.0))
         self.newest = None

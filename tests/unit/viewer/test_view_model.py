@@ -124,6 +124,17 @@ def test_two_buttons_show_the_product(page, arm):
     assert not page.can_plan
     assert not page.can_execute
 
+    arm.stops += 1
+    assert page.refresh()
+    assert page.sentence.text == "Stopped. The arm holds where it is."  # as the bar says
+
+
+def test_what_is_said_of_an_arrival_follows_where_the_arm_is(page, arm):
+    planned(page)
+    page.execute()
+    arm.be(arm.executed[0].q_goal, t=1.0)
+    arm.motion.future.set_result(None)
+    page.refresh()
     for off_deg, says in (
         (0.3, "Arrived"),
         (2.0, "Reachable. Press Plan."),
