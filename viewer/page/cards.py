@@ -19,8 +19,9 @@ def going_on(text: str) -> str:
 
 
 def failed(text: str) -> str:
-    sentence, _, fix = text.rpartition("; ")
-    return marked("✗", "bad", *((sentence, fix) if sentence else (fix, "")))
+    """An error, or an alert of several sentences; what to do, if it says so, begins a line."""
+    said, _, rest = text.rpartition("; ")
+    return marked("✗", "bad", *((said, rest) if said else (rest,)), is_fix=False)
 
 
 def note(text: str) -> str:
@@ -32,8 +33,9 @@ def enter(press: str, label: str) -> str:
     return f'<div data-enter="{escape(press)}">{note(f"The key Enter: {label}.")}</div>'
 
 
-def marked(mark: str, tone: Tone, sentence: str, fix: str = "") -> str:
-    todo = f"<div><b>Do this:</b> {escape(capital(fix))}</div>" if fix else ""
+def marked(mark: str, tone: Tone, sentence: str, rest: str = "", *, is_fix: bool = True) -> str:
+    first = "<b>Do this:</b> " if is_fix else ""
+    todo = f"<div>{first}{escape(capital(rest))}</div>" if rest else ""
     return (
         f'<div class="so101-marked"><b class="so101-{tone}">{mark}</b>'
         f"<div>{escape(capital(sentence))}{todo}</div></div>"

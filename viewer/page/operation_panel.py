@@ -51,10 +51,7 @@ class Worker:
     _look: Future[object] | None = None
 
     def do(
-        self,
-        doing: str,
-        call: Callable[[], T],
-        then: Callable[[T], None] = lambda _result: None,
+        self, doing: str, call: Callable[[], T], then: Callable[[T], None] = lambda _result: None
     ) -> bool:
         """Run ``call``, unless something runs already; return whether it runs.
 
@@ -215,11 +212,12 @@ class OperationPanel(Part):
         if view.picture is not None:
             html += cards.note(view.picture.note)
         says_it = self._own is None or any(each.cancels for each in view.offers)
-        doing = view.doing or ("" if says_it else self._worker.doing)
+        doing = self._worker.doing
+        doing = view.doing or (f"{doing}: under way" if doing and not says_it else "")
         if doing:  # the page that has the worker shows what it does
             html += cards.going_on(doing)
         elif due is not None and due.due_in:
-            html += cards.going_on(f"By itself in {due.due_in:.0f} s: {due.title}")
+            html += cards.going_on(f"{due.title}: by itself in {due.due_in:.0f} s")
         first = next((o for o in view.offers if not o.is_look), None)
         if first is not None and first.why_not and not view.trouble:
             html += cards.note(f"{first.title}: {texts.capital(first.why_not)}")

@@ -32,6 +32,12 @@ def test_text_from_outside_never_becomes_markup(html):
     assert "&lt;img src=x onerror=&quot;move()&quot;&gt;" in html
 
 
+def test_only_what_was_given_as_one_is_called_a_thing_to_do():
+    lost = cards.failed("Lost the arm. It reconnects by itself; nothing moves.")
+    assert "<div>Nothing moves.</div>" in lost
+    assert "<b>Do this:</b> Plug it in." in cards.marked("✗", "bad", "it is gone", "plug it in")
+
+
 def gauge(value, *, warns=True):
     return markup.gauge("elbow_flex", value, -100.0, 100.0, warns=warns)
 
