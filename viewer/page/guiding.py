@@ -17,10 +17,7 @@ class Guiding:
     """Lets an arm be guided by hand for a limited time. For the page's thread."""
 
     def __init__(
-        self,
-        arm: Arm,
-        clock: Clock,
-        submit: Callable[[Callable[[], Any]], Future[Any]],
+        self, arm: Arm, clock: Clock, submit: Callable[[Callable[[], Any]], Future[Any]]
     ) -> None:
         self._arm, self._clock, self._submit = arm, clock, submit
         self._switching: Future[None] | None = None

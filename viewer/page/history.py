@@ -36,10 +36,7 @@ class History(Generic[T]):
     kept = 100  # how many values are remembered; chosen
 
     def __init__(
-        self,
-        value: T,
-        restore: Callable[[T, str], None],
-        now: Callable[[], float] | None = None,
+        self, value: T, restore: Callable[[T, str], None], now: Callable[[], float] | None = None
     ) -> None:
         self._restore, self._now = restore, now
         self.forget(value)

@@ -94,13 +94,7 @@ class CommonPlan:
 
 
 def plan_view(
-    plan: Plan,
-    solver: TargetSolver,
-    frame: str,
-    *,
-    scene: Scene,
-    q_jaw: float,
-    name: str = "Plan",
+    plan: Plan, solver: TargetSolver, frame: str, *, scene: Scene, q_jaw: float, name: str = "Plan"
 ) -> PlanView:
     """Compute what to draw of a plan: the path of ``frame``, clearances with that jaw angle."""
     trajectory = plan.trajectory

@@ -28,11 +28,7 @@ class SharedField:
     """
 
     def __init__(
-        self,
-        widget: Any,
-        command: Callable[[Any], None],
-        context: PageContext,
-        unit: Unit = PLAIN,
+        self, widget: Any, command: Callable[[Any], None], context: PageContext, unit: Unit = PLAIN
     ) -> None:
         self.widget, self._command, self._unit = widget, command, unit
         self._known: Any = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import viser
@@ -53,6 +53,7 @@ class ProgramPart(Part):
         self._context = context.reporting(self.model.report)
         self._members, self._pages, self._is_one = arms.members, pages, isinstance(arms, Solo)
         robot = RobotModel.load()
+        self._at = lru_cache(MOST)(lambda each, frame: words.place(robot.frame(each.q, frame).p))
         self._views = {
             name: ProgramView(
                 context.server.scene,
@@ -185,7 +186,7 @@ class ProgramPart(Part):
         self._sentence.content = self._context.sentence(model.sentence)
         index = None if run is not None else model.chosen
         rows = [
-            (words.title(program, k), words.line(program, k, near.get(k)), len(around(k)))
+            (words.title(program, k), self._told(k, near.get(k)), len(around(k)))
             for k in range(len(program))
         ]
         self._rows.show(rows, chosen=index, active=model.active)
@@ -213,6 +214,13 @@ class ProgramPart(Part):
         self._rehearsal.show(timeline, model.playback.t)
         self._rounds.show(program.rounds)
         self._files.show(model.name)
+
+    def _told(self, k: int, near: float | None) -> str:
+        """What is special about a step, after where the tool is then if there is one arm."""
+        program, target = self.model.program, next(iter(self._pages.values())).target
+        said, waypoint = words.line(program, k, near), program.steps[k].get(ARM)
+        at = "" if waypoint is None else self._at(waypoint, target.frame)
+        return ", ".join(filter(None, (at, said)))
 
     def _show_scene(self) -> None:
         """Draw the program, and where the arms would stand; not while it is run."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from so101_motion.common.errors import Interrupted, in_series
+from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_mm
 from so101_motion.tasks.program import ARM, Loop, Program, ProgramRun, Waypoint
 
@@ -155,6 +156,10 @@ def _short(program: Program, index: int) -> str:
 def title(program: Program, index: int) -> str:
     step = program.steps[index]
     return step[ARM].name if step.keys() == {ARM} else ", ".join(step)
+
+
+def place(p_base: Array) -> str:
+    return ", ".join(f"{value:.0f}" for value in to_mm(p_base).round() + 0.0) + " mm"
 
 
 def line(program: Program, index: int, clearance: float | None = None) -> str:

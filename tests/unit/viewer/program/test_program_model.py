@@ -262,6 +262,7 @@ def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab):
     assert 0.0 < near[0] < 0.2
     program = tab.model.timeline.rehearsal.program
     assert words.line(program, 0, near[0]) == f"25 % speed, {1000.0 * near[0]:.0f} mm clear"
+    assert words.place(np.array([0.3114, -0.16, -0.0001])) == "311, -160, 0 mm"
     tab.model.history.undo()
     assert tab.model.program.waypoints[0].speed == 1.0
 
