@@ -92,8 +92,6 @@ class PlanRequest(Brief):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q_start", joint_angles("q_start", self.q_start))
-        if not np.all(np.isfinite(self.q_start)):
-            raise ConfigError("q_start", self.q_start, "must be five finite joint angles [rad]")
         angle("q_jaw", self.q_jaw)
         for key in ("lower", "upper"):
             if getattr(self, key) is not None:
@@ -106,7 +104,8 @@ class PlanRequest(Brief):
         if not isinstance(effort, (int, np.integer)) or not 1 <= effort <= MOST_ROUTES:
             raise ConfigError("route_effort", effort, f"must be a whole number, 1 to {MOST_ROUTES}")
         checked_kind("goal", self.goal, Goal, "a goal, as so101.point(x, y, z) or JointGoal(q=...)")
-        checked_limits(self.limits, 5)
+        if checked_limits(self.limits, 5) is None:
+            raise ConfigError("limits", None, "are needed; MotionLimits.uniform(...) makes them")
         checked_scene(self.scene)
 
 

@@ -94,6 +94,7 @@ def file_mesh(kind: str, data: bytes, *, scale: float = 1.0, most: int = MOST_TR
     ``kind`` is the file's ending, one of ``MESHES``; ``scale`` a factor for its lengths, 1000 for a
     file of an undeclared unit in metres; ``most`` the most triangles.
     """
+    kind = kind.removeprefix(".")
     vertices, triangles = read_mesh(kind, data, most=most)
     if kind not in ("glb", "gltf", "3mf"):  # these are in metres when they were read
         vertices = vertices / 1000.0

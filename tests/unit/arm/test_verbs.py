@@ -186,6 +186,10 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         "^.y. = .*must be a number": lambda: so101.point(0.2, "1", 0.1),
         "^.x.: must be a number": lambda: so101.point(None, 0.1, 0.1),
         "200 m: did you mean millimetres": lambda: so101.Box(size=(200, 30, 30)),
+        "^.limits.: are needed": lambda: so101.PlanRequest(
+            q_start=[0] * 5, goal=so101.point(0.2, 0, 0.1), limits=None
+        ),
+        "^.mesh. = .8 bytes.: is not a stl": lambda: file_mesh(".stl", b"nonsense"),
         "300 m: did you mean millimetres": lambda: at((300, 0, 10)),
         "such as so101.point": lambda: arm.move(None),
         "must be finite angles": lambda: arm.move([np.nan] * 5),
