@@ -64,7 +64,7 @@ class SavedPoses:
         """
         known = {pose.name: pose for pose in (*POSES, *self.own())}
         if name not in known:
-            raise ConfigError("pose", name, f"is not a pose; {suggest(name, known)}")
+            raise ConfigError("pose", name, f"is not a pose; {suggest(str(name), known)}")
         pose, now = known[name], self._zeros()
         off = shift(pose.zeros, now, what=f"the pose {name}", file=self.file(), name=name)
         return NamedPose(name=name, q=pose.q + off, zeros=now) if off.any() else pose

@@ -195,6 +195,7 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         "must be finite angles": lambda: arm.move([np.nan] * 5),
         "to 3.14 rad/s": lambda: arm.set_speed(-1),
         "must be a plan, its trajectory": lambda: export(arm, "move.csv"),
+        "^.pose.: is not a pose; known: home": lambda: SavedPoses().find(None),
         "5 joint angles .* these are 4": lambda: SavedPoses().save("x", [0.0] * 4),
         "^.scene. = .nowhere.json.: cannot be read": lambda: read_scene("nowhere.json"),
         "80 m: did you mean millimetres": lambda: so101.Attached(
