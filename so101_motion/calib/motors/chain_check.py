@@ -84,11 +84,10 @@ def _missing(
     elif seen.is_empty:
         error = f"servo {servo_id} ({joint}) does not answer, nor does any other"
         fix = f"switch the arm's power supply on and plug the first cable in; {_AGAIN}"
-    elif seen.shared:
+    elif shared := [name for name, i in ids.items() if i in seen.shared]:
         error = f"servo {servo_id} ({joint}) does not answer: it may be one of those that answer as"
         error += f" {_listed(seen.shared, ' or ')}"
-        first = next(name for name, i in ids.items() if i in seen.shared)
-        fix = f"connect them one at a time: so101 setup --joint {first}, then --joint {joint}"
+        fix = f"connect them one at a time: so101 setup --joint {shared[0]}, then --joint {joint}"
     elif not any(i > servo_id and i in seen.servos for i in ids.values()):
         error = f"servo {servo_id} ({joint}) does not answer"
         # Servos behind a broken cable are silent as well. A robot's wheels may be on another.

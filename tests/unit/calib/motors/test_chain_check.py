@@ -67,6 +67,8 @@ def test_two_servos_with_one_id_are_named_and_garbled_answers_are_no_twins():
     assert missing.status == "not_responding"
     assert missing.error.endswith("it may be one of those that answer as 3")
     assert "so101 setup --joint elbow_flex, then --joint wrist_flex" in missing.fix
+    _, setup = arm(ids=TWINS | {1: 17, 2: 17, 4: 4})
+    assert "answer as" not in check(setup, "shoulder_pan").error  # 17 is no joint's
     _, setup = arm(ids=TWINS, q_start=(0.0,) * 6, calibrated=False)  # though they hold the same
     assert check(setup, "elbow_flex").status == "duplicate"
     bus, setup = arm()
