@@ -29,6 +29,7 @@ from so101_motion.common.errors import So101Error, in_series
 from so101_motion.common.units import to_rad
 
 if TYPE_CHECKING:
+    from so101_motion.setup.checkup import Check
     from so101_motion.setup.discovery import PortReport
 
 _NUDGE = 0.03  # share of the jaw's travel: 3 deg. The jaw, because no pose of the arm is in its way
@@ -80,7 +81,8 @@ def arms(
         wrong = [_wrong(report) for report in found]
     if as_json:
         rows = [
-            {**report.to_json(), "wrong": each} for report, each in zip(found, wrong, strict=True)
+            {**report.to_json(), "wrong": [f"{c.name}: {c.sentence}; {c.fix}" for c in each]}
+            for report, each in zip(found, wrong, strict=True)
         ]
         print_json("arms", {"arms": rows})
     elif found or others:
@@ -88,12 +90,14 @@ def arms(
         for report, each in zip(found, wrong, strict=True):
             kind = f"{report.role}, {report.nominal_volts or 0:g} V"
             file = report.calibration.name if report.calibration else "none"
-            more = f"; {len(each) - 1} more: so101 doctor --port {report.port.name}"
-            health = each[0] + (more if len(each) > 1 else "") if each else "ok"
+            cannot = "cannot move" if each[:1] and each[0].verdict == "fail" else "can move"
+            health = f"{cannot}; see {', '.join(c.name for c in each)}" if each else "ready"
             table.add_row(report.port.name, kind, file, health)
         for other in others:  # in use, without power or without a whole arm
             table.add_row(other.port.name, "none", "", other.sentence)
         Console().print(table)
+        if any(wrong):
+            aside("so101 doctor --port PORT says what an arm lacks and what to do about it")
     if not found:
         aside("no arm answers" + ("" if others else "; so101 ports tells why"))
         raise SystemExit(NO_DEVICE)
@@ -131,19 +135,13 @@ def arms(
         raise SystemExit(CHECK_FAILED)
 
 
-def _wrong(report: PortReport) -> list[str]:
-    """What the doctor finds to be wrong with an arm and what mends it, the worst first."""
+def _wrong(report: PortReport) -> list[Check]:
+    """What the doctor finds to be wrong with an arm, the worst first."""
     from so101_motion.cli.doctor import examined_arm
     from so101_motion.setup.checkup import check_up
 
     checks = check_up(examined_arm(report))
-    found = []
-    for verdict, words in (("fail", "cannot move"), ("warn", "can move")):
-        for each in checks:
-            if each.verdict == verdict:
-                about = "" if each.name.startswith("servo") else f"{each.name}: "
-                found.append(f"{words}; {about}{each.sentence}; {each.fix}")
-    return found
+    return [each for verdict in ("fail", "warn") for each in checks if each.verdict == verdict]
 
 
 def _name_of(report: PortReport, default: str, taken: Container[str]) -> str:

@@ -60,13 +60,16 @@ class JogOperation(LocalOperation):
             )
         self._was_lost = False
         trouble = next((f"{name}: {why}" for name, why in state.reading.alarms.items()), "")
+        fix = ""
         if self._jog.held_by and not trouble:
             trouble = f"held back by {', '.join(self._jog.held_by)}"
+            fix = "try another way; if none is free, q, then so101 home unfolds the arm"
         return View(
             state="jogging",
             text=f"each key moves the tool by {size:g} mm",
             rows=rows,
             trouble=trouble,
+            fix=fix,
             offers=(
                 Offer(command="step", title=f"steps of {STEPS_MM[self._next]:g} mm"),
                 *(
