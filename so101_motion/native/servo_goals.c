@@ -37,6 +37,7 @@
 #define CUT_OFF_SPEED (10.0 * DEG)
 #define GIVEN_UP 2.0 /* time in which the offset of uncompensated joints is faded out [s]; chosen, they sag slowly */
 #define ROUNDING 1e-6 /* [rad] and [rad/s] */
+#define TURN 1e-4     /* for differences of the weights [rad] */
 
 /* Inertia that the moved links add to each joint [kg m^2]; chosen, averages. */
 static const double INERTIA[JAW] = {0.012, 0.014, 0.007, 0.002, 0.001};
@@ -166,9 +167,18 @@ int so101_goals_point(Goals *g, const double *given, const double *here, int has
     g->has_qd = has_qd, g->t_point = now;
     for (int i = 0; i < SERVOS; i++) moved |= q[i] != g->trim->goal[i];
     if (moved && g->trim->arm) { /* where the joints will be when the goal acts */
-        double then[SERVOS], torque[SERVOS], added[SERVOS];
-        for (int i = 0; i < SERVOS; i++) then[i] = i < JAW ? q[i] + g->ahead * g->qd[i] : q[i];
+        double then[SERVOS], torque[SERVOS], added[SERVOS], turned[SERVOS], turned_added[SERVOS];
+        for (int i = 0; i < SERVOS; i++) then[i] = (i < JAW ? q[i] + g->ahead * g->qd[i] : q[i]) + g->trim->zero[i];
         so101_weigh(g->trim->arm, then, torque, added);
+        for (int j = 0; j < LIFTING; j++) {
+            then[1 + j] += TURN;
+            so101_weigh(g->trim->arm, then, turned, turned_added);
+            then[1 + j] -= TURN;
+            for (int i = 0; i < JAW; i++) {
+                const double more = turned[i] - torque[i] + g->trim->carried * (turned_added[i] - added[i]);
+                g->trim->by_angle[j][i] = more / TURN;
+            }
+        }
         so101_trim_command(g->trim, q, g->qd, ways, torque, added, now);
     } else if (moved) so101_trim_command(g->trim, q, g->qd, ways, own, own + SERVOS, now);
     for (int i = 0; has_qd && i < JAW; i++)

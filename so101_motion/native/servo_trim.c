@@ -6,7 +6,8 @@
 #define GAIN 8.0
 /* While the command moves, what is not known is found from the errors of all joints at once, each counted by how
  * well it is known otherwise (a Kalman filter): of each servo by which share it is weaker and its friction greater
- * than its type's, what else is off [N m], how much later it comes [s]; and the mass in the gripper [kg]. Standard
+ * than its type's, what else is off [N m], how much later it comes [s]; the mass in the gripper [kg]; and by how
+ * much the zeros of the joints that lift are off, which shifts their weights [rad]. Standard
  * deviations beforehand; servos whose own figures are known differ by a share of them. Chosen: emulated servos differ
  * by a fifth at most, and the two types come later by 0.05 and 0.04 s. */
 #define WEAKER 0.12
@@ -15,18 +16,21 @@
 #define COMES_LATER 0.03 /* all of them alike */
 #define ITS_OWN 0.003
 #define CARRIED 0.1
+#define OFF_ZERO (3.0 * DEG)
 #define KNOWN 0.3
 /* How these change in a second: heat and supply, what is gripped. Chosen. */
 #define DRIFTS 0.01
 #define DRIFTS_OTHERWISE 0.03
 #define DRIFTS_LATER 0.002
 #define DRIFTS_CARRIED 0.02
+#define DRIFTS_OFF_ZERO (0.02 * DEG)
 /* Errors have other reasons of about so much [N m], and of twice the friction near rest, less by 1/e for each so
  * much speed [rad/s]; they last so long [s]. Chosen by trial. */
 #define NOISE 0.25
 #define UNCLEAR 2.0
 #define CLEARS 0.3
 #define LASTS 0.1
+#define MOST_OFF_ZERO (9.0 * DEG) /* most that is taken for a zero that is off [rad]; chosen */
 #define MOST_SHARE 0.3      /* most that a servo may be weaker or its friction greater; chosen */
 #define BEARING 0.3         /* joints that bear less weight learn less while they follow a target [N m]; chosen */
 #define DEG (3.141592653589793 / 180.0)
@@ -122,8 +126,8 @@ static void find(Trim *t, int i) {
     t->known[i] = limited(t->without_speed[i], so101_servo_error_for(s, s->largest_load));
 }
 
-/* Where in `doubt` what is not known of a joint stands, and the mass. */
-enum { SHARE, ROUGH, REST, LATER, EACH, MASS = EACH * JAW };
+/* Where in `doubt` what is not known of a joint stands, the mass, and the first zero. */
+enum { SHARE, ROUGH, REST, LATER, EACH, MASS = EACH * JAW, ZERO, NEEDS = EACH + 1 + LIFTING };
 
 static void doubt_anew(Trim *t, int from, int to) {
     for (int r = from; r < to; r++)
@@ -138,6 +142,12 @@ void so101_trim_forget(Trim *t, int i) {
     const double sd[] = {unknown * WEAKER, unknown * ROUGHER, OTHERWISE};
     doubt_anew(t, EACH * i, EACH * (i + 1));
     for (int k = 0; k < LATER; k++) t->doubt[EACH * i + k][EACH * i + k] = sd[k] * sd[k];
+    if (0 < i && i <= LIFTING) {
+        const int at = ZERO + i - 1;
+        t->zero[i] = 0.0;
+        doubt_anew(t, at, at + 1);
+        t->doubt[at][at] = OFF_ZERO * OFF_ZERO;
+    }
     for (int j = 0; j < JAW; j++) {
         doubt_anew(t, EACH * j + LATER, EACH * (j + 1));
         t->later[j] = t->later_seen[j] = t->later_felt[j] = 0.0;
@@ -212,7 +222,7 @@ void so101_trim_give_way(Trim *t, int i) {
 }
 
 /* How much more torque joint i needs for each of what is not known of it, and where in `doubt` that stands. */
-typedef struct { double by[EACH + 1]; int at[EACH + 1]; } Need;
+typedef struct { double by[NEEDS]; int at[NEEDS]; } Need;
 
 static Need need(const Trim *t, int i) {
     const Servo *s = t->servo[i];
@@ -220,9 +230,11 @@ static Need need(const Trim *t, int i) {
     const double friction = so101_servo_friction(s, t->weights[i] + t->rest[i] * stiff, way, t->qd[i]);
     const double grows = 1.0 + way * copysign(s->load_external + s->load_motor, t->weights[i]);
     const int at = EACH * i;
-    return (Need){{t->torque[i] / weaker, way * friction * weaker, 1.0, t->qd[i] * stiff,
-                   t->per_kg[i] * weaker * grows},
-                  {at + SHARE, at + ROUGH, at + REST, at + LATER, MASS}};
+    Need n = {{t->torque[i] / weaker, way * friction * weaker, 1.0, t->qd[i] * stiff, t->per_kg[i] * weaker * grows},
+              {at + SHARE, at + ROUGH, at + REST, at + LATER, MASS}};
+    for (int j = 0; j < LIFTING; j++)
+        n.by[EACH + 1 + j] = t->by_angle[j][i] * weaker * grows, n.at[EACH + 1 + j] = ZERO + j;
+    return n;
 }
 
 /* What all that is not known has to do with what joint i needs; returns that need's variance. */
@@ -230,21 +242,28 @@ static double related(const Trim *t, const Need *n, double *k) {
     double variance = 0.0;
     for (int r = 0; r < UNKNOWN; r++) {
         k[r] = 0.0;
-        for (int c = 0; c <= EACH; c++) k[r] += t->doubt[r][n->at[c]] * n->by[c];
+        for (int c = 0; c < NEEDS; c++) k[r] += t->doubt[r][n->at[c]] * n->by[c];
     }
-    for (int c = 0; c <= EACH; c++) variance += n->by[c] * k[n->at[c]];
+    for (int c = 0; c < NEEDS; c++) variance += n->by[c] * k[n->at[c]];
     return variance;
 }
 
 /* Change what is known by `change`. The joints `stay` do not move for it: friction bears what it can. */
 static void take(Trim *t, const double *change, uint32_t stay) {
     const double before = t->carried;
+    double turned[LIFTING];
     t->carried = limited(before + change[MASS], t->heaviest);
+    for (int j = 0; j < LIFTING; j++) {
+        turned[j] = -t->zero[1 + j];
+        t->zero[1 + j] = limited(t->zero[1 + j] + change[ZERO + j], MOST_OFF_ZERO);
+        turned[j] += t->zero[1 + j];
+    }
     for (int i = 0; i < JAW; i++) {
         const Servo *s = t->servo[i];
         const double stiff = so101_servo_stiffness(s), bound = so101_servo_error_for(s, t->largest_drive);
         const double *own = change + EACH * i, rest = t->rest[i], was = t->known[i] + rest;
         t->weights[i] += (t->carried - before) * t->per_kg[i];
+        for (int j = 0; j < LIFTING; j++) t->weights[i] += turned[j] * t->by_angle[j][i];
         t->weaker[i] = limited(t->weaker[i] + own[SHARE], MOST_SHARE);
         t->rougher[i] = limited(t->rougher[i] + own[ROUGH], MOST_SHARE);
         t->later_seen[i] = limited(t->later_seen[i] + own[LATER], LATEST);
@@ -273,10 +292,10 @@ static void learn(Trim *t, const double *steps) {
         n.by[LATER] = 0.0;
         related(t, &n, k);
         double all = 0.0;
-        for (int c = 0; c <= EACH; c++) all += n.by[c] * k[n.at[c]];
+        for (int c = 0; c < NEEDS; c++) all += n.by[c] * k[n.at[c]];
         /* A mass that another joint felt has moved it already. */
         const double left = (steps[i] + was[i] - t->known[i] - t->rest[i]) * so101_servo_stiffness(t->servo[i]);
-        for (int c = 0; c <= EACH; c++)
+        for (int c = 0; c < NEEDS; c++)
             if (c != LATER) change[n.at[c]] = left * k[n.at[c]] / all;
         take(t, change, stay);
     }
@@ -288,6 +307,7 @@ static void learn_moving(Trim *t, const double *q, uint32_t fresh, double dt, do
     const double felt = least(dt / FELT_AFTER, 1.0);
     double change[UNKNOWN] = {0}, k[UNKNOWN];
     t->doubt[MASS][MASS] += DRIFTS_CARRIED * DRIFTS_CARRIED * dt;
+    for (int j = 0; j < LIFTING; j++) t->doubt[ZERO + j][ZERO + j] += DRIFTS_OFF_ZERO * DRIFTS_OFF_ZERO * dt;
     for (int i = 0; i < JAW; i++) {
         const int at = EACH * i;
         t->doubt[at + SHARE][at + SHARE] += DRIFTS * DRIFTS * dt;
@@ -311,7 +331,7 @@ static void learn_moving(Trim *t, const double *q, uint32_t fresh, double dt, do
         const double noise = (NOISE * NOISE + unclear * unclear) / (bears * bears) * LASTS / dt;
         double variance = related(t, &n, k) + noise;
         double left = (error - (t->later_seen[i] - t->later_felt[i]) * qd) * so101_servo_stiffness(s) - t->unfelt[i];
-        for (int c = 0; c <= EACH; c++) left -= n.by[c] * change[n.at[c]];
+        for (int c = 0; c < NEEDS; c++) left -= n.by[c] * change[n.at[c]];
         for (int r = 0; r < UNKNOWN; r++) {
             change[r] += k[r] * left / variance;
             for (int c = 0; c < UNKNOWN; c++) t->doubt[r][c] -= k[r] * k[c] / variance;

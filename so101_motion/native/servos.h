@@ -25,7 +25,8 @@ typedef struct {
     struct { double R[9], p[3], mass, centre[3]; } body[SERVOS];
 } Weight;
 
-#define UNKNOWN 21 /* four of each joint of the arm, and a mass; servo_trim.c */
+#define LIFTING 3  /* joints that lift, from the second on */
+#define UNKNOWN 24 /* four of each joint of the arm, a mass, and where the joints that lift have zero; servo_trim.c */
 
 /* As Trim in gravity_compensation.py. */
 typedef struct {
@@ -36,7 +37,7 @@ typedef struct {
     double arrived[SERVOS], gives_way[SERVOS], weight_rate[SERVOS];
     double weaker[SERVOS], rougher[SERVOS], later[SERVOS], later_seen[SERVOS], later_felt[SERVOS], unfelt[SERVOS];
     double pace[SERVOS], side[SERVOS];
-    double is_planned, missed, doubt[UNKNOWN][UNKNOWN];
+    double is_planned, missed, zero[SERVOS], by_angle[LIFTING][JAW], doubt[UNKNOWN][UNKNOWN];
     const Servo *servo[SERVOS];
     const Weight *arm; /* 0 if its torques are given */
 } Trim;

@@ -8,7 +8,9 @@ turns round, its friction does not change sides at once but over twice ``ENGAGIN
 trembling command does not shake the goals. At rest it stays on the side it was.
 
 *What is not known*, of all servos at once: by which share each is weaker than its type and its
-friction greater, how much later it comes, what else is off, and the mass in the gripper. While the
+friction greater, how much later it comes, what else is off, the mass in the gripper, and by how
+much the zeros of the three joints that lift are off, since a zero taken from the middle of the
+travel may be wrong by 5 deg. That changes weights only, never a commanded angle. While the
 command moves, a Kalman filter finds it from the errors: which of these is the reason shows in how
 an error changes with pose, speed and direction. Errors near rest count little, because friction may
 bear anything there. In motions that follow a target only joints that bear weight are looked at:
@@ -95,6 +97,7 @@ class Trim(ctypes.Structure):
         rougher: By what share its friction seems to be greater.
         rest: The part of ``offset`` that weight, friction and these two do not explain [rad].
         later: By how much each joint comes later than a servo of its type would [s].
+        zero: How much farther each joint seems to be than it is said to, by the weights [rad].
         models: The servos; ``put`` replaces one.
         at: Its address, for C.
         weighs_itself: Whether C knows the arm's weight, and need not be given its torques.
@@ -109,7 +112,9 @@ class Trim(ctypes.Structure):
         *((name, SIX) for name in ("arrived", "gives_way", "weight_rate", "weaker", "rougher")),
         *((name, SIX) for name in ("later", "later_seen", "later_felt", "unfelt", "pace", "side")),
         *((name, ctypes.c_double) for name in ("is_planned", "missed")),
-        ("doubt", ctypes.c_double * 21**2),
+        ("zero", SIX),
+        ("by_angle", ctypes.c_double * 15),
+        ("doubt", ctypes.c_double * 24**2),
         ("servo", ctypes.POINTER(ServoModel) * 6),
         ("arm", ctypes.POINTER(ArmWeight)),
     ]
@@ -122,6 +127,7 @@ class Trim(ctypes.Structure):
     torque: Six
     weaker: Six
     later: Six
+    zero: Six
 
     def __init__(self, gravity: Gravity, per_kg: Gravity | None = None) -> None:
         super().__init__(
@@ -169,14 +175,14 @@ class Trim(ctypes.Structure):
 
     def own(self, q: Sequence[float]) -> list[float]:
         """The torques that hold the six joints of the empty arm at ``q`` [rad], in [N m]."""
-        own: list[float] = self._gravity(np.array(q)).tolist()
+        own: list[float] = self._gravity(np.add(q, self.zero)).tolist()
         return own
 
     def per_kg(self, q: Sequence[float]) -> list[float]:
         """What each kilogram in the gripper adds to the six joints at ``q`` [rad], in [N m/kg]."""
         if self._load is None:
             return [0.0] * 6
-        per_kg: list[float] = self._load(np.array(q)).tolist()
+        per_kg: list[float] = self._load(np.add(q, self.zero)).tolist()
         return per_kg
 
     def taken_for_mass(self) -> tuple[float, list[float]]:

@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from so101_motion.drivers.bus.ticks import RAD_PER_TICK
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap
+from so101_motion.drivers.feetech.feetech_arm import JOINTS
+from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
 from so101_motion.drivers.feetech.gravity_compensation import (
     ENGAGING,
     HEAVIEST,
@@ -14,7 +16,7 @@ from so101_motion.drivers.feetech.gravity_compensation import (
     Trim,
 )
 from so101_motion.drivers.feetech.servo_model import ServoModel
-from so101_motion.drivers.goal_limiter import SIX
+from so101_motion.drivers.goal_limiter import SIX, GoalLimiter
 from so101_motion.drivers.servo_types import (
     AS_SOLD,
     START_DUTY,
@@ -309,3 +311,32 @@ def test_one_whose_play_was_measured_falls_behind_by_less():
     known = ServoModel(figures=ServoFigures(play=math.radians(0.6)))
     assert known.stray_in_play(speed) < 0.9 * ServoModel().stray_in_play(speed)
     assert known.stray_in_play(0.0) == pytest.approx(math.radians(0.72))
+
+
+def test_much_of_what_zeros_that_are_off_do_to_the_weight_is_found_while_the_arm_moves():
+    """In q a joint is said to be less far by ``off_zero`` than it is; servos are as modelled."""
+    off_zero = np.radians([0.0, -2.0, -5.0, 1.0, 0.0, 0.0])
+    weight = arm_weight(RobotModel.load())
+    maps = {i: JointMap(servo_id=i + 1) for i in ALL}
+    limiter = GoalLimiter(JOINTS, speed=math.pi, acceleration=20.0)
+    goals = GoalCompensation(maps, weight, limiter, weight.per_kg, {})
+    trim, rates = goals.trim, np.array([0.3, 0.5, 0.7, 0.9, 0.6, 0.0])
+    swing = np.array([0.3, 0.8, 0.8, 0.8, 0.3, 0.0])
+    goals.begin([0.0] * 6, [0.0] * 6, 0.0, ())
+    for t in 0.01 * np.arange(1, 3001):
+        q, qd = swing * np.sin(rates * t), swing * rates * np.cos(rates * t)
+        qdd = -swing * rates**2 * np.sin(rates * t)
+        goals.point(q.tolist(), qd[:5].tolist(), t, SIX(*q), (), qdd[:5].tolist())
+        there = weight(q + goals.ahead * qd + off_zero)
+        needs = [
+            each.distance(load + way * each.friction(load, way, speed))
+            for each, load, way, speed in zip(trim.models, there, trim.ways, qd, strict=True)
+        ]
+        goals.goals(t)
+        trim.measure(SIX(*(q - trim.lags - needs + trim.offset)), SIX(), EACH, t)
+    poses = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 6))
+    before, now = (
+        np.abs([weight(q + off_zero) - weight(q + known) for q in poses]).mean()
+        for known in (np.zeros(6), np.array(trim.zero))
+    )
+    assert now < 0.6 * before
