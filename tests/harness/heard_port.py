@@ -13,7 +13,7 @@ from functools import partial
 
 from so101_motion.drivers.emulator.pty_port import PtyPort
 from so101_motion.drivers.port.serial_port import PortOpener, SerialPort
-from so101_motion.setup.discovery import discover
+from so101_motion.setup import discovery
 
 _PATIENCE = 60.0  # [s] for bytes that are on their way through the terminal
 
@@ -89,7 +89,7 @@ def hear_terminals_of_this_process(patch):
 
     patch.setattr(PtyPort, "__init__", noted)
     patch.setattr(PortOpener.__init__, "__defaults__", (1_000_000, open_heard))
-    patch.setitem(discover.__kwdefaults__, "open_port", open_heard)
+    patch.setattr(discovery, "SerialPort", open_heard)
 
 
 def opener_of(emulator, baud=1_000_000):
