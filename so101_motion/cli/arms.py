@@ -81,7 +81,10 @@ def arms(
         wrong = [_wrong(report) for report in found]
     if as_json:
         rows = [
-            {**report.to_json(), "wrong": [f"{c.name}: {c.sentence}; {c.fix}" for c in each]}
+            {
+                **report.to_json(),
+                "wrong": [f"{_can(c)}; {c.name}: {c.sentence}; {c.fix}" for c in each],
+            }
             for report, each in zip(found, wrong, strict=True)
         ]
         print_json("arms", {"arms": rows})
@@ -90,8 +93,7 @@ def arms(
         for report, each in zip(found, wrong, strict=True):
             kind = f"{report.role}, {report.nominal_volts or 0:g} V"
             file = report.calibration.name if report.calibration else "none"
-            cannot = "cannot move" if each[:1] and each[0].verdict == "fail" else "can move"
-            health = f"{cannot}; see {', '.join(c.name for c in each)}" if each else "ready"
+            health = f"{_can(each[0])}; see {', '.join(c.name for c in each)}" if each else "ready"
             table.add_row(report.port.name, kind, file, health)
         for other in others:  # in use, without power or without a whole arm
             table.add_row(other.port.name, "none", "", other.sentence)
@@ -142,6 +144,10 @@ def _wrong(report: PortReport) -> list[Check]:
 
     checks = check_up(examined_arm(report))
     return [each for verdict in ("fail", "warn") for each in checks if each.verdict == verdict]
+
+
+def _can(check: Check) -> str:
+    return "cannot move" if check.verdict == "fail" else "can move"
 
 
 def _name_of(report: PortReport, default: str, taken: Container[str]) -> str:
