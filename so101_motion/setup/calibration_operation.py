@@ -60,6 +60,10 @@ _SAVE = (
     "Look at what was recorded. Then move the arm to a pose that is clear of everything, and save:"
     " its joints are held there."
 )
+_FAILED = (
+    "The calibration has stopped. Do what is said, then start again; or have the motors' settings"
+    " put back as they were."
+)
 _NOT_SAVED = (
     "It is not saved yet; what was recorded is kept. Do what is said, then try again. The joints"
     " will be held."
@@ -158,7 +162,7 @@ class CalibrationOperation(LocalOperation):
             case State.COMPLETED:
                 return "Save", _SAVE
             case State.ERROR:
-                return "Homing pose", "Something went wrong."
+                return "Homing pose", _FAILED
 
     def _rows(self, now: Situation, seen: PoseEstimate) -> tuple[Row, ...]:
         match now.view.state:
@@ -246,7 +250,10 @@ class CalibrationOperation(LocalOperation):
                 return (Offer(command="save_calibration", title=title, due_in=at_once), _AGAIN)
             case State.ERROR:
                 mend = "Restore the motors' settings"
-                return (Offer(command="reset", title=mend), Offer(command="start", title="Start"))
+                return (
+                    Offer(command="reset", title=mend),
+                    Offer(command="start", title="Start again"),
+                )
 
     def _finishing(self, now: Situation) -> tuple[Offer, ...]:
         joints, finish = now.joints, "Finish the recording"

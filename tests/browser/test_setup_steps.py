@@ -130,7 +130,12 @@ def calibrate(hand, kit, middle, begin="Let go of the joints"):
     kit.put(middle)
 
     def is_begun():  # on a busy machine a question expires, and answers come too late: "Start"
-        for button in (begin, "Start the calibration", "Press again: the joints go limp", "Start"):
+        for button in (
+            begin,
+            "Start the calibration",
+            "Press again: the joints go limp",
+            "Start again",
+        ):
             if hand.can(button):
                 hand.press(button)
         return hand.says("The blue ghost shows the pose")

@@ -28,9 +28,10 @@ def note(text: str) -> str:
     return f'<div class="so101-note">{escape(text)}</div>' if text else ""
 
 
-def enter(press: str, label: str) -> str:
-    """Tell that Enter presses the button ``press``, which the front end then does."""
-    return f'<div data-enter="{escape(press)}">{note(f"The key Enter: {label}.")}</div>'
+def enter(press: str, text: str) -> str:
+    """A note, and that Enter presses the button ``press``, which the front end then does."""
+    keys = '<span class="so101-keys">The key Enter presses it.</span>'
+    return f'<div class="so101-note" data-enter="{escape(press)}">{escape(text)} {keys}</div>'
 
 
 def marked(mark: str, tone: Tone, sentence: str, rest: str = "", *, is_fix: bool = True) -> str:

@@ -170,7 +170,8 @@ class OperationPanel(Part):
             return is_news
         before, self._view = self._view, (now := self._as_shown(operation.view))
         if before is not None and (now.said, now.state) != (before.said, before.state):
-            new = next((s.text for s in reversed(now.said) if s not in before.said), "")
+            said = [s for s in now.said if self._own is not None or s.tone in ("warm", "bad")]
+            new = next((s.text for s in reversed(said) if s not in before.said), "")
             self._news = new and f"{time.strftime('%H:%M:%S')} {new}"  # it may not last as long
         for offer in self._view.offers:
             if offer.due_in is not None and offer.due_in <= 0.0 and offer.why_not is None:
@@ -208,7 +209,11 @@ class OperationPanel(Part):
 
     def _words(self, view: View) -> str:
         due = next((o for o in view.offers if o.due_in is not None and not o.is_look), None)
-        html = cards.note(view.note) + cards.note(self._news)
+        plain = (button.widget for button in self._buttons.values() if not button.question)
+        lit = next((b for b in plain if b.visible and b.color is None and not b.disabled), None)
+        is_by_enter = self._by_enter and lit is not None
+        html = cards.enter(uuid_of(lit) or "", view.note) if is_by_enter else cards.note(view.note)
+        html += cards.note(self._news)
         if view.picture is not None:
             html += cards.note(view.picture.note)
         says_it = self._own is None or any(each.cancels for each in view.offers)
@@ -221,9 +226,7 @@ class OperationPanel(Part):
         first = next((o for o in view.offers if not o.is_look), None)
         if first is not None and first.why_not and not view.trouble:
             html += cards.note(f"{first.title}: {texts.capital(first.why_not)}")
-        plain = (button.widget for button in self._buttons.values() if not button.question)
-        lit = next((b for b in plain if b.visible and b.color is None and not b.disabled), None)
-        return html + (cards.enter(uuid_of(lit) or "", lit.label) if lit and self._by_enter else "")
+        return html
 
     def _wrong(self, view: View) -> str:
         """What is wrong, above the rows, so that it is seen on a phone as well."""

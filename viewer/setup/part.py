@@ -341,8 +341,9 @@ class SetupPart(Part):
         if self.setup.trouble is not None:
             return cards.failed(ended(self.setup.trouble).text)
         operation = None if self._current is None else self._current.operation
-        if reason is None or (operation is not None and operation.view.trouble == reason):
-            return ""  # it is in red above already
+        is_told = operation is not None and not all(o.is_look for o in operation.view.offers)
+        if reason is None or is_told or (operation is not None and operation.view.trouble):
+            return ""  # a button above, or what is in red, tells what to do first
         return cards.note(f"{self._next.label}: {capital(reason)}")
 
     def close(self) -> None:
