@@ -165,7 +165,7 @@ def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_th
     gripper.click()
     page.get_by_role("option", name=second, exact=True).filter(visible=True).click()
     guest.until(lambda: gripper.input_value() == second)
-    guest.button("attach").filter(visible=True).click()
+    guest.button("attach to gripper").filter(visible=True).click()
     guest.until(lambda: (seen(), held()) == ([[], []], [[], ["box 1"]]))
     guest.until(lambda: guest.says(f"{second} holds box 1"))
     guest.until(lambda: gripper.is_disabled())

@@ -53,7 +53,7 @@ def test_an_added_obstacle_is_drawn_and_planned_with_and_moves_nothing(world, ri
     def places():
         seen = (
             world.page.get_by_role("button", name=name, exact=True).filter(visible=True)
-            for name in ("sphere", "undo", "attach", "delete")
+            for name in ("sphere", "undo", "attach to gripper", "delete")
         )
         return [each.first.bounding_box() for each in seen]
 
@@ -139,7 +139,7 @@ def test_a_thing_is_selected_and_dragged_and_a_zone_is_red(world, rig, monkeypat
     world.until(lambda: rig.arm.scene.obstacles[0].keep_out)
     world.until(lambda: len(things(world)) == 2 and things(world) != drawn)
     world.until(lambda: world.color_of(things(world)[-1]) == RED)
-    world.press("attach")
+    world.press("attach to gripper")
     world.until(lambda: world.says("is a keep-out zone, which cannot be held"))
 
 

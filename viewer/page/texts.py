@@ -36,7 +36,7 @@ CAPS_CHANGED = Sentence("The speed limits have changed. Press Plan again.")
 IN_USE = Sentence("Something moves, or jogging is on. To plan, end it or press STOP.")
 HOLDS_AGAIN = Sentence("The arm holds again. Set a target, then press Plan.")
 ALL_PLANNED = Sentence("Planned. Check the paths, then press Execute to move all arms.", Tone.GOOD)
-ALL_STOPPED = Sentence("Stopped. All arms hold where they are.")
+ALL_STOPPED = Sentence("Stopped. All arms hold where they are. Press Plan to go on.")
 SURROUNDINGS_CHANGED = Sentence("The surroundings have changed. Press Plan again.")
 
 SINKS = "It will sink. Let go?"
@@ -139,8 +139,9 @@ def arrived(distance: float) -> Sentence:
 
 def ended(error: BaseException) -> Sentence:
     if isinstance(error, Interrupted):
-        by = "Stopped" if error.by == "stop" else f"Ended early by {error.by}"
-        return Sentence(f"{by}. The arm holds where it is.")
+        if error.by == "stop":
+            return Sentence("Stopped. The arm holds where it is. Press Plan to go on.")
+        return Sentence(f"Ended early by {error.by}. The arm holds where it is.")
     if isinstance(error, So101Error):
         text = _refused(error) if isinstance(error, ConfigError) else str(error)
         return Sentence(capital(text), Tone.BAD)

@@ -43,7 +43,7 @@ _TURNED = 0.01
 """Turns of a joint below this do not repeat the overlap check [rad]; chosen: a real arm at rest
 flickers by a tick or two."""
 
-_LOOSE, _HELD = ("attach", "delete"), ("detach", "delete")
+_LOOSE, _HELD = ("attach to gripper", "delete"), ("detach", "delete")
 """Buttons for a thing; a keep-out zone says why it cannot be attached."""
 
 _SAME = 1e-5
@@ -98,7 +98,7 @@ class WorldPart(Part):
         self._list = gui.add_dropdown("Selected", (_nothing(()),))
         self._selected = self._field(self._list, self._choose)
         self._acts = gui.add_button_group(
-            "Change", _LOOSE, hint="attach: the gripper holds it from now on"
+            "Change", _LOOSE, hint="What is attached, the gripper holds from now on"
         )
         context.on_choice(self._acts, self._act)
         self._gripper = gui.add_dropdown(
@@ -201,7 +201,7 @@ class WorldPart(Part):
 
     def _act(self, name: str) -> None:
         world, tools = self.world, self._user.tools()
-        if name == "attach":
+        if name == _LOOSE[0]:
             holder = self._gripper.value
             world.hold(tools[holder], holder)
         elif name == "detach":

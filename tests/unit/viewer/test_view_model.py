@@ -126,7 +126,9 @@ def test_two_buttons_show_the_product(page, arm):
 
     arm.stops += 1
     assert page.refresh()
-    assert page.sentence.text == "Stopped. The arm holds where it is."  # as the bar says
+    assert (
+        page.sentence.text == "Stopped. The arm holds where it is. Press Plan to go on."
+    )  # as the bar says
 
 
 def test_what_is_said_of_an_arrival_follows_where_the_arm_is(page, arm):
@@ -250,7 +252,7 @@ def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(page
     arm.be(np.array([0.01, 0.0, 0.0, 0.0, 0.0]))
     arm.motion.future.set_exception(Interrupted("stop"))
     page.refresh()
-    assert page.sentence.text == "Stopped. The arm holds where it is."
+    assert page.sentence.text == "Stopped. The arm holds where it is. Press Plan to go on."
     assert page.can_plan
     assert not page.can_execute
 

@@ -79,7 +79,7 @@ def test_a_bad_value_stands_out_and_no_other_whatever_it_begins_with():
 @pytest.mark.parametrize(
     ("error", "text"),
     [
-        (Interrupted("stop"), "Stopped. The arm holds where it is."),
+        (Interrupted("stop"), "Stopped. The arm holds where it is. Press Plan to go on."),
         (
             Interrupted("a newer motion"),
             "Ended early by a newer motion. The arm holds where it is.",
