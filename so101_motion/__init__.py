@@ -8,6 +8,7 @@ package is cheap: Pinocchio and ruckig are loaded when they are first needed.
         rig.gripper.grab()
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from so101_motion.common.geometry import SE3 as SE3
     from so101_motion.common.state import JointState as JointState
     from so101_motion.control.following import Following as Following
+    from so101_motion.files.saved_poses import SavedPoses as SavedPoses
     from so101_motion.opening import open as open
     from so101_motion.opening import point as point
     from so101_motion.planning.collision.collision import CollisionModel as CollisionModel
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from so101_motion.planning.request import Plan as Plan
     from so101_motion.planning.request import PlanRequest as PlanRequest
     from so101_motion.planning.timing.limits import MotionLimits as MotionLimits
+    from so101_motion.planning.timing.torque import Payload as Payload
     from so101_motion.rig.hardware_rig import open_hardware as open_hardware
     from so101_motion.rig.rig import Rig as Rig
     from so101_motion.rig.servo_driver import ServoSettings as ServoSettings
@@ -63,6 +66,7 @@ _HOMES = {  # what each module has of ours; it is imported when a name of it is 
     "common.geometry": "SE3",
     "common.state": "JointState",
     "control.following": "Following",
+    "files.saved_poses": "SavedPoses",
     "opening": "open point",
     "planning.collision.collision": "CollisionModel",
     "planning.collision.scene": (
@@ -75,6 +79,7 @@ _HOMES = {  # what each module has of ours; it is imported when a name of it is 
     "planning.kinematics.model": "RobotModel",
     "planning.request": "Plan PlanRequest",
     "planning.timing.limits": "MotionLimits",
+    "planning.timing.torque": "Payload",
     "rig.hardware_rig": "open_hardware",
     "rig.rig": "Rig",
     "rig.servo_driver": "ServoSettings",
@@ -91,7 +96,10 @@ def __getattr__(name: str) -> object:
         return import_module("so101_motion.common.errors")
     if name in _HOME:
         return getattr(import_module(f"so101_motion.{_HOME[name]}"), name)
-    raise AttributeError(f"module 'so101_motion' has no attribute {name!r}")
+    text = f"module 'so101_motion' has no attribute {name!r}"
+    if not name.startswith("_") and hasattr(import_module("so101_motion.common.errors"), name):
+        text += f"; it is so101_motion.errors.{name}"
+    raise AttributeError(text, name=name, obj=sys.modules[__name__])
 
 
 def __dir__() -> list[str]:

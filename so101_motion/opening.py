@@ -14,6 +14,7 @@ from so101_motion.arm.planning_worker import planner_started
 from so101_motion.common.attributes import checked_kind, checked_number
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3, frame_along, given_array
+from so101_motion.common.public import explained
 from so101_motion.planning.goals import GoalMetric, PoseGoal
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def open(arm: str | Path, *, calibration: str | Path | None = None) -> Rig | Mac
         raise error.with_traceback(None) from None  # without the frames of all the layers below
 
 
+@explained("it takes {}; of an array p: point(*p)")
 def point(
     x: float, y: float, z: float, *, along: ArrayLike | None = None, frame: str = "tool"
 ) -> PoseGoal:

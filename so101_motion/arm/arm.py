@@ -41,6 +41,7 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import SE3, Array, joint_angles
 from so101_motion.common.modes import Mode
+from so101_motion.common.public import explained
 from so101_motion.common.state import ARM_JOINTS, JointState, in_fault, lent_out
 from so101_motion.common.units import angles_deg, in_mm, to_deg
 from so101_motion.control.cartesian_jog import Jog
@@ -66,6 +67,14 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 T = TypeVar("T")
+
+_SPEED = "set_speed(...) is for all motions, limits=arm.limits.eased(0.5) for this one"
+_told = explained(
+    "it takes {}; a point is so101.point(x, y, z)",
+    speed=_SPEED,
+    velocity=_SPEED,
+    acceleration=_SPEED,
+)
 
 Guard = Literal["scene"]
 """What a follow, stream or retarget keeps off: the arm itself, its scene, and other arms."""
@@ -262,8 +271,8 @@ class Arm(CappedJoints):
 
     def set_payload(self, payload: Payload | None) -> None:
         """Set what the gripper carries, for plans from now on, until ``set_load`` is called."""
-        how = "Payload(mass=..., com=(x, y, z)), in kg and metres in the tool frame"
-        checked_kind("payload", payload, Payload | None, f"a {Payload.__module__}.{how}")
+        how = "a so101.Payload(mass=..., com=(x, y, z)), in kg and metres in the tool frame"
+        checked_kind("payload", payload, Payload | None, how)
         self._payload = payload
 
     def set_servo_strength(self, shares: Sequence[float]) -> None:
@@ -284,6 +293,7 @@ class Arm(CappedJoints):
 
     # Planning and moving
 
+    @_told
     def plan(
         self,
         goal: Goal | ArrayLike,
@@ -315,6 +325,7 @@ class Arm(CappedJoints):
         self.note(plan, present)
         return plan
 
+    @_told
     def move(
         self,
         to: Goal | Plan | ArrayLike,
@@ -343,14 +354,9 @@ class Arm(CappedJoints):
             Interrupted: A newer motion or a stop ended it.
         """
         if isinstance(to, Plan):
-            if limits is not None or search is not None:
-                raise ConfigError(
-                    "limits" if search is None else "search",
-                    "given",
-                    "applies while a goal is planned; this plan is already made",
-                )
-            if replan:
-                raise ConfigError("replan", True, "needs a goal, not a finished plan")
+            for key, given in (("limits", limits), ("search", search), ("replan", replan or None)):
+                if given is not None:
+                    raise ConfigError(key, given, "is for a goal; this plan is already made")
             motion = self.start_series((lambda _: self.check_again(to),))
         elif replan:
             asked = search or Search()
@@ -366,6 +372,7 @@ class Arm(CappedJoints):
             motion.result()
         return motion
 
+    @_told
     def home(self, *, limits: MotionLimits | None = None, wait: bool = True) -> Motion:
         """Move all joints to zero, along a planned path; like ``move``."""
         return self.move(np.zeros(5), limits=limits, wait=wait)
@@ -709,10 +716,8 @@ class Arm(CappedJoints):
     ) -> PlanRequest:
         """The request that ``plan`` sends to the planner; arguments as there."""
         how = f"a {Search.__module__}.Search(...)"
-        state, search = (
-            self._open_state,
-            checked_kind("search", search, Search | None, how) or Search(),
-        )
+        state = self._open_state
+        search = checked_kind("search", search, Search | None, how) or Search()
         lower, upper = self._range.with_tolerance()
         return PlanRequest(
             q_start=state.q_ref if q_start is None else q_start,
@@ -837,8 +842,7 @@ def _goal(to: Goal | ArrayLike) -> Goal:
     if isinstance(to, Goal):
         return to
     if isinstance(to, str):
-        where = "from so101_motion.files.saved_poses import SavedPoses"
-        raise ConfigError("goal", to, f"a named pose is SavedPoses().find({to!r}).q; {where}")
+        raise ConfigError("goal", to, f"a named pose is so101.SavedPoses().find({to!r}).q")
     if isinstance(to, SE3) or getattr(getattr(to, "homogeneous", to), "shape", ()) == (4, 4):
         how = 'PoseGoal(T_base_tool=..., metric="position_only")'
         more = '"position_and_approach" or "full_pose"'
@@ -847,8 +851,8 @@ def _goal(to: Goal | ArrayLike) -> Goal:
         return JointGoal(q=joint_angles("goal", to))
     except ConfigError as error:
         more = ""
-        if isinstance(to, Sequence) and len(to) and isinstance(to[0], Goal | Sequence):
-            more = "; of several points a ToolPathGoal or a PathGoal is made"
-        elif not isinstance(to, Sequence | np.ndarray):
+        if not isinstance(to, Sequence | np.ndarray) or getattr(to, "shape", None) == ():
             more = ", or a goal such as so101.point(0.25, 0.1, 0.1)"
+        elif len(to) and isinstance(to[0], Goal | list | tuple | np.ndarray):
+            more = "; of several points a ToolPathGoal is made, of rows of angles a PathGoal"
         raise ConfigError("goal", to, error.reason + more) from None

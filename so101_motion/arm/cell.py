@@ -86,12 +86,7 @@ class Cell(Complete):
         return self._one.clock
 
     def add(
-        self,
-        name: str,
-        rig: RigWithExecutor,
-        T_cell_base: SE3,
-        *,
-        ignores: Collection[str] = (),
+        self, name: str, rig: RigWithExecutor, T_cell_base: SE3, *, ignores: Collection[str] = ()
     ) -> CellMember:
         """Add an arm: from now on it keeps off the others, and they keep off it.
 
@@ -196,12 +191,7 @@ class Cell(Complete):
         return motions
 
     def plan_handover(
-        self,
-        giver: str,
-        taker: str,
-        thing: str,
-        *,
-        scenes: Mapping[str, Scene] | None = None,
+        self, giver: str, taker: str, thing: str, *, scenes: Mapping[str, Scene] | None = None
     ) -> Handover:
         """Plan to pass a thing from one hand to another; moves nothing.
 

@@ -34,7 +34,7 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import is_finite
 from so101_motion.common.modes import HELD
-from so101_motion.common.public import Complete
+from so101_motion.common.public import Complete, explained
 from so101_motion.common.state import GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Channel, Executor
@@ -237,6 +237,7 @@ class Jaw(Protocol):
 class JawVerbs(Complete):
     """What every jaw can be told in one word."""
 
+    @explained("half open is move(0.5)")
     def open(self: Jaw, *, wait: bool = True) -> Motion:
         """Open as far as it goes."""
         return self.move(1.0, wait=wait)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.public import Public
+from so101_motion.common.public import Public, explained
 
 Array = NDArray[np.float64]
 
@@ -60,6 +60,11 @@ class Brief(Public):
     """Base of dataclasses with ``repr=False``: shown without what is as by default."""
 
     __slots__ = ()
+
+    def __init_subclass__(cls) -> None:
+        if "__init__" in vars(cls):  # a dataclass with slots is made a second time, with it
+            names = ", ".join(f"{each}=..." for each in vars(cls)["__dataclass_fields__"])
+            cls.__init__ = explained(f"write {cls.__name__}({names})")(cls.__init__)  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
         def shown(given: object) -> str:
@@ -193,8 +198,9 @@ def given_array(key: str, given: ArrayLike, shape: tuple[int, ...], what: str) -
             there = "rows of different lengths"
         numbers = there == " x ".join(map(str, shape))  # as many, but not numbers
         seen = "" if numbers or not there else f"; these are {there}"
-        if there == "3" and shape == (5,):
-            seen += "; a point is so101.point(x, y, z)"
+        if shape == (5,) and there in ("3", "6"):
+            point = "; a point is so101.point(x, y, z)"
+            seen += point if there == "3" else "; the jaw is for the gripper to move"
         raise ConfigError(key, given, f"must be {wanted}{seen}") from None
 
 

@@ -1,11 +1,41 @@
-"""What objects that users hold have in common: a short ``dir``, and no misspelt attributes."""
+"""What users hold and call has in common: a short ``dir``, no misspelt names, clear errors."""
 
 from __future__ import annotations
 
 from abc import ABCMeta
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable
+from functools import wraps
+from inspect import signature
+from typing import TYPE_CHECKING, Any, ClassVar, ParamSpec, TypeVar
 
 from so101_motion.common.attributes import suggest
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def explained(otherwise: str, **meant: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Let the ``TypeError`` of a call with wrong arguments say what to write instead.
+
+    ``meant``: that for an argument which it does not have; ``otherwise``, for all else, may have a
+    ``{}`` for the arguments that it has.
+    """
+
+    def explain(function: Callable[P, T]) -> Callable[P, T]:
+        @wraps(function)
+        def call(*args: P.args, **named: P.kwargs) -> T:
+            try:
+                return function(*args, **named)
+            except TypeError as error:
+                if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+                    raise  # from within
+                takes = ", ".join(each for each in signature(function).parameters if each != "self")
+                hint = next((meant[each] for each in named if each in meant), otherwise)
+                raise TypeError(f"{error}; {hint.format(takes)}") from None
+
+        return call
+
+    return explain
 
 
 class Public:

@@ -77,6 +77,7 @@ class SavedPoses:
         return pose
 
     def rename(self, name: str, new: str) -> None:
+        """Give one of the user's own poses another name."""
         new = _free_name(new)
         with self._changing() as poses:
             _refuse_missing(poses, name)
@@ -87,11 +88,13 @@ class SavedPoses:
             poses.update((pose.name, pose) for pose in renamed)
 
     def delete(self, name: str) -> None:
+        """Delete one of the user's own poses."""
         with self._changing() as poses:
             _refuse_missing(poses, name)
             del poses[name]
 
     def file(self) -> Path:
+        """The file of the user's own poses, whether it exists or not."""
         return self._path or user_storage.folder() / "poses.json"
 
     @contextmanager

@@ -154,11 +154,7 @@ def earliest_wait(
 
 
 def _still_meet(
-    held: tuple[Attached, ...],
-    course: Course,
-    others: Sequence[OtherArm],
-    name: str,
-    after: float,
+    held: tuple[Attached, ...], course: Course, others: Sequence[OtherArm], name: str, after: float
 ) -> bool:
     """Quick check whether a course still meets another arm, ``after`` [s] from its beginning."""
     [other] = [each for each in others if each.name == name]
@@ -169,11 +165,7 @@ def _still_meet(
 
 
 def crossing(
-    held: tuple[Attached, ...],
-    course: Course,
-    others: Sequence[OtherArm],
-    *,
-    since: float = 0.0,
+    held: tuple[Attached, ...], course: Course, others: Sequence[OtherArm], *, since: float = 0.0
 ) -> tuple[str, Meeting] | None:
     """The first arm that a course comes too near to from ``since`` [s] on, and where.
 
@@ -209,12 +201,7 @@ def _meeting(
 
 
 def _leaving(
-    mine: Moving,
-    theirs: Moving,
-    T: SE3,
-    since: float,
-    room: float,
-    early: float,
+    mine: Moving, theirs: Moving, T: SE3, since: float, room: float, early: float
 ) -> float | None:
     """The time from which two arms that are too near keep their room [s].
 
@@ -236,10 +223,7 @@ def _leaving(
 
 
 def _around(
-    plan: Callable[[PlanRequest], Plan],
-    request: PlanRequest,
-    met: tuple[str, Meeting],
-    last: float,
+    plan: Callable[[PlanRequest], Plan], request: PlanRequest, met: tuple[str, Meeting], last: float
 ) -> Plan | None:
     """A motion around the others that need not wait and ends before ``last`` [s]; or None.
 
@@ -285,11 +269,7 @@ def delayed(trajectory: Trajectory, wait: float) -> Trajectory:
 
 def _standing(other: OtherArm, q: Array) -> StandingArm:
     return StandingArm(
-        name=other.name,
-        T_base_arm=other.T_base_other,
-        q=q,
-        attached=other.attached,
-        room=ROOM,
+        name=other.name, T_base_arm=other.T_base_other, q=q, attached=other.attached, room=ROOM
     )
 
 

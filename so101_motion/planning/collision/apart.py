@@ -82,12 +82,7 @@ def first_meeting(
 
 
 def nearness(
-    first: Moving,
-    second: Moving,
-    T_first_second: SE3,
-    *,
-    at: float,
-    room: float,
+    first: Moving, second: Moving, T_first_second: SE3, *, at: float, room: float
 ) -> float | None:
     """The distance of two arms at an instant [s], if it is less than ``room``; else None.
 
@@ -102,10 +97,7 @@ def nearness(
 
 
 def clearance_over_time(
-    first: Moving,
-    second: Moving,
-    T_first_second: SE3,
-    times: Array,
+    first: Moving, second: Moving, T_first_second: SE3, times: Array
 ) -> list[Meeting]:
     """The closest bodies of two arms at each of some times (n,) [s].
 
@@ -145,12 +137,7 @@ def distances(
     return found
 
 
-def gaps(
-    first: Moving,
-    second: Moving,
-    T: SE3,
-    times: Array,
-) -> Iterator[Array]:
+def gaps(first: Moving, second: Moving, T: SE3, times: Array) -> Iterator[Array]:
     """Distances between the bodies of two arms at some times, shape (n, m), [m], by coal.
 
     The two bases, which do not move, are infinitely far from each other.
@@ -194,11 +181,7 @@ def stops_meeting(
 
 
 def _asked(
-    question: str,
-    first: Moving,
-    second: Moving,
-    T: SE3,
-    figures: tuple[float, ...],
+    question: str, first: Moving, second: Moving, T: SE3, figures: tuple[float, ...]
 ) -> Meeting | None:
     """Ask the compiled library about two courses."""
     (a, one), (b, other) = first, second

@@ -166,12 +166,7 @@ class Beside:
 
 
 def following_apart(
-    first: Moving,
-    second: Moving,
-    T_first_second: SE3,
-    *,
-    since: float,
-    beside: Beside,
+    first: Moving, second: Moving, T_first_second: SE3, *, since: float, beside: Beside
 ) -> Meeting | None:
     """Where an arm that follows a target would come too near to another, if both stop now.
 
@@ -204,12 +199,7 @@ def following_apart(
 
 
 def only_part(
-    first: Moving,
-    second: Moving,
-    T_first_second: SE3,
-    *,
-    since: float,
-    room: float,
+    first: Moving, second: Moving, T_first_second: SE3, *, since: float, room: float
 ) -> bool:
     """Whether no two bodies come nearer than they are now, or stay beyond ``room`` [m].
 

@@ -11,7 +11,7 @@ import pytest
 import so101_motion as so101
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.clock import ManualClock
-from so101_motion.files.saved_poses import SavedPoses
+from so101_motion.common.public import explained
 from so101_motion.files.scene_file import read_scene
 from so101_motion.files.trajectory_export import export
 from so101_motion.planning.collision.scene import Tool
@@ -162,15 +162,20 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         "number from 0": lambda: rig.gripper.move("open"),
         "must be a Tool": lambda: arm.set_tool("pen"),
         "a serial port": lambda: so101.open(3),
-        "from so101_motion.files.saved_poses import": lambda: arm.move("ready"),
+        "pose is so101.SavedPoses": lambda: arm.move("ready"),
         "30 rad: did you mean degrees[?] 30 deg": lambda: arm.follow().aim([30, 0, 0, 30, 0]),
         "60 % is 0.6": lambda: rig.gripper.follow().aim(60),
-        "must be a so101_motion.*torque.Payload": lambda: arm.set_payload(0.1),
+        "must be a so101.Payload": lambda: arm.set_payload(0.1),
         "must be MotionLimits": lambda: arm.plan([0] * 5, limits={"velocity": 1}),
         "MotionLimits.uniform": lambda: rig.gripper.move(0.5, limits={"velocity": 1}),
         "must be a number .rad/s.": lambda: arm.set_speed("fast"),
         "give the bytes": lambda: file_mesh("stl", Path("part.stl")),
         "2 x 3; of several points": lambda: arm.plan([[0.2, 0, 0.1], [0.25, 0, 0.1]]),
+        "2 x 5; .* rows of angles a PathGoal": lambda: arm.plan(np.zeros((2, 5))),
+        "different lengths; of several": lambda: arm.plan([[0.0] * 5, [0.0]]),
+        "these are 6; the jaw": lambda: arm.plan([0.0] * 6),
+        "in radians$": lambda: arm.plan(["a"] * 5),
+        "radians, or a goal such as": lambda: arm.plan(np.array(0.3)),
         "250 m: did you mean millimetres": lambda: so101.point(250, 120, 150),
         "40 m: did you mean millimetres": lambda: so101.ApproachGoal(
             T_base_tool=at([0.2, 0.0, 0.1]), hover=[0, 0, 40]
@@ -195,8 +200,8 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         "must be finite angles": lambda: arm.move([np.nan] * 5),
         "to 3.14 rad/s": lambda: arm.set_speed(-1),
         "must be a plan, its trajectory": lambda: export(arm, "move.csv"),
-        "^.pose.: is not a pose; known: home": lambda: SavedPoses().find(None),
-        "5 joint angles .* these are 4": lambda: SavedPoses().save("x", [0.0] * 4),
+        "^.pose.: is not a pose; known: home": lambda: so101.SavedPoses().find(None),
+        "5 joint angles .* these are 4": lambda: so101.SavedPoses().save("x", [0.0] * 4),
         "^.scene. = .nowhere.json.: cannot be read": lambda: read_scene("nowhere.json"),
         "80 m: did you mean millimetres": lambda: so101.Attached(
             name="pen", shape=so101.Sphere(radius=0.01), T_tool_object=at([0, 0, 80])
@@ -205,6 +210,31 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
     for question, ask in doors.items():
         with pytest.raises(so101.errors.ConfigError, match=question):
             ask()
+
+
+def test_a_call_with_wrong_arguments_says_what_to_write(rig):
+    arm, goal = rig.arm, so101.point(0.25, 0.12, 0.15)
+    for meant, ask in (
+        (r"'speed'; .*set_speed.*limits=arm.limits.eased\(0.5\)", lambda: arm.move(goal, speed=1)),
+        ("'velocity'; .*set_speed", lambda: arm.home(velocity=1)),
+        ("it takes goal, limits, search, q_start", lambda: arm.plan(goal, block=True)),
+        (r"it takes to, .*wait; a point is so101.point", lambda: arm.move(0.25, 0.12, 0.15)),
+        (r"of an array p: point\(\*p\)", lambda: so101.point([0.25, 0.12, 0.15])),
+        (r"write JointGoal\(q=\.\.\.\)", lambda: so101.JointGoal([0.0] * 5)),
+        (r"'diameter'; write Sphere\(radius=", lambda: so101.Sphere(diameter=0.1)),
+        (r"half open is move\(0.5\)", lambda: rig.gripper.open(0.5)),
+    ):
+        with pytest.raises(TypeError, match=meant):
+            ask()
+    with pytest.raises(TypeError, match=r"^from within$"):
+        explained("not this")(lambda: _raise(TypeError("from within")))()
+    assert arm.plan(goal, limits=arm.limits.eased(0.5)).duration > arm.plan(goal).duration
+    with pytest.raises(AttributeError, match=r"it is so101_motion.errors.NoPath"):
+        _ = so101.NoPath
+
+
+def _raise(error):
+    raise error
 
 
 def test_keys_move_the_tool_in_steps(rig):
