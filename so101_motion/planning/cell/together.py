@@ -22,13 +22,7 @@ from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
-from so101_motion.common.errors import (
-    InCollision,
-    NoPath,
-    OutsideLimits,
-    Overloaded,
-    PlanningError,
-)
+from so101_motion.common.errors import InCollision, NoPath, OutsideLimits, Overloaded, PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import POSES
 from so101_motion.planning.among import crossing, plan_among

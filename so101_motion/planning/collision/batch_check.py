@@ -126,14 +126,7 @@ class BatchCheck:
         """Which of the configurations, shape (n, 6), [rad], touch something; booleans, (n,)."""
         q = np.ascontiguousarray(configurations, dtype=np.float64)
         verdicts = np.zeros(len(q), dtype=np.uint8)
-        self.library.so101_check(
-            self.scene,
-            levels.array,
-            pointer(q),
-            len(q),
-            0,
-            pointer(verdicts),
-        )
+        self.library.so101_check(self.scene, levels.array, pointer(q), len(q), 0, pointer(verdicts))
         self.raise_error()
         return np.asarray(verdicts == TOUCHING)
 

@@ -22,13 +22,7 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.planning.kinematics.model import RobotModel
 
-JOINT_LINKS = (
-    "shoulder_link",
-    "upper_arm_link",
-    "lower_arm_link",
-    "wrist_link",
-    "gripper_link",
-)
+JOINT_LINKS = ("shoulder_link", "upper_arm_link", "lower_arm_link", "wrist_link", "gripper_link")
 """The links that the five joints carry; in a URDF a link's origin is on its joint's axis."""
 
 

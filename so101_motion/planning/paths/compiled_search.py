@@ -153,13 +153,7 @@ def compiled_shortened(
         out = np.empty((room, given.shape[1]))
         with checker.until(deadline.has_passed):
             count = checker.library.so101_shorten(
-                checker.team,
-                pointer(given),
-                len(given),
-                pointer(out),
-                room,
-                seed,
-                int(only_skip),
+                checker.team, pointer(given), len(given), pointer(out), room, seed, int(only_skip)
             )
         room *= 4
     if count < 0:
