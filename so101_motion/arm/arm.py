@@ -505,9 +505,9 @@ class Arm(CappedJoints):
         self, *, limits: MotionLimits | None = None, guard: Guard | None = SCENE
     ) -> Opening[Stream]:
         """``stream`` without waiting until the arm rests; the result has the stream then."""
-        caps = self.effective_limits(limits)
+        caps, guarded = self.effective_limits(limits), _is_guarded(guard)
         return self._open_source(
-            lambda: self._open_ended.stream(self._situation, caps, guarded=guard is not None)
+            lambda: self._open_ended.stream(self._situation, caps, guarded=guarded)
         )
 
     def jog(self, *, limits: MotionLimits | None = None, frame: str = "tool") -> Jog:
@@ -785,10 +785,10 @@ class Arm(CappedJoints):
     def _maker(
         self, limits: MotionLimits | None, *, guard: Guard | None, **how: Unpack[FollowingSettings]
     ) -> Callable[[], Following]:
-        caps = self.following_limits(limits)
+        caps, guarded = self.following_limits(limits), _is_guarded(guard)
         # The situation is that in which it begins: ``keep_off`` may be called before.
         return lambda: self._open_ended.following(
-            self._situation, caps, guarded=guard is not None, share=self.slowdown, **how
+            self._situation, caps, guarded=guarded, share=self.slowdown, **how
         )
 
     def _open_source(self, make: Callable[[], S]) -> Opening[S]:
@@ -835,6 +835,12 @@ class Arm(CappedJoints):
         if state.mode is Mode.FAULT:
             raise NotHolding(in_fault(state.fault))
         return self.is_movable_by_hand
+
+
+def _is_guarded(guard: Guard | None) -> bool:
+    if guard not in (SCENE, None):
+        raise ConfigError("guard", guard, 'must be "scene", or None to keep off nothing')
+    return guard is not None
 
 
 def _goal(to: Goal | ArrayLike) -> Goal:

@@ -175,6 +175,8 @@ def test_degrees_millimetres_percent_and_other_mistakes_are_asked_about(rig):
         "different lengths; of several": lambda: arm.plan([[0.0] * 5, [0.0]]),
         "these are 6; the jaw": lambda: arm.plan([0.0] * 6),
         "in radians$": lambda: arm.plan(["a"] * 5),
+        "^.guard. = False: must be .scene., or None": lambda: arm.follow(guard=False),
+        "^.guard. = .off.: must be .scene.": lambda: arm.stream(guard="off"),
         "radians, or a goal such as": lambda: arm.plan(np.array(0.3)),
         "250 m: did you mean millimetres": lambda: so101.point(250, 120, 150),
         "40 m: did you mean millimetres": lambda: so101.ApproachGoal(
