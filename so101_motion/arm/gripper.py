@@ -518,19 +518,21 @@ class Gripper(JawVerbs):
     def _pressed(
         self, motion: Motion, move: _JawMove, missed: FollowingError | None, done: Future[None]
     ) -> None:
-        """End with the grip; close further if there was nothing to press on."""
-        state = self._executor.state
+        """End with the grip; close further if there was nothing to press on.
+
+        A jaw whose servo answers late misses its goal without an object, too.
+        """
+        state, error = self._executor.state, done.exception()
         grips = state.q_jaw - state.q_jaw_ref >= GRIP
-        if isinstance(done.exception(), FollowingError):
-            if missed is None:
-                motion.future.set_result(None)  # it cannot reach its goal: it grips
-            else:
-                motion.future.set_exception(missed)
-        elif done.exception() is None and not grips and state.q_jaw_ref > move.q_goal:
+        if not isinstance(error, FollowingError | None):
+            motion.take_outcome(done)
+        elif not grips and state.q_jaw_ref > move.q_goal:
             met = partial(self._arrived_or_met, motion, move)
             self._go_on(motion, move.q_goal, met, grabs=move.grabs, limits=move.limits)
+        elif error is None or missed is None:
+            motion.future.set_result(None)  # it cannot reach its goal: it grips
         else:
-            motion.take_outcome(done)
+            motion.future.set_exception(missed)
 
     def _go_on(
         self,

@@ -119,6 +119,19 @@ def test_a_jaw_that_was_only_late_closes_all_the_way(rig, gripper, starts):
     assert not gripper.is_holding
 
 
+def test_a_jaw_that_ran_past_where_it_was_to_press_closes_on(rig, gripper):
+    grabbing = meet(rig, gripper, grab(gripper))
+    for mode in ("stopping", "moving"):
+        while rig.executor.state.mode.value != mode:
+            rig.clock.advance(0.01)
+    rig.clock.advance(0.02)  # it presses
+    rig.arm._q[5] -= 2.0 * SQUEEZE
+    rig.after(3.0, grabbing.future)
+
+    assert gripper.is_holding
+    assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(SQUEEZE, abs=1e-3)
+
+
 def test_a_grip_presses_as_gently_as_it_is_told_also_while_it_holds(rig, gripper):
     gripper.set_force(GENTLEST)
     rig.after(3.0, meet(rig, gripper, grab(gripper)).future)
