@@ -18,9 +18,9 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, FollowingError
 from so101_motion.common.geometry import Array
-from so101_motion.common.state import JointState
+from so101_motion.common.state import GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_deg
 from so101_motion.files import atomic, user_storage
 
@@ -63,8 +63,9 @@ class FailureRecorder:
 
     def record(self, error: Exception, states: tuple[JointState, ...]) -> None:
         """Write ``states`` on another thread; a note of ``error`` names the file."""
-        if not states:
-            return
+        is_of_jaw = isinstance(error, FollowingError) and error.joint == GRIPPER_JOINT
+        if not states or (is_of_jaw and states[-1].q_jaw > states[-1].q_jaw_ref):
+            return  # a jaw that is kept from closing is no failure: so every grip begins
         now = datetime.now(UTC)
         name = f"{now:%Y%m%dT%H%M%SZ}-{next(_numbers):04}-{type(error).__name__}.json"
         try:

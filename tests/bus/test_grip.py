@@ -33,6 +33,7 @@ def test_a_grip_is_steady_and_stays_cool(tmp_path, stiffness, kind):
             bench.advance(0.1)
             forces.append(drive.duty)
         assert rig.gripper.is_holding
+        assert rig.last_failure is None
         assert max(forces) - min(forces) < 0.01
         assert 0.05 < abs(forces[-1]) < 0.25
         drive.motor.advance(600.0, duty=drive.duty, volts=drive.volts, velocity=0.0)
