@@ -9,6 +9,7 @@ import click
 from so101_motion.cli.options import JSON, YES, argument, verb
 from so101_motion.cli.plan_move import planned_move
 from so101_motion.cli.shared import (
+    CHECK_FAILED,
     answer,
     aside,
     have_agreed,
@@ -17,6 +18,7 @@ from so101_motion.cli.shared import (
     stops_on_ctrl_c,
 )
 from so101_motion.cli.sources import ANY_SOURCE, SOURCE, AnySource, Source, paced
+from so101_motion.common.errors import BusError
 
 
 @verb()
@@ -28,6 +30,8 @@ def gripper(
 ) -> None:
     """Open or close the jaw; close and grab grip what is in between, and tell whether it is held.
 
+    The exit code of a grab that holds nothing is 6. A simulated jaw never holds anything.
+
     \b
     so101 gripper open --port /dev/ttyACM0
     so101 gripper grab --sim --yes
@@ -38,10 +42,14 @@ def gripper(
         motion = jaw.move(1.0, wait=False) if what == "open" else jaw.grab(wait=False)
         with stops_on_ctrl_c(jaw):
             motion.result()
+        if getattr(jaw, "is_silent", False):
+            raise BusError("gripper is silent, so what it holds is not known; check its cable")
         percent, holds = round(100.0 * jaw.aperture), jaw.is_holding
         text = f"the jaw is {percent} % open; it holds {'something' if holds else 'nothing'}"
         facts = {"source": source.what, "jaw_percent": percent, "holds": holds}
         answer(as_json, "gripper", facts, text)
+        if what == "grab" and not holds and getattr(jaw, "feels", True):
+            raise SystemExit(CHECK_FAILED)
 
 
 @verb()

@@ -12,10 +12,13 @@ import time
 import pytest
 from harness.command_line import refused
 
+import so101_motion as library
+from so101_motion.arm.gripper import Gripper
 from so101_motion.calib.record import servo_file
 from so101_motion.calib.record.servo_file import ServoRecord
 from so101_motion.drivers.emulator import run
 from so101_motion.drivers.servo_types import STS3215_7V4, ServoFigures
+from so101_motion.rig import simulated_rig
 
 SO101 = [sys.executable, "-m", "so101_motion.cli"]
 
@@ -128,6 +131,19 @@ def test_a_plan_from_anywhere_and_what_the_jaw_holds_are_objects_for_programs(to
     assert content["duration_s"] > 0.2
     assert told("gripper open --sim --yes")["jaw_percent"] == 100
     assert told("gripper grab --sim --yes")["holds"] is False
+
+
+def test_a_grab_that_holds_nothing_fails_where_a_jaw_can_tell(so101, told, monkeypatch):
+    away = library.SE3.from_translation((0.0, 0.3, 0.01))
+    ball = library.Obstacle(
+        name="ball", shape=library.Sphere(radius=0.01), T_base_obstacle=away, mass=0.03
+    )
+    scene = library.Scene(obstacles=(ball,))
+    monkeypatch.setattr(simulated_rig, "checked_scene", lambda _: scene)
+    assert so101("gripper grab --sim --yes").exit_code == 6
+    assert told("gripper close --sim --yes")["holds"] is False
+    monkeypatch.setattr(Gripper, "is_silent", True)
+    assert "what it holds is not known" in refused(so101("gripper grab --sim --yes"), 4)
 
 
 def test_obstacles_of_a_scene_are_avoided_or_named(so101, tmp_path):
