@@ -13,8 +13,9 @@ from so101_motion.cli.calibration import facts
 from so101_motion.cli.completion import completed_files
 from so101_motion.cli.options import EVENTS, JSON, flag, option, verb
 from so101_motion.cli.param_types import port_option
-from so101_motion.cli.shared import INTERRUPTED, STOPPED, aside, echo, print_json, quietly
+from so101_motion.cli.shared import STOPPED, aside, echo, print_json, quietly
 from so101_motion.cli.sources import MACHINE, MachineSource, chosen_among
+from so101_motion.common import interrupts
 from so101_motion.common.errors import So101Error
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
@@ -123,22 +124,23 @@ def _go_through(walk: OperationTerminal, terminal: Terminal) -> None:
 
     try:
         walk.go()
-    except (Quit, KeyboardInterrupt) as reason:
-        _put_back(walk, terminal)
-        raise SystemExit(STOPPED if isinstance(reason, Quit) else INTERRUPTED) from None
-    except So101Error:
-        _put_back(walk, terminal)
-        raise
+    except KeyboardInterrupt:
+        raise interrupts.ToldInterrupt(_put_back(walk)) from None
+    except (Quit, So101Error) as reason:
+        terminal.say(f"cancelled: {_put_back(walk)}", style="yellow")
+        if isinstance(reason, So101Error):
+            raise
+        raise SystemExit(STOPPED) from None
 
 
-def _put_back(walk: OperationTerminal, terminal: Terminal) -> None:
+def _put_back(walk: OperationTerminal) -> str:
+    """Undo the calibration; returns how that has left the arm."""
     try:
-        walk.give_up()
+        return walk.give_up()
     except So101Error as error:
-        terminal.say(
-            f"the servos' previous settings could not be restored now ({error}). That is done when"
-            " the arm is next opened with this calibration file, or by the next so101 calibrate",
-            style="red",
+        later = "when the arm is next opened with this calibration file, or calibrated"
+        return (
+            f"the servos' previous settings could not be restored ({error}); this is done {later}"
         )
 
 

@@ -56,13 +56,14 @@ class OperationTerminal:
             pressed = terminal.pressed
         return view
 
-    def give_up(self) -> None:
+    def give_up(self) -> str:
+        """Undo everything; returns how that has left things, for the caller to say."""
         offer = self._operation.view.cancel
         if offer is None:
-            self._terminal.say("cancelled: nothing was changed", style="yellow")
-            return
+            return "nothing was changed"
         self._give(offer)
-        self._tell()
+        said = self._operation.view.said
+        return said[-1].text.removeprefix("cancelled: ") if said else "nothing was changed"
 
     # Helpers
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, TextIO
 
 import click
@@ -16,7 +16,6 @@ from so101_motion.cli.shared import (
     aside,
     have_agreed,
     import_preview,
-    leaving,
     print_json,
     quietly,
     tell_torque,
@@ -94,7 +93,7 @@ def setup(
     if start_over:
         progress.clear()
     path = port_choice.calibration_file(None, report)
-    with quietly(), leaving(Calibrator.open(name, path)) as calibrator:
+    with quietly(), closing(Calibrator.open(name, path)) as calibrator:
         motors = calibrator.motors
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"motors on {name}", port=name)
@@ -110,6 +109,7 @@ def setup(
                 else:
                     checked = _walk(motors, terminal, progress, joints)
             except KeyboardInterrupt:
+                tell_torque(name, "no motor is driven; if the arm is put together, support it")
                 raise interrupts.ToldInterrupt("the next so101 setup continues here") from None
             except Quit:
                 terminal.say("stopped; the next so101 setup continues here", style="yellow")

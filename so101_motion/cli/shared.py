@@ -28,7 +28,6 @@ from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
     from so101_motion.rig.protocols import GripperLike, RigLike
-    from so101_motion.setup.calibrator import Calibrator
     from so101_motion.tasks.program import Arms
 
 R = TypeVar("R", bound="RigLike")
@@ -208,29 +207,17 @@ def note_opened(what: str, rig: R) -> R:
     return rig
 
 
-@contextmanager
-def leaving(calibrator: Calibrator) -> Iterator[Calibrator]:
-    """Close ``calibrator`` after this block; if it was interrupted, its end tells of the torque."""
-    from so101_motion.setup.calibrator import about_torque
+def tell_torque(port: str, limp: str = "") -> None:
+    """Let the end of this verb, which has closed ``port``, tell whether its joints are held.
 
-    try:
-        yield calibrator
-    except BaseException:
-        if interrupts.first():
-            holds = calibrator.leave()
-            opened.append(lambda: about_torque(holds))
-        raise
-    finally:
-        calibrator.close()
-
-
-def tell_torque(port: str) -> None:
-    """Let the end of this verb, which has closed ``port``, tell whether its joints are held."""
+    ``limp`` is what it says if they are not.
+    """
     from so101_motion.setup.calibrator import Calibrator, about_torque
 
     def tell() -> str:
         with quietly():
-            return about_torque(Calibrator.open(port, Path("no file")).leave())
+            holds = Calibrator.open(port, Path("no file")).leave()
+            return limp if limp and holds is False else about_torque(holds)
 
     opened.append(tell)
 

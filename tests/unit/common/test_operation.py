@@ -175,7 +175,7 @@ def test_it_is_led_through_in_a_terminal(kettle, send, is_remote, monkeypatch):
             with pytest.raises(Quit):
                 walk.go()
             over.set()
-            walk.give_up()
+            terminal.say(walk.give_up())
         assert kettle.litres == 0.0
         sees(b"the kettle is empty again")
     operation.close()
