@@ -177,9 +177,10 @@ class PtyPort:
         with self._lock:
             terminal, self._terminal = self._terminal, None
             self._due.clear()
-            if self._link is not None:
-                self._link.unlink(missing_ok=True)
             if terminal is not None:
+                link = self._link  # by now it may lead to another emulator
+                if link and link.is_symlink() and str(link.readlink()) == terminal.name:
+                    link.unlink()
                 terminal.close()
         self._wake()
 
