@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
 from contextlib import closing
 from itertools import count
 from pathlib import Path
@@ -106,12 +105,20 @@ def arms(
     there = {device_of(each.port) for each in known if each.port}
     new = [report for report in found if device_of(report.port.name) not in there]
     taken, added = {each.name for each in known}, list[CellArm]()
+
+    def its_own(given: str) -> str:
+        if given in taken:
+            raise click.UsageError(f'another arm is called "{given}"')
+        return given
+
     y = max((float(each.T_cell_base.p[1]) + _APART for each in known), default=0.0)
     for report in new:
         name = next(name for k in count(1) if (name := f"arm {k}") not in taken)
         if nudge:
             try:
-                name = _name_of(report, name, taken)
+                asked = _nudged(report)
+                if cell is not None:
+                    name = click.prompt(asked, default=name, err=True, value_proc=its_own)
             except So101Error as error:
                 aside(f"{report.port.name} is left out: {error}")
                 continue
@@ -150,20 +157,13 @@ def _can(check: Check) -> str:
     return "cannot move" if check.verdict == "fail" else "can move"
 
 
-def _name_of(report: PortReport, default: str, taken: Container[str]) -> str:
-    """Nudge an arm if a person agrees, and ask what it is to be called."""
-
-    def its_own(given: str) -> str:
-        if given in taken:
-            raise click.UsageError(f'another arm is called "{given}"')
-        return given
-
+def _nudged(report: PortReport) -> str:
+    """Nudge an arm if a person agrees; returns how to ask for its name."""
     port = report.port.name
-    asked = f"What is the arm on {port} called?"
-    if agrees(f"Move the jaw of the arm on {port} by 3 deg and back?", otherwise=""):
-        _nudge(Source(port=port, calibration_file=report.calibration, say=lambda _: None))
-        asked = "What is the arm that moved called?"
-    return str(click.prompt(asked, default=default, err=True, value_proc=its_own))
+    if not agrees(f"Move the jaw of the arm on {port} by 3 deg and back?", otherwise=""):
+        return f"What is the arm on {port} called?"
+    _nudge(Source(port=port, calibration_file=report.calibration, say=lambda _: None))
+    return "What is the arm that moved called?"
 
 
 def _nudge(source: Source) -> None:
