@@ -60,10 +60,6 @@ _SAVE = (
     "Look at what was recorded. Then move the arm to a pose that is clear of everything, and save:"
     " its joints are held there."
 )
-_FAILED = (
-    "The calibration has stopped. Do what is said, then start again; or have the motors' settings"
-    " put back as they were."
-)
 _NOT_SAVED = (
     "It is not saved yet; what was recorded is kept. Do what is said, then try again. The joints"
     " will be held."
@@ -162,7 +158,7 @@ class CalibrationOperation(LocalOperation):
             case State.COMPLETED:
                 return "Save", _SAVE
             case State.ERROR:
-                return "Homing pose", _FAILED
+                return "Homing pose", "It has stopped. Do what is said, then start again."
 
     def _rows(self, now: Situation, seen: PoseEstimate) -> tuple[Row, ...]:
         match now.view.state:
@@ -249,11 +245,8 @@ class CalibrationOperation(LocalOperation):
                 title = "Save" if now.view.error is None else "Try to save again"
                 return (Offer(command="save_calibration", title=title, due_in=at_once), _AGAIN)
             case State.ERROR:
-                mend = "Restore the motors' settings"
-                return (
-                    Offer(command="reset", title=mend),
-                    Offer(command="start", title="Start again"),
-                )
+                mend, again = "Restore the motors' settings", "Start again"
+                return (Offer(command="reset", title=mend), Offer(command="start", title=again))
 
     def _finishing(self, now: Situation) -> tuple[Offer, ...]:
         joints, finish = now.joints, "Finish the recording"

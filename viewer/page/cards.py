@@ -24,14 +24,11 @@ def failed(text: str) -> str:
     return marked("✗", "bad", *((said, rest) if said else (rest,)), is_fix=False)
 
 
-def note(text: str) -> str:
-    return f'<div class="so101-note">{escape(text)}</div>' if text else ""
-
-
-def enter(press: str, text: str) -> str:
-    """A note, and that Enter presses the button ``press``, which the front end then does."""
-    keys = '<span class="so101-keys">The key Enter presses it.</span>'
-    return f'<div class="so101-note" data-enter="{escape(press)}">{escape(text)} {keys}</div>'
+def note(text: str, press: str | None = None) -> str:
+    """Small print; with ``press`` also that Enter presses that button, which the browser does."""
+    enter = f' data-enter="{escape(press)}"' if press else ""
+    keys = ' <span class="so101-keys">The key Enter presses it.</span>' if press else ""
+    return f'<div class="so101-note"{enter}>{escape(text)}{keys}</div>' if text else ""
 
 
 def marked(mark: str, tone: Tone, sentence: str, rest: str = "", *, is_fix: bool = True) -> str:

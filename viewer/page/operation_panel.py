@@ -211,9 +211,8 @@ class OperationPanel(Part):
         due = next((o for o in view.offers if o.due_in is not None and not o.is_look), None)
         plain = (button.widget for button in self._buttons.values() if not button.question)
         lit = next((b for b in plain if b.visible and b.color is None and not b.disabled), None)
-        is_by_enter = self._by_enter and lit is not None
-        html = cards.enter(uuid_of(lit) or "", view.note) if is_by_enter else cards.note(view.note)
-        html += cards.note(self._news)
+        press = uuid_of(lit) if self._by_enter else None
+        html = cards.note(view.note, press) + cards.note(self._news)
         if view.picture is not None:
             html += cards.note(view.picture.note)
         says_it = self._own is None or any(each.cancels for each in view.offers)

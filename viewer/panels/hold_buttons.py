@@ -53,8 +53,7 @@ def notice(
         )
         return Sentence(text, Tone.BAD)
     if state.mode is Mode.FAULT and is_back:
-        text = "Connected again. Nothing moves. Press Hold to go on."
-        return Sentence(text, Tone.WARM)
+        return Sentence("Connected again. Nothing moves. Press Hold to go on.", Tone.WARM)
     if state.mode is Mode.FAULT:
         first = "Nothing moves. Press" if state.fault == ANSWERS_AGAIN else "Fix this, then press"
         why = (state.fault or "no reason given").rstrip(".")

@@ -237,8 +237,7 @@ class FinalTestPage(StepPage):
         return "Skip the test" if report is None or report.ended_by else "Go on anyway"
 
     def can_go_on(self) -> str | None:
-        is_running = self._test is not None and self._test.is_running
-        return "the test is running" if is_running else None
+        return "the test is running" if self._test is not None and self._test.is_running else None
 
     def abort(self) -> str:
         self.leave()

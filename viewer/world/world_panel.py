@@ -97,9 +97,7 @@ class WorldPart(Part):
         self._edits = UndoButtons(context, world.history, world.saved_files)
         self._list = gui.add_dropdown("Selected", (_nothing(()),))
         self._selected = self._field(self._list, self._choose)
-        self._acts = gui.add_button_group(
-            "Change", _LOOSE, hint="What is attached, the gripper holds from now on"
-        )
+        self._acts = gui.add_button_group("Change", _LOOSE, hint="What is attached moves along")
         context.on_choice(self._acts, self._act)
         self._gripper = gui.add_dropdown(
             "Gripper of",
