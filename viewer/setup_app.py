@@ -133,7 +133,6 @@ class SetupBar(Part):
         bar = self._bar = context.bar
         self.button = add_stop(context.gui, self._stop)
         bar.stop, bar.title = self.button, "SO-101 setup"
-        bar.program = "so101 setup --web"
         bar.buttons = (
             self._button("Hold", self._hold),
             self._button("Guide by hand", self._guide),

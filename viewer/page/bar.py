@@ -36,7 +36,6 @@ class Bar:
     Attributes:
         stop: The widget that Stop presses; None until there is something to stop.
         plan: The widget that the key P presses, or None.
-        program: The command that serves the page.
         lost: What every tab says instead of its own sentence while an arm is not there or not yet
             held again; None if all are.
         views: Labels and widgets of the buttons over the picture, which turn the camera.
@@ -44,7 +43,6 @@ class Bar:
 
     def __init__(self) -> None:
         self.state = self.title = ""
-        self.program = "so101 view"
         self.buttons: tuple[BarButton, ...] = ()
         self.stop: viser.GuiButtonHandle | None = None
         self.plan: viser.GuiButtonHandle | None = None
@@ -67,7 +65,6 @@ class Bar:
             "bar",
             state=self.state,
             title=self.title,
-            program=self.program,
             stop=uuid_of(self.stop),
             plan=uuid_of(self.plan),
             alerts=alerts,

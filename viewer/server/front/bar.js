@@ -160,12 +160,12 @@
       } else {
         lost.hidden = false;
         root.classList.add('so101-lost');
-        tell(link.isExpired ? EXPIRED : trying());
+        tell(link.isExpired ? EXPIRED : TRYING);
       }
     }
 
-    const trying = () =>
-      `If the program has ended, start it again (${board().program}): this page then comes back by itself.`;
+    const TRYING =
+      'If the program has ended, start it again with the same command: this page then comes back by itself.';
     const EXPIRED =
       'Another page runs here now. Copy its new link from the terminal.';
     let told = '';
