@@ -245,8 +245,8 @@ class CalibrationOperation(LocalOperation):
                 title = "Save" if now.view.error is None else "Try to save again"
                 return (Offer(command="save_calibration", title=title, due_in=at_once), _AGAIN)
             case State.ERROR:
-                mend, again = "Restore the motors' settings", "Start again"
-                return (Offer(command="reset", title=mend), Offer(command="start", title=again))
+                mend, anew = "Restore the motors' settings", "Start again"
+                return (Offer(command="reset", title=mend), Offer(command="start", title=anew))
 
     def _finishing(self, now: Situation) -> tuple[Offer, ...]:
         joints, finish = now.joints, "Finish the recording"
