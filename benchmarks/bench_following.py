@@ -127,8 +127,9 @@ class _Watched(SimArm):
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
         follows_target: bool = False,
+        room: float = 0.0,
     ) -> None:
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target, room)
         if not np.array_equal(q_cmd, self._last):
             self._last = np.array(q_cmd)
             self.changed.append(time.perf_counter())

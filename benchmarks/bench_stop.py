@@ -77,8 +77,9 @@ def module() -> None:
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
         follows_target: bool = False,
+        room: float = 0.0,
     ) -> None:
-        write(self, q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
+        write(self, q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target, room)
         written.append((time.monotonic(), 0.0 if qd_cmd is None else float(qd_cmd[0])))
 
     FeetechArm.write = noted  # type: ignore[method-assign]

@@ -150,22 +150,22 @@ class ChannelPlayer:
         return self.recovery.left_alone(self.reference.q)
 
     @property
-    def order(self) -> tuple[Array, Array | None, bool]:
+    def order(self) -> tuple[Array, Array | None, bool, float]:
         """What the driver is told beside the command.
 
         Its velocity, shape (n,), [rad/s], NaN for a joint that did not follow; the acceleration
-        expected from now on, shape (n,), [rad/s^2], None if it is not known; and whether it follows
-        targets instead of a planned motion.
+        expected from now on, shape (n,), [rad/s^2], None if it is not known; whether it follows
+        targets instead of a planned motion; and by which share that may be faster for a moment.
         """
         motion, now = self._motion, self.reference
         if motion is None:
-            return now.qd, now.qdd, False
+            return now.qd, now.qdd, False, 0.0
         qd = now.qd if motion.lost is None else np.where(motion.lost, np.nan, now.qd)
         if isinstance(motion.source, PlannedMotion):
-            return qd, motion.source.acceleration, False
+            return qd, motion.source.acceleration, False, motion.source.room
         if isinstance(motion.source, Following):
-            return qd, motion.source.expected_acceleration.qdd, True
-        return qd, None, False
+            return qd, motion.source.expected_acceleration.qdd, True, 0.0
+        return qd, None, False, 0.0
 
     def rest_at(self, q: Array) -> None:
         self.reference = Setpoint.at_rest(q)

@@ -79,6 +79,7 @@ class JointDriver(Protocol):
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
         follows_target: bool = False,
+        room: float = 0.0,
     ) -> None:
         """Set the goals: arm joints, shape (5,), and jaw [rad].
 
@@ -87,7 +88,8 @@ class JointDriver(Protocol):
         holds, and the joint may be told to stay where it is. With torque off this only seeds the
         goal, which is then what was just measured. ``qdd_cmd`` is the acceleration, shape (5,),
         [rad/s^2], if it is known; lag compensation uses it. ``follows_target`` says that the joints
-        follow targets instead of a plan: a joint may be told to turn round at any moment.
+        follow targets instead of a plan: a joint may be told to turn round at any moment. By the
+        share ``room`` all may be faster now without being faster than they are planned to be soon.
 
         Raises ``CommandRefused`` for a goal that is too far away; the joints stay at the last one.
         """

@@ -31,6 +31,13 @@ FORESIGHT = 0.06
 """How far ahead the acceleration for the driver is averaged [s]: after its delay and its lag, a
 servo does by then what it is sent now."""
 
+ACTS = (0.06, 0.12)
+"""When what is sent to a servo now makes it faster, from when to when [s]; chosen."""
+
+SOON = 0.3
+"""How far ahead a planned speed may be reached earlier than planned [s]; chosen: the time in which
+the default acceleration reaches the default speed."""
+
 LOOK_AHEAD = 60  # setpoints that are looked at for a stop; chosen, more than a stop needs
 
 
@@ -77,6 +84,23 @@ class _Continuation(NamedTuple):
     taken: Future[bool]
 
 
+def _highest(speeds: Array, first: int, last: int) -> Array:
+    """The highest of each row's joints from ``first`` to ``last`` rows later, (n, joints)."""
+    rows, n = np.pad(speeds, ((0, last), (0, 0))), len(speeds)
+    highest: Array = np.max([rows[k : k + n] for k in range(first, last + 1)], axis=0)
+    return highest
+
+
+def rooms(qd: Array, dt: float) -> Array:
+    """:attr:`PlannedMotion.room` at each sample of a trajectory with velocities ``qd`` [rad/s]."""
+    acts, until, soon = (round(t / dt) for t in (*ACTS, SOON))
+    speeds = np.abs(qd)
+    then, later = _highest(speeds, acts, until), _highest(speeds, acts, soon)
+    moves = then > 0.0
+    shares = np.divide(later, then, out=np.full_like(then, np.inf), where=moves).min(axis=1) - 1.0
+    return np.where(moves.any(axis=1), shares, 0.0)
+
+
 class PlannedMotion:
     """A trajectory as a source; a stop brakes along its path where that is possible.
 
@@ -93,7 +117,7 @@ class PlannedMotion:
         self._passed = 0  # samples before the first that ``_trajectory`` still has
         self._own: MotionLimits | None = None  # of what was planned, once it has rested
         self._continuation: _Continuation | None = None
-        self._changes: tuple[Trajectory | None, Array] = None, np.zeros((0, 0))
+        self._changes: tuple[Trajectory | None, Array, Array] = None, np.zeros((0, 0)), np.zeros(0)
         self.played = trajectory, 0
 
     @property
@@ -148,15 +172,28 @@ class PlannedMotion:
     @property
     def acceleration(self) -> Array:
         """How the joints accelerate in ``FORESIGHT`` from now on, on average, (n,) [rad/s^2]."""
-        trajectory, changes = self._changes
-        if trajectory is not self._trajectory:
-            trajectory = self._trajectory
-            qd, ahead = trajectory.qd, round(FORESIGHT / trajectory.dt)
-            later = np.minimum(np.arange(len(qd)) + ahead, len(qd) - 1)
-            changes = (qd[later] - qd) / (ahead * trajectory.dt)
-            self._changes = trajectory, changes
+        changes = self._expected()[1]
         row: Array = changes[min(self._k, len(changes) - 1)]
         return row
+
+    @property
+    def room(self) -> float:
+        """By which share it could be faster now without being faster than it is going to be soon.
+
+        What is sent now acts ``ACTS`` later; no joint is then to be faster than it is planned to be
+        within ``SOON``.
+        """
+        rooms = self._expected()[2]
+        return float(rooms[min(self._k, len(rooms) - 1)])
+
+    def _expected(self) -> tuple[Trajectory | None, Array, Array]:
+        trajectory = self._trajectory
+        if trajectory is not self._changes[0]:
+            qd, dt = trajectory.qd, trajectory.dt
+            ahead = round(FORESIGHT / dt)
+            later = np.minimum(np.arange(len(qd)) + ahead, len(qd) - 1)
+            self._changes = trajectory, (qd[later] - qd) / (ahead * dt), rooms(qd, dt)
+        return self._changes
 
     @property
     def is_over(self) -> bool:

@@ -102,11 +102,12 @@ class SimArm:
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
         follows_target: bool = False,
+        room: float = 0.0,
     ) -> None:
         """Send the arm joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
         ``CommandRefused`` if it is further than the caps of driven joints allow, as on a real arm.
-        These joints have no lag, so ``qdd_cmd`` and ``follows_target`` do nothing.
+        These joints have no lag, so ``qdd_cmd`` and what comes after it do nothing.
         """
         with self._lock:
             self._follow()

@@ -202,7 +202,7 @@ static double lead(Goals *g, int i, double dt) {
     Trim *t = g->trim;
     const Servo *s = t->servo[i];
     const double qd = g->qd[i], qdd = g->qdd[i], before = g->setpoint_qd[i], wanted = g->is_told;
-    const double delay = g->delay + (t->is_planned != 0.0 ? t->later[i] : 0.0), late = delay + so101_servo_lag(s);
+    const double delay = g->delay + (t->is_planned != 0.0 ? t->later[i] + t->hurry[i] : 0.0), late = delay + so101_servo_lag(s);
     const double lag = g->lags[i] + (qd * dt - least(dt / late, 1.0) * g->lags[i]);
     double share = g->foreseen[i];
     g->lags[i] = lag;

@@ -34,10 +34,10 @@ typedef struct {
     double carried, since, last, has_goal;
     double lags[SERVOS], per_kg[SERVOS], weights[SERVOS], ways[SERVOS], torque[SERVOS];
     double without_speed[SERVOS], known[SERVOS], rest[SERVOS], goal[SERVOS], qd[SERVOS];
-    double arrived[SERVOS], gives_way[SERVOS], weight_rate[SERVOS];
+    double hurry[SERVOS], arrived[SERVOS], gives_way[SERVOS], weight_rate[SERVOS];
     double weaker[SERVOS], rougher[SERVOS], later[SERVOS], later_seen[SERVOS], later_felt[SERVOS], unfelt[SERVOS];
     double pace[SERVOS], side[SERVOS];
-    double is_planned, missed, zero[SERVOS], by_angle[LIFTING][JAW], doubt[UNKNOWN][UNKNOWN];
+    double is_planned, room, missed, zero[SERVOS], by_angle[LIFTING][JAW], doubt[UNKNOWN][UNKNOWN];
     const Servo *servo[SERVOS];
     const Weight *arm; /* 0 if its torques are given */
 } Trim;

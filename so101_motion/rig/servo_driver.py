@@ -208,8 +208,9 @@ class ServoDriver:
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
         follows_target: bool = False,
+        room: float = 0.0,
     ) -> None:
-        self._driver().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
+        self._driver().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target, room)
 
     def set_torque(self, on: bool) -> None:
         if self._monitor is not None and not on:

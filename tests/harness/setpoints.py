@@ -35,8 +35,8 @@ class TapedArm(SimArm):
         self.torques = []
         self.is_closed = False
 
-    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
+    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, *order):
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, *order)
         self.tape.append((self._clock.now(), np.array(q_cmd), q_jaw_cmd))
 
     def set_torque(self, on):

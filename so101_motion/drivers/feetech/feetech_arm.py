@@ -195,6 +195,7 @@ class FeetechArm:
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
         follows_target: bool = False,
+        room: float = 0.0,
     ) -> None:
         """Send the joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
@@ -207,6 +208,7 @@ class FeetechArm:
             qdd_cmd: Accelerations there, shape (5,), [rad/s^2]; None if not known.
             follows_target: Whether the motion follows a target and is not planned, so that a joint
                 may turn round at any moment.
+            room: By which share all may be faster now without being faster than planned soon.
 
             Raises: CommandRefused: It is further away than the caps allow; the joints hold the last
             command. NoReply: The position of a joint that is to be held is not confirmed.
@@ -224,6 +226,7 @@ class FeetechArm:
                     self._chain.refuse_unsure([i for i in self._maps if q[i] != compensation.q[i]])
                 qd = None if qd_cmd is None else qd_cmd.tolist()
                 qdd = None if qdd_cmd is None else qdd_cmd.tolist()
+                compensation.trim.room = room
                 compensation.point(q, qd, now, here, free, qdd, follows_target=follows_target)
             else:
                 self._pull.end()

@@ -22,8 +22,8 @@ left is counted as what the filter takes for likely; a joint that stands without
 evidence against a mass that another one feels, as long as its friction can bear it.
 
 Servos of one type taken for the other come 0.05 s later or sooner, 5 deg at 90 deg/s. That counts
-in the lead (``servo_goals.c``), but grows so slowly that no joint gets more than 3 % faster than
-planned by it: answers of the servos that come late look the same.
+in the lead (``servo_goals.c``). It makes no joint more than 3 % faster than it is planned to be
+soon (``PlannedMotion.room``): nobody asked for more, and answers that come late look the same.
 
 An error too large for the arm's weight is not droop: the joint is held fast or still moving, and
 nothing is learnt. The integral is bounded by the torque it can cause. Errors of a tick or two are
@@ -109,9 +109,12 @@ class Trim(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("carried", "since", "last", "has_goal")),
         *((name, SIX) for name in ("lags", "added_per_kg", "weights", "ways", "torque")),
         *((name, SIX) for name in ("without_speed", "known", "rest", "goal", "qd")),
-        *((name, SIX) for name in ("arrived", "gives_way", "weight_rate", "weaker", "rougher")),
+        *(
+            (name, SIX)
+            for name in ("hurry", "arrived", "gives_way", "weight_rate", "weaker", "rougher")
+        ),
         *((name, SIX) for name in ("later", "later_seen", "later_felt", "unfelt", "pace", "side")),
-        *((name, ctypes.c_double) for name in ("is_planned", "missed")),
+        *((name, ctypes.c_double) for name in ("is_planned", "room", "missed")),
         ("zero", SIX),
         ("by_angle", ctypes.c_double * 15),
         ("doubt", ctypes.c_double * 24**2),

@@ -1046,6 +1046,22 @@ def test_a_setpoint_that_was_refused_is_not_skipped_by_the_stop():
     assert np.abs(stop.q[1] - now.q).max() <= 1.5 * 0.01
 
 
+def test_a_motion_may_be_faster_for_a_moment_only_where_it_is_going_to_be_faster():
+    limits = MotionLimits.uniform(velocity=0.9, acceleration=1.7, jerk=50.0)
+    source = PlannedMotion(point_to_point(np.zeros(5), np.linspace(0.5, 1.0, 5), limits, 0.01))
+    speeds = np.abs(source.played[0].qd)
+    for k in range(len(speeds)):
+        source.sample(k)
+        then, soon = speeds[k + 6 : k + 13], speeds[k + 6 : k + 31]
+        assert source.room >= 0.0
+        assert k + 13 > len(speeds) or ((1.0 + source.room) * then <= soon.max(axis=0) + 1e-9).all()
+    top = np.flatnonzero(speeds[:, 4] > 0.89)
+    source.sample(top[len(top) // 2])
+    assert source.room == 0.0
+    source.sample(15)
+    assert source.room > 0.3
+
+
 def test_a_motion_that_rests_several_times_goes_on_as_gently_as_it_was_planned():
     limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
     stop = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
