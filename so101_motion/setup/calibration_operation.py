@@ -181,7 +181,7 @@ class CalibrationOperation(LocalOperation):
         notes = [] if now.view.note is None else [now.view.note]
         if state is State.RECORDING and (blocked := summary.acceptable(now.joints)):
             names = in_series(blocked)
-            notes.append(f"Is your arm built so that {names} moves so far? Then accept that.")
+            notes.append(f"Is this as far as {names} can go on your arm? Then accept that.")
         if state is State.COMPLETED:
             notes.append(f"It will be stored in the motors and in {now.calibration_file}.")
         if state is State.IDLE and ended is not None and ended.stored is not None:

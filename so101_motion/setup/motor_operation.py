@@ -64,9 +64,9 @@ PATIENCE = 12.0
 motor and plug in another."""
 
 _WATCHING = "Watching the cable; nothing to press yet."
-_LOOKING = (
-    f"{_WATCHING} The six motors of a follower's kit are alike: take any. Those of a leader differ:"
-    " see its guide for which goes where."
+_ALIKE = (
+    " The six motors of a follower's kit are alike: take any. Those of a leader differ: see its"
+    " guide for which goes where."
 )
 _WRITING = "writing to"
 _NOBODY, _UNKNOWN = "no servo answers", "unknown"
@@ -209,9 +209,14 @@ class MotorOperation(LocalOperation):
             )
         if self._is_ready(setup, motor):
             first = "" if self.writes else "Nothing is written until you press the button. "
-            return f"{first}The motor does not move."
+            return f"{first}Writing does not turn the motor."
         silent = self._silent
-        return _SILENT if silent is not None and self._now() - silent[1] > PATIENCE else _LOOKING
+        if silent is not None and self._now() - silent[1] > PATIENCE:
+            return _SILENT
+        if self._trouble(setup, motor)[0]:
+            return ""
+        is_first = all(each.state not in SETTLED for each in setup.motors.values())
+        return _WATCHING + _ALIKE * is_first
 
     @staticmethod
     def _is_ready(setup: SetupView, motor: MotorView) -> bool:

@@ -14,8 +14,6 @@ from so101_motion.common.errors import in_series
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.feetech.servo_settings import REPAIR
 
-_AGAIN = "then verify again"
-
 
 def verify(tuner: Tuner) -> Verification:
     """Look at all servos at the port's own rate, and for missing ones at the others."""
@@ -64,7 +62,7 @@ def _check(
             servo_id=servo_id,
             status="duplicate",
             error=f"several servos answer as {servo_id} ({joint}) at once{_absent(seen)}",
-            fix=f"connect them one at a time and set each up, {joint} first; {_AGAIN}",
+            fix=f"connect them one at a time and set each up, {joint} first",
         )
     facts = seen.servos.get(servo_id)
     if facts is None:
@@ -80,10 +78,10 @@ def _missing(
 ) -> MotorCheck:
     if other_baud is not None:
         error = f"servo {servo_id} ({joint}) talks at {other_baud} baud, not at {seen.baud}"
-        fix = f"{REPAIR} sets {seen.baud}; {_AGAIN}"
+        fix = f"{REPAIR} sets {seen.baud}"
     elif seen.is_empty:
         error = f"servo {servo_id} ({joint}) does not answer, nor does any other"
-        fix = f"switch the arm's power supply on and plug the first cable in; {_AGAIN}"
+        fix = "switch the arm's power supply on and plug the first cable in"
     elif shared := [name for name, i in ids.items() if i in seen.shared]:
         error = f"servo {servo_id} ({joint}) does not answer: it may be one of those that answer as"
         error += f" {_listed(seen.shared, ' or ')}"
@@ -97,7 +95,6 @@ def _missing(
         fix = f"check {between}"
         if others := _listed(seen.unexpected_ids, " or "):
             fix += f", or set {joint} up again if it answers as {others}"
-        fix += f"; {_AGAIN}"
     else:
         error = f"servo {servo_id} ({joint}) does not answer, though servos behind it do"
         fix = f"check its plugs; if they are in, its id is wrong: so101 setup --joint {joint}"
@@ -107,19 +104,19 @@ def _missing(
 def _trouble(joint: str, facts: ServoFacts, seen: ServosOnBus) -> tuple[str, str, str]:
     if not facts.fits_arm:
         error = f"servo {facts.servo_id} ({joint}) is a {facts.model}, not an STS3215"
-        return "wrong_model", error, f"replace it; {_AGAIN}"
+        return "wrong_model", error, "replace it"
     supply = facts.supply_trouble
     if supply is not None:
         return "wrong_voltage", f"servo {facts.servo_id} ({joint}): {supply[0]}", supply[1]
     if facts.odd_settings:
         sentences = ", ".join(odd.sentence for odd in facts.odd_settings)
         error = f"servo {facts.servo_id} ({joint}): {sentences}"
-        return "wrong_settings", error, f"{facts.odd_settings[0].fix}; {_AGAIN}"
+        return "wrong_settings", error, facts.odd_settings[0].fix
     kinds = Counter(servo.nominal_volts for servo in seen.servos.values())
     usual = kinds.most_common(1)[0][0]
     if facts.nominal_volts != usual:
         error = f"servo {facts.servo_id} ({joint}) is a {facts.nominal_volts:g} V servo"
-        return "wrong_voltage", f"{error} among {usual:g} V servos", f"replace it; {_AGAIN}"
+        return "wrong_voltage", f"{error} among {usual:g} V servos", "replace it"
     return "ok", "", ""
 
 
