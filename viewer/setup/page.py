@@ -278,7 +278,7 @@ class ConnectionPage(StepPage):
     def build(self, gui: viser.GuiApi) -> None:
         super().build(gui)
         self._name = gui.add_text(
-            "Name of this arm",
+            "Arm name (optional)",
             self._setup.progress.arm,
             hint="Such as leader or follower; its calibration gets a file of that name",
             visible=False,
