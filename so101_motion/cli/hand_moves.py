@@ -45,9 +45,9 @@ def gripper(
         if getattr(jaw, "is_silent", False):
             raise BusError("gripper is silent, so what it holds is not known; check its cable")
         percent, holds = round(100.0 * jaw.aperture), jaw.is_holding
-        text = f"the jaw is {percent} % open; it holds {'something' if holds else 'nothing'}"
+        told = "" if what == "open" else f"; it holds {'something' if holds else 'nothing'}"
         facts = {"source": source.what, "jaw_percent": percent, "holds": holds}
-        answer(as_json, "gripper", facts, text)
+        answer(as_json, "gripper", facts, f"the jaw is {percent} % open{told}")
         if what == "grab" and not holds and getattr(jaw, "feels", True):
             raise SystemExit(CHECK_FAILED)
 

@@ -30,6 +30,7 @@ from so101_motion.common.named_poses import POSES
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import in_mm, to_deg, to_m, to_mm, to_rad
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 
 if TYPE_CHECKING:
     from so101_motion.arm.motion_handle import Motion
@@ -199,18 +200,20 @@ def planned_move(
     with quietly(), closing(source.open()) as rig:
         rig.arm.state.reading.check_held(ARM_JOINTS)  # rather than what a sunken arm lies on
         found = _planned(rig, goal, scene, effort)
-        if not as_json:
-            click.echo(plan_table(found))
-        source.have_agreed(rig, f"Move the {source.what} for {found.duration:.1f} s?", yes)
-        _wait(rig, rig.arm.move(found, wait=False), found)
+        is_there = _is_still(found) and source.at_end == "hold"
+        if not is_there:
+            if not as_json:
+                click.echo(plan_table(found))
+            source.have_agreed(rig, f"Move the {source.what} for {found.duration:.1f} s?", yes)
+            _wait(rig, rig.arm.move(found, wait=False), found)
         state = rig.arm.state
         off_deg = float(to_deg(np.max(np.abs(state.q - found.q_goal))))
         if as_json:
             arrived = {"q_deg": to_deg(state.q).tolist(), "off_deg": off_deg}
             print_json("move", {"source": source.what, **_facts(found), "arrived": arrived})
         else:
-            where = in_mm(rig.arm.T_base().p)
-            click.echo(f"arrived: tool at {where}, joints within {off_deg:.2f} deg")
+            how, where = "already there" if is_there else "arrived", in_mm(rig.arm.T_base().p)
+            click.echo(f"{how}: tool at {where}, joints within {off_deg:.2f} deg")
 
 
 def _planned(rig: RigLike, goal: Goal | str, scene: Scene | None, effort: int) -> Plan:
@@ -222,6 +225,11 @@ def _planned(rig: RigLike, goal: Goal | str, scene: Scene | None, effort: int) -
         rig.arm.scene = scene
     with busy_message("planning"):
         return rig.arm.plan(goal, search=Search(route_effort=effort))
+
+
+def _is_still(plan: Plan) -> bool:
+    """Whether it moves no joint by as much as its encoder tells apart."""
+    return float(np.ptp(plan.trajectory.q, axis=0).max()) < RAD_PER_TICK
 
 
 def _facts(found: Plan) -> dict[str, object]:
@@ -247,6 +255,8 @@ _NUMBERS, _SPARKS = 40, 40  # columns; chosen: together the width of a usual ter
 def plan_table(plan: Plan) -> str:
     from so101_motion.planning.plan_summary import tool_length
 
+    if _is_still(plan):
+        return "the arm is already there: no joint moves"
     trajectory = plan.trajectory
     travel_deg = to_deg(trajectory.q[-1] - trajectory.q[0])
     peak_deg = to_deg(np.max(np.abs(trajectory.qd), axis=0))

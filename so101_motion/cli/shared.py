@@ -127,14 +127,13 @@ def aside(sentence: str) -> None:
 
 
 class Verbs(click.Group):
-    """A group of verbs, each listed with its whole first sentence, and an example of each."""
+    """A group of verbs, each listed with its whole first sentence, and their examples."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        shown = (
-            re.search(r"^ *(so101 .*)", v.help or "", re.MULTILINE) for v in self.commands.values()
-        )
+        texts = "\n".join(verb.help or "" for verb in self.commands.values())
+        shown = re.findall(r"^ *(so101 .*)", texts, re.MULTILINE)
         with formatter.section("Examples"):
-            formatter.write("".join(f"  {each[1]}\n" for each in shown if each))
+            formatter.write("".join(f"  {each}\n" for each in shown))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         rows = ((name, verb.get_short_help_str(200)) for name, verb in self.commands.items())

@@ -142,6 +142,8 @@ def test_a_grab_that_holds_nothing_fails_where_a_jaw_can_tell(so101, told, monke
     monkeypatch.setattr(simulated_rig, "checked_scene", lambda _: scene)
     assert so101("gripper grab --sim --yes").exit_code == 6
     assert told("gripper close --sim --yes")["holds"] is False
+    assert "; it holds nothing" in so101("gripper close --sim --yes").output
+    assert so101("gripper open --sim --yes").output == "the jaw is 100 % open\n"
     monkeypatch.setattr(Gripper, "is_silent", True)
     assert "what it holds is not known" in refused(so101("gripper grab --sim --yes"), 4)
 
@@ -156,13 +158,21 @@ def test_obstacles_of_a_scene_are_avoided_or_named(so101, tmp_path):
 def test_each_group_shows_an_example_of_each_of_its_verbs(so101):
     for group in ("guide", "cell", "calibration", "dataset", "sweep", "viam"):
         assert f"Examples:\n  so101 {group} " in so101(f"{group} --help").output
+    assert "\n  so101 cell run class.json wave.json --all\n" in so101("cell --help").output
+
+
+def test_an_arm_that_is_already_there_says_so_and_is_not_asked(so101):
+    for verb in ("home --sim", "move --sim --pose home", "move --sim --joints 0,0,0.05,0,0"):
+        assert so101(verb).output.startswith("already there: tool at (293.2, "), verb
+    assert so101("plan --sim --pose home").output == "the arm is already there: no joint moves\n"
+    asked = so101("move --sim --pose home --at-end park", input="n\n")  # this moves it
+    assert "Move the simulated arm" in asked.output
 
 
 @pytest.mark.parametrize(
     ("verb", "shows", "question"),
     [
         ("move --sim --joints 5,0,0,0,0", "setpoints", "Move the simulated arm for"),
-        ("home --sim", "setpoints", "Move the simulated arm for"),
         ("gripper open --sim", "", "Open the jaw of the simulated arm?"),
         ("move-test --sim", "6° back and forth", "Is everything out of the way?"),
     ],
