@@ -71,10 +71,13 @@ class OperationTerminal:
         due = next((o for o in view.offers if o.due_in is not None and o.due_in <= 0.0), None)
         if not self._terminal.is_manned or not pressed:
             return None if due is None or due.why_not else due
-        for offer, keys in _keys(view):
-            if pressed in keys:
+        for offer, key in _keys(view):
+            if pressed == key:
                 self._failed = "" if offer.why_not is None else f"{offer.title}: {offer.why_not}"
                 return offer if offer.why_not is None and self._is_sure(offer) else None
+        names = ("Enter" if key == ENTER else key for _, key in _keys(view))
+        what = f'"{pressed}"' if pressed.isprintable() else "this key"
+        self._failed = f"{what} does nothing here; the keys are {', '.join((*names, 'q'))}"
         return None
 
     def _is_sure(self, offer: Offer) -> bool:
@@ -123,8 +126,8 @@ class OperationTerminal:
             lines.append(Text(sentence(self._question), style="yellow"))
         if self._terminal.is_manned:
             keys = {
-                "Enter" if keys[0] == ENTER else keys[0]: offer.title
-                for offer, keys in _keys(view)
+                "Enter" if key == ENTER else key: offer.title
+                for offer, key in _keys(view)
                 if offer.why_not is None and offer.due_in != 0.0 and not view.doing
             }
             quits = "quit" if view.cancel is None else view.cancel.title
@@ -132,9 +135,9 @@ class OperationTerminal:
         return Group(*lines)
 
 
-def _keys(view: View) -> list[tuple[Offer, tuple[str, ...]]]:
+def _keys(view: View) -> list[tuple[Offer, str]]:
     offers = [offer for offer in view.offers if not offer.cancels and not offer.is_look]
-    return [(o, (o.key or ENTER,)) for o in offers if o.key or o is offers[0]]
+    return [(o, o.key or ENTER) for o in offers if o.key or o is offers[0]]
 
 
 def _trouble(view: View) -> str:
