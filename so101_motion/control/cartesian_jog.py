@@ -129,7 +129,8 @@ class Jog(OpenEndedMotion):
         step = self._servo.step(self._target(), self._q_jaw())
         self._over = self._closing and not any([*step.qd.tolist(), *step.qdd.tolist()])
         if self._ticks % _TEXT_EVERY == 0:
-            self._held_by = self._servo.held_by() if step.share < _HELD_BELOW else ()
+            is_held = step.share < _HELD_BELOW or self._servo.is_short
+            self._held_by = self._servo.held_by() if is_held else ()
         self._ticks += 1
         return Setpoint(q=step.q, qd=step.qd, qdd=step.qdd)
 

@@ -79,6 +79,11 @@ it costs 0.1 mm of reach."""
 BENT = 0.5  # share of the margin by which a path to rest may bend; chosen
 CLOSE = 0.02  # a joint is reported at its limit when it would come to rest so near it [rad]. Chosen
 
+SHORT, SLOW = 1e-3, 5e-3
+"""A frame is at the end of its reach if, farther off its target than this [m], it approaches
+slower than this [m/s]; a motion that begins needs ``BEGINNING`` [s] to be faster. Chosen."""
+BEGINNING, _FAST, _REACH = 0.5, "at its top speed", "the end of its reach"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Step:
@@ -152,6 +157,7 @@ class Servo:
         self.neighbours, self._arm_near = neighbours, ""
         self.q, self.qd = frozen_array(q_start, (5,)), np.zeros(5)
         self._model, self._limits, self._dt = model, limits, dt
+        self._frame, self._steps = frame, 0  # steps towards about the same point
         self._q_jaw = 0.0
         self._target: Target = STILL
         self._lower, self._upper = _range_with(model, self.q)
@@ -205,6 +211,7 @@ class Servo:
         guard, jog.every = self._checked_by
         if target is not self._target:
             self._aim(target)
+        self._steps += 1
         if not in_c.so101_jog_want(self._at, guard.scene):
             self._last = None
             return self._taken(0.0)
@@ -228,8 +235,9 @@ class Servo:
         Such as ``"elbow_flex at its upper limit"`` or ``"the jaw close to the floor"``; joints that
         only gain speed are not mentioned.
         """
+        is_short = self.is_short
         if self._last is None:
-            return ()
+            return (_REACH,) if is_short else ()
         (guard, words), jog, wanted = self._last, self._jog, self._wanted
         if guard.stuck:
             return guard.stuck
@@ -242,11 +250,23 @@ class Servo:
             reasons.append("the arm nearly straight, or over its own base")
         if self._arm_near:
             reasons.append(self._arm_near)
+        if is_short:
+            reasons = [each for each in reasons if not each.endswith(_FAST)] or [_REACH]
         return tuple(dict.fromkeys(reasons))
+
+    @property
+    def is_short(self) -> bool:
+        """Whether the frame hardly comes nearer to a pose or point that it has not reached."""
+        jog, span = self._jog, self._dt * (len(self._trail) - 1)
+        if jog.kind == _TWIST or self._steps * self._dt < max(BEGINNING, span):
+            return False
+        ends = (self._model.frame(q, self._frame).p for q in (self._trail[0], self._trail[-1]))
+        before, now = (float(np.linalg.norm(p - jog.target[9:])) for p in ends)
+        return now > SHORT and before - now < SLOW * span
 
     def _aim(self, target: Target) -> None:
         jog, self._target = self._jog, target
-        jog.goes_on = 0.0
+        before, was, jog.goes_on = jog.target[9:], jog.kind, 0.0
         if isinstance(target, Twist):
             jog.kind, jog.in_tool = _TWIST, target.in_tool
             jog.target[:6] = [*target.linear.tolist(), *target.angular.tolist()]
@@ -254,6 +274,8 @@ class Servo:
             jog.kind, jog.target[:] = _POSE, [*target.R.ravel().tolist(), *target.p.tolist()]
         else:
             jog.kind, jog.target[9:] = _POINT, target.tolist()
+        if _TWIST in (was, jog.kind) or math.dist(before, jog.target[9:]) > SHORT:
+            self._steps = 0
 
     def _near(self, guard: Guard) -> tuple[int, int, Sequence[str] | None]:
         """Bounds that the arm is near to: their address, their number, and words for them.
@@ -305,7 +327,7 @@ class Servo:
                 return "the arm stretched out"
             return f"{ARM_JOINTS[i]} at its {'upper' if up else 'lower'} limit"
         if speed > self._limits.velocity[i]:
-            return f"{ARM_JOINTS[i]} at its top speed"
+            return f"{ARM_JOINTS[i]} {_FAST}"
         return None
 
 

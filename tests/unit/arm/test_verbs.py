@@ -248,6 +248,10 @@ def test_keys_move_the_tool_in_steps(rig):
     assert [each.arguments["x"] for each in jogging.view.offers if each.title == "ahead"] == [10.0]
     jogging.ask("step")
     assert [each.arguments["x"] for each in jogging.view.offers if each.title == "back"] == [-50.0]
+    for _ in range(3):
+        jogging.ask("go", x=50.0)
+    while "held back by the end of its reach" not in jogging.view.trouble:
+        assert rig.arm.T_base_tool.p[0] < x + 0.14
     jogging.close()
     assert not rig.arm.state.arm_moving
 

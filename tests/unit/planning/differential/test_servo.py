@@ -150,6 +150,17 @@ def test_full_stretch_is_approached_without_haste_and_named() -> None:
     assert "the arm stretched out" in moving.held_by()
 
 
+def test_a_point_beyond_reach_is_named_where_the_tool_comes_no_nearer() -> None:
+    moving, reached = servo(), tool(READY).p + np.array([0.05, 0.0, 0.0])
+    beyond = reached + np.array([0.15, 0.0, 0.0])
+    run(moving, reached, 150)
+    assert moving.held_by() == ()
+    assert not any(moving.step(beyond) and moving.is_short for _ in range(70))
+    run(moving, beyond, 230)
+    assert tool(moving.q).p[0] > reached[0] + 0.05
+    assert moving.held_by() == ("the end of its reach",)
+
+
 def test_a_start_outside_the_limits_may_come_in_and_not_go_further_out() -> None:
     out = READY.copy()
     out[4] = MODEL.upper[4] + 0.05
