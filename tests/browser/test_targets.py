@@ -91,7 +91,7 @@ def test_a_ring_turns_the_gripper_and_what_is_out_of_reach_is_red(guest):
     guest.type_target(600.0, 0.0, 130.0)
     guest.until(lambda: guest.says("mm out of reach"))
     guest.until(lambda: guest.color_of(GHOST) == RED)
-    guest.press("take the nearest")
+    guest.press("nearest")
     guest.until(lambda: guest.color_of(GHOST) == BLUE)
     assert guest.problems == []
 

@@ -7,7 +7,7 @@ invisible widgets (``server/front/bar.js``).
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,6 +89,16 @@ def board(name: str, **content: Any) -> str:
 def uuid_of(widget: Any) -> str | None:
     """The id by which a browser presses ``widget``."""
     return None if widget is None else str(widget._impl.uuid)
+
+
+def greyed(group: Any, why_not: Mapping[str, str]) -> str:
+    """What an invisible piece of HTML holds to grey single buttons of a row: by name, and why.
+
+    viser greys a row only as a whole; ``front/row.js`` does it. Presses of a button that has just
+    become grey must be harmless.
+    """
+    row = uuid_of(group)
+    return board(f"row {row}", row=row, why_not=why_not)
 
 
 def add_stop(gui: viser.GuiApi, *stops: Callable[[], None]) -> viser.GuiButtonHandle:

@@ -10,7 +10,7 @@ from typing import Any
 
 import viser
 
-from .bar import board, uuid_of
+from .bar import greyed
 from .history import History
 from .page_context import PageContext
 from .plan_view import Playback
@@ -97,8 +97,7 @@ class TimeFields:
 class UndoButtons:
     """A tab's pair of buttons, undo and redo. They go through all that is ``edited``, newest first.
 
-    Each can be grey by itself, and then says why. viser greys a row only as a whole;
-    ``front/row.js`` does it. Presses of a button that has just become grey are harmless.
+    Each can be grey by itself, and then says why.
     """
 
     def __init__(self, context: PageContext, *edited: History[Any]) -> None:
@@ -122,8 +121,7 @@ class UndoButtons:
             why_not["undo"] = "There is nothing to undo."
         if not (can and redoes):
             why_not["redo"] = "Nothing was undone."
-        row = uuid_of(self._group)
-        self._told.content = board(f"row {row}", row=row, why_not=why_not)
+        self._told.content = greyed(self._group, why_not)
 
 
 class AskingButton:

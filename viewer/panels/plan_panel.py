@@ -18,7 +18,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_m
 
 from ..page import markup, texts, units
-from ..page.bar import board, uuid_of
+from ..page.bar import board, greyed, uuid_of
 from ..page.history import SavedFiles
 from ..page.page_context import PageContext
 from ..page.plan_view import RATES, CommonPlan
@@ -35,6 +35,7 @@ SELECTS = "selects"  # what a click in the picture does unless it sets the targe
 
 _FRAME = units.Unit(lambda frame: frame.replace("_", " "), lambda name: name.replace(" ", "_"))
 _ROUNDING = 1e-6  # 110 degrees, converted to radians and back, is not exactly 110
+_REACHED = "The target can be reached as it is."
 _OFF = (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
 
 
@@ -201,13 +202,11 @@ class TargetControls:
         target = gui.add_vector3("Target (mm)", (0.0, 0.0, 0.0), step=1.0)
         target.precision = 1
         self._target = SharedField(target, self._page.set_target_point, self._context, units.MM)
-        self._nearest = self._context.buttons(
-            "If unreachable",
-            {"take the nearest": self._page.take_nearest},
-            "Sets the target to the nearest place that can be reached without contact",
-        )
         poses = {pose.name: partial(self._page.set_target_joints, pose.q) for pose in POSES}
-        self._context.buttons("Pose", {**poses, "here": self._page.set_target_here})
+        others = {"here": self._page.set_target_here, "nearest": self._page.take_nearest}
+        hint = "here: where the arm is; nearest: the nearest place that is reached without contact"
+        self._poses = self._context.buttons("Pose", {**poses, **others}, hint)
+        self._told = gui.add_html("", visible=False)
 
     def add_nudge(self) -> None:
         context = self._context
@@ -273,7 +272,8 @@ class TargetControls:
             self._opened.show(texts.aperture(state.q_jaw_ref))
         self._grip.content = markup.small(texts.grip(state, holds=page.gripper.is_holding))
         self._force.show(page.force)
-        grey(self._nearest, page.target.problem is None)
+        why_not = {"nearest": _REACHED} if page.target.problem is None else {}
+        self._told.content = greyed(self._poses, why_not)
         self._undo.show()
         self._target.show(page.target.p_base)
         self._chosen_step.content = f'<i data-chosen="{self._step_mm:g}"></i>'
