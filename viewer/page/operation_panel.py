@@ -49,6 +49,7 @@ class Worker:
     )
     _job: tuple[Future[Any], Callable[[Any], None]] | None = None
     _look: Future[object] | None = None
+    _has_missed: bool = False  # whether the last look failed
 
     def do(
         self, doing: str, call: Callable[[], T], then: Callable[[T], None] = lambda _result: None
@@ -78,7 +79,10 @@ class Worker:
     def collect(self) -> bool:
         if self._look is not None and self._look.done():
             looked, self._look = self._look, None
-            error = looked.exception()
+            error, has_missed = looked.exception(), self._has_missed
+            self._has_missed = error is not None
+            if has_missed and error is None:  # what it was about is there again
+                self.trouble = None
             if error is not None and not isinstance(error, So101Error):
                 log.error("the page could not look", exc_info=error)
         return self._collect_job()
