@@ -227,8 +227,9 @@ class OperationPanel(Part):
         elif due is not None and due.due_in:
             html += cards.going_on(f"{due.title}: by itself in {due.due_in:.0f} s")
         first = next((o for o in view.offers if not o.is_look), None)
-        if first is not None and first.why_not and not view.trouble:
-            html += cards.note(f"{first.title}: {texts.capital(first.why_not)}")
+        why = "" if first is None or view.trouble else texts.capital(first.why_not or "")
+        if first is not None and why.rstrip(".") not in texts.capital(view.text):  # nor said twice
+            html += cards.note(f"{first.title}: {why}")
         return html
 
     def _wrong(self, view: View) -> str:
