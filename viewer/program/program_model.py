@@ -82,7 +82,8 @@ class ProgramModel:
     ) -> None:
         self._zeros = zeros or (lambda: dict.fromkeys(pages))
         self._arms, self.pages, self._submit = arms, pages, submit
-        self.called = words.ONE_OF_ONE if isinstance(arms, Solo) else words.ONE_OF_ALL
+        self._is_one = isinstance(arms, Solo)
+        self._welcome = words.welcome(is_one=self._is_one)
         self._now = arms.clock.now
         self.program = Program()
         self.history = History(self.program, self._restore, self._now)
@@ -93,7 +94,7 @@ class ProgramModel:
         self.saved_files = SavedFiles(self._file_of, lambda: files.names(folder()), self.tell)
         self.timeline: RehearsalTime | None = None
         self.playback = Playback()
-        self._sentence = words.welcome(self.called)
+        self._sentence = self._welcome
         self._planning: Future[RehearsalTime] | None = None
         self._made_for: tuple[object, ...] = ()
         self.run: ProgramRun | None = None
@@ -211,7 +212,7 @@ class ProgramModel:
     def end_loop(self) -> None:
         around = self.program.loops_around(self._chosen_index())
         if not around:
-            raise ConfigError("loop", None, f"the chosen {self.called} is in no loop")
+            raise ConfigError("loop", None, "the chosen step is in no loop")
         self._edit(self.program.without_loop(around[-1]))
 
     # Files
@@ -219,7 +220,7 @@ class ProgramModel:
     def save(self) -> None:
         """Save the program under its name; replaces one of that name."""
         if not self.program.steps:
-            raise ConfigError("program", None, f"record a {self.called} first")
+            raise ConfigError("program", None, "record a step first")
         with self.saved_files.changing(self.name) as file:
             files.write(self.program, file, self._zeros())
         self.name = file.stem
@@ -229,7 +230,7 @@ class ProgramModel:
         program = files.read(self._file_of(name), self._zeros())
         self._edit(program)
         self.name, self.chosen = name, 0 if program.steps else None
-        self._sentence = words.loaded(self.called, name, len(program))
+        self._sentence = words.loaded(name, len(program))
 
     def insert(self, name: str) -> None:
         """Insert the saved program ``name`` after the selected step."""
@@ -252,7 +253,7 @@ class ProgramModel:
     def clear(self) -> None:
         self._edit(Program())
         self.name, self.chosen = "", None
-        self._sentence = words.welcome(self.called)
+        self._sentence = self._welcome
 
     # Guiding, planning, running
 
@@ -279,14 +280,14 @@ class ProgramModel:
                 return RehearsalTime(rehearsal, arms, solver.clearance)
 
             self._planning = self._submit(plan_all)
-            self._sentence = words.planning(self.called)
+            self._sentence = words.PLANNING
 
     def start(self) -> None:
         if self.timeline is not None and self.can_run:
             self.run = start_program(self._arms, self.timeline.rehearsal, speed=self.run_speed)
 
     def report(self, error: BaseException) -> None:
-        self._sentence = words.ended(self.called, error)
+        self._sentence = words.ended(error, is_one=self._is_one)
 
     def tell(self, sentence: Sentence) -> None:
         self._sentence = sentence
@@ -360,7 +361,7 @@ class ProgramModel:
         self._watch_plan()
         self._collect_run()
         if self._causes.have_changed() and self._sentence.tone is Tone.BAD:
-            self._sentence = words.PRESS_PLAN if self.program.steps else words.welcome(self.called)
+            self._sentence = words.PRESS_PLAN if self.program.steps else self._welcome
         self.playback.advance(self._now())
         self.saved_files.look_again(self._now())
         seen = (
@@ -418,7 +419,9 @@ class ProgramModel:
             return
         run, self.run = self.run, None
         error = run.future.exception()
-        self._drop_plan(words.done(run) if error is None else words.ended(self.called, error))
+        self._drop_plan(
+            words.done(run) if error is None else words.ended(error, is_one=self._is_one)
+        )
 
     def _named(self, name: str, sentence: Sentence) -> Sentence:
         return sentence if name == ARM else texts.named(name, sentence)
@@ -431,14 +434,14 @@ class ProgramModel:
         step = {name: Waypoint(name=self._next_letter(), q=q) for name, q in goals.items()}
         self._edit(self.program.with_step(step))
         self.chosen = len(self.program) - 1
-        self._sentence = words.recorded(self.called, len(self.program))
+        self._sentence = words.recorded(len(self.program))
 
     def _next_letter(self) -> str:
         return next_letter(each.name for step in self.program.steps for each in step.values())
 
     def _chosen_index(self) -> int:
         if self.chosen is None:
-            raise ConfigError(self.called, None, f"record a {self.called} first")
+            raise ConfigError("step", None, "record a step first")
         return self.chosen
 
     @property
@@ -471,7 +474,7 @@ class ProgramModel:
         if self.chosen is not None:
             left = len(program)
             self.chosen = min(self.chosen, left - 1) if left else None
-        self._drop_plan(words.PRESS_PLAN if program.steps else words.welcome(self.called))
+        self._drop_plan(words.PRESS_PLAN if program.steps else self._welcome)
 
     def _drop_plan(self, sentence: Sentence) -> None:
         self.timeline = self._planning = None

@@ -73,8 +73,7 @@ class ProgramPart(Part):
     def _build(self, gui: viser.GuiApi) -> None:
         model, button = self.model, self._context.button
         self._sentence = gui.add_html("")
-        record = f"Record {model.called}"
-        self._record = button(record, model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
+        self._record = button("Record step", model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
         steps = gui.add_folder(None)
         with steps:
             self._add_steps(gui)
@@ -124,7 +123,7 @@ class ProgramPart(Part):
             "From the chosen row on, or only the motion to it",
         )
         self._rehearsal = RehearsalFields(self._context, model)
-        self._facts = gui.add_html(markup.facts(words.facts(model.called, None), lines=_LINES))
+        self._facts = gui.add_html(markup.facts(words.facts(None), lines=_LINES))
         self._add_arms(gui)
         self._loops = LoopFields(self._context, model)
         self._rounds = RoundsFields(self._context, model.set_rounds)
@@ -148,7 +147,7 @@ class ProgramPart(Part):
             does["re-record"] = partial(model.take_place, ARM)
         does["delete"] = model.remove
         hint = "re-record: it moves to where the arm is now" if self._is_one else None
-        self._chosen.append(self._context.buttons(model.called.capitalize(), does, hint))
+        self._chosen.append(self._context.buttons("Step", does, hint))
 
     def _add_arms(self, gui: viser.GuiApi) -> None:
         if self._is_one:
@@ -210,7 +209,7 @@ class ProgramPart(Part):
         self._record.color = "gray" if program.steps else None
         grey(self._plan_part, not model.can_plan or model.chosen is None)
         put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
-        self._facts.content = markup.facts(words.facts(model.called, timeline), lines=_LINES)
+        self._facts.content = markup.facts(words.facts(timeline), lines=_LINES)
         self._rehearsal.show(timeline, model.playback.t)
         self._rounds.show(program.rounds)
         self._files.show(model.name)

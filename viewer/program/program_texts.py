@@ -21,6 +21,7 @@ PLANNED_PART = Sentence(
     "Planned, no collisions. Loops that begin earlier run once. Press Run program.",
     Tone.GOOD,
 )
+PLANNING = Sentence("Planning all steps …")
 MOVING = Sentence("Record when nothing moves.")
 ARM_MOVED = Sentence("The arm has moved. Press Plan program again.")
 JAW_MOVED = Sentence("The gripper has moved. Press Plan program again.")
@@ -30,37 +31,29 @@ JAW_STOPS = Sentence("The gripper needs a stop, so this waypoint is no longer pa
 HELD_AGAIN = Sentence("Hand guiding has timed out. The arm holds where it is.")
 
 
-ONE_OF_ONE, ONE_OF_ALL = "waypoint", "step"  # what a step of one arm is called, or of several
+def welcome(*, is_one: bool) -> Sentence:
+    arms = "arm" if is_one else "arms"
+    return Sentence(f"Move the {arms} to where the program begins, then press Record step.")
 
 
-def welcome(step: str) -> Sentence:
-    arms = "arm" if step == ONE_OF_ONE else "arms"
-    return Sentence(f"Move the {arms} to where the program begins, then press Record {step}.")
+def recorded(number: int) -> Sentence:
+    return Sentence(f"Recorded step {number}. Record more, or press Plan program.")
 
 
-def planning(step: str) -> Sentence:
-    return Sentence(f"Planning all {step}s …")
-
-
-def recorded(step: str, number: int) -> Sentence:
-    return Sentence(f"Recorded {step} {number}. Record more, or press Plan program.")
-
-
-def loaded(step: str, name: str, count: int) -> Sentence:
-    steps = f"{count} {step}{'' if count == 1 else 's'}"
+def loaded(name: str, count: int) -> Sentence:
+    steps = f"{count} step{'' if count == 1 else 's'}"
     return Sentence(f"Loaded {name}, {steps}. Press Plan program.")
 
 
-def facts(step: str, timeline: RehearsalTime | None) -> tuple[tuple[str, str], ...]:
-    called = f"{step.capitalize()}s"
+def facts(timeline: RehearsalTime | None) -> tuple[tuple[str, str], ...]:
     if timeline is None:
-        return (("One round", "–"), (called, "–"))
+        return (("One round", "–"), ("Steps", "–"))
     rehearsal, program = timeline.rehearsal, timeline.rehearsal.program
     has_jaw = any(each.aperture is not None for step in program.steps for each in step.values())
     round_ = f"{rehearsal.duration:.1f} s{' plus gripper time' if has_jaw else ''}"
     passed = sum(not program.stops_at(index) for index in range(len(program)))
     steps = f"{len(program)}, {passed} of them passed" if passed else f"{len(program)}"
-    pairs = [("One round", round_), (called, steps)]
+    pairs = [("One round", round_), ("Steps", steps)]
     if program.rounds != 1:
         rounds = program.rounds
         pairs.append(("Rounds", "until stopped" if rounds is None else f"{rounds}"))
@@ -68,9 +61,9 @@ def facts(step: str, timeline: RehearsalTime | None) -> tuple[tuple[str, str], .
     return tuple(pairs)
 
 
-def ended(step: str, error: BaseException) -> Sentence:
-    if isinstance(error, Interrupted) and (error.by == "stop" or step == ONE_OF_ALL):
-        arms = "The arm" if step == ONE_OF_ONE else "Every arm"
+def ended(error: BaseException, *, is_one: bool) -> Sentence:
+    if isinstance(error, Interrupted) and (error.by == "stop" or not is_one):
+        arms = "The arm" if is_one else "Every arm"
         return Sentence(f"Stopped. {arms} holds where it is; the rest was not run.")
     return texts.ended(error)
 
