@@ -87,6 +87,7 @@ class Windows:
 
     def leave_open(self, *widgets: Any) -> None:
         self._open.update(widget._impl.uuid for widget in widgets)
+        self._show()
 
     def leave_open_as_stop(self, *widgets: Any) -> None:
         """The same for buttons that stop the arm; logs which window pressed them."""
@@ -150,6 +151,7 @@ class Windows:
                 "window",
                 text=words(window.number, self._holder),
                 controls=controls,
+                open=sorted(self._open),
                 buttons=[] if controls else [press],
             )
 

@@ -1,4 +1,5 @@
-// Grey single buttons of a row, which viser cannot. One that is pressed says why it is grey.
+// Grey single buttons of a row, which viser cannot. One that is pressed says why it is grey. And mark
+// the widgets that every window may use.
 (() => {
   const link = window.so101;
   const GREY = '.mantine-Button-root[aria-disabled="true"]';
@@ -12,6 +13,9 @@
 
   function show() {
     due = 0;
+    for (const id of link.boards.window?.open ?? []) {
+      document.getElementById(id)?.toggleAttribute('data-open', link.connected);
+    }
     for (const { row, why_not } of Object.values(link.boards)) {
       if (!row) continue;
       for (const button of buttonsOf(row)) {
