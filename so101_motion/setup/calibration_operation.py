@@ -132,7 +132,7 @@ class CalibrationOperation(LocalOperation):
             trouble=now.view.error or "",
             note=self._note(now),
             doing=self._doing(now),
-            offers=(*self._offers(now), *self._undoing(state)),
+            offers=(*self._offers(now), *(() if state is State.IDLE else (_UNDO,))),
             said=self.said,
             picture=_picture(now, seen, rows),
             is_over=state is State.IDLE and self.ended is not None,
@@ -245,8 +245,7 @@ class CalibrationOperation(LocalOperation):
                 title = "Save" if now.view.error is None else "Try to save again"
                 return (Offer(command="save_calibration", title=title, due_in=at_once), _AGAIN)
             case State.ERROR:
-                mend, anew = "Restore the motors' settings", "Start again"
-                return (Offer(command="reset", title=mend), Offer(command="start", title=anew))
+                return (Offer(command="start", title="Start again"),)  # ``_UNDO`` is a reset
 
     def _finishing(self, now: Situation) -> tuple[Offer, ...]:
         joints, finish = now.joints, "Finish the recording"
@@ -267,12 +266,6 @@ class CalibrationOperation(LocalOperation):
             return (stop,)
         title, blocked_by = f"{finish}, accept {' and '.join(blocked)}", {"accept": [*blocked]}
         return (stop, Offer(command=stop.command, title=title, arguments=blocked_by, key="a"))
-
-    @staticmethod
-    def _undoing(state: State) -> tuple[Offer, ...]:
-        if state is State.IDLE:
-            return ()
-        return (Offer(command="abort", title="undo everything and stop", cancels=True),)
 
     # The commands
 
@@ -400,6 +393,7 @@ class CalibrationOperation(LocalOperation):
         }
 
 
+_UNDO = Offer(command="abort", title="undo everything and stop", cancels=True)
 _AGAIN = Offer(
     command="restart", title="Take the pose again", asks="Press again to start anew", key="r"
 )
