@@ -92,13 +92,8 @@ def uuid_of(widget: Any) -> str | None:
 
 
 def greyed(group: Any, why_not: Mapping[str, str]) -> str:
-    """What an invisible piece of HTML holds to grey single buttons of a row: by name, and why.
-
-    viser greys a row only as a whole; ``front/row.js`` does it. Presses of a button that has just
-    become grey must be harmless.
-    """
-    row = uuid_of(group)
-    return board(f"row {row}", row=row, why_not=why_not)
+    """A board that greys single buttons of a row, with why; a press just then must be harmless."""
+    return board(f"row {uuid_of(group)}", row=uuid_of(group), why_not=why_not)
 
 
 def add_stop(gui: viser.GuiApi, *stops: Callable[[], None]) -> viser.GuiButtonHandle:

@@ -419,9 +419,8 @@ class ProgramModel:
             return
         run, self.run = self.run, None
         error = run.future.exception()
-        self._drop_plan(
-            words.done(run) if error is None else words.ended(error, is_one=self._is_one)
-        )
+        said = words.done(run) if error is None else words.ended(error, is_one=self._is_one)
+        self._drop_plan(said)
 
     def _named(self, name: str, sentence: Sentence) -> Sentence:
         return sentence if name == ARM else texts.named(name, sentence)

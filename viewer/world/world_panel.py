@@ -159,21 +159,10 @@ class WorldPart(Part):
             mime_type=",".join(ENDINGS),
         )
         with gui.add_folder("Scale and cube size", expand_by_default=False):
-            scale = gui.add_number(
-                "Scale",
-                1.0,
-                min=1e-6,
-                max=1e6,
-                hint="Factor for the lengths in the next file: 1000 for an STL file in metres",
-            )
-            voxel = gui.add_number(
-                "Cube size (mm)",
-                10.0,
-                min=1.0,
-                max=100.0,
-                step=1.0,
-                hint="For point clouds only: smaller cubes show more, and plans take longer",
-            )
+            hint = "Factor for the lengths in the next file: 1000 for an STL file in metres"
+            scale = gui.add_number("Scale", 1.0, min=1e-6, max=1e6, hint=hint)
+            hint = "For point clouds only: smaller cubes show more, and plans take longer"
+            voxel = gui.add_number("Cube size (mm)", 10.0, min=1.0, max=100.0, step=1.0, hint=hint)
             gui.add_html(markup.small("Loaded points become cubes with edges of this length."))
         self._scale = self._field(scale, partial(setattr, self.world, "scale"))
         self._voxel = self._field(voxel, self.world.set_voxel, units.MM)
