@@ -103,10 +103,10 @@ def test_a_program_is_recorded_from_targets_and_from_an_arm_and_planned(guest, a
     page, (first, second) = guest.page, arms.rigs.values()
     guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in (first, second)))
     page.get_by_role("tab", name="Program", exact=True).click()
-    guest.press("Record step")
-    guest.until(lambda: guest.says("Recorded step 1."))
+    guest.press("Record waypoint")
+    guest.until(lambda: guest.says("Recorded waypoint 1."))
     record(guest, "Record target", "all arms")
-    guest.until(lambda: guest.says("Recorded step 2."))
+    guest.until(lambda: guest.says("Recorded waypoint 2."))
     page.locator(".so101-steps:visible button").first.click()
     guest.press("delete")
     guest.until(lambda: guest.says("Press Plan program"))
@@ -174,7 +174,8 @@ def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_th
     guest.until(lambda: (seen(), held()) == ([["box 1"], ["box 1"]], [[], []]))
     for rig, q in zip(rigs.values(), stood, strict=True):
         np.testing.assert_array_equal(rig.arm.state.q, q)  # an edit moves nothing
-    guest.press("save")
+    guest.until(lambda: guest.says("box 1 stays here."))  # now its rows are back, and move "save"
+    guest.press_next("save")
     file = own_files / "cell.json"
     guest.until(file.exists)
     assert [each.name for each in read_cell(file).scene.obstacles] == ["box 1"]

@@ -14,9 +14,9 @@ def program(guest, preview):
     """A window on the Program tab with two waypoints: where the target is, and the arm."""
     guest.page.get_by_role("tab", name="Program").click()
     assert guest.button("Plan program").count() == 0  # a program begins with one button
-    for number, button in enumerate(("Record step", "target", "Record step"), 1):
+    for number, button in enumerate(("Record waypoint", "target", "Record waypoint"), 1):
         guest.press_next(button)
-        guest.until(lambda number=number: guest.says(f"Recorded step {number}."))
+        guest.until(lambda number=number: guest.says(f"Recorded waypoint {number}."))
     guest.page.locator(".so101-steps button").first.click()
     guest.press("delete")
     guest.until(lambda: guest.page.locator(".so101-steps button").count() == 2)
@@ -122,7 +122,7 @@ def test_a_program_is_recorded_planned_run_and_kept(program, rig, own_files):
     program.press("save")
     program.until(lambda: (own_files / "programs" / "wave.json").exists())
     program.press("new")
-    program.until(lambda: program.says("then press Record step"))
+    program.until(lambda: program.says("then press Record waypoint"))
     program.press("load")
     program.until(lambda: program.says("Loaded wave, 2 steps."))
     program.page.get_by_text("Save and load").click()

@@ -147,7 +147,7 @@ def test_on_phones_and_tablets_bar_picture_and_panels_have_places_of_their_own(
     page.locator("#so101-stop").click()
     small.until(lambda: at_rest(rig))
     small.resize((390, 844))
-    for tab, name in (("Program", "Record step"), ("Jog", "gripper, open")):
+    for tab, name in (("Program", "Record waypoint"), ("Jog", "gripper, open")):
         page.get_by_role("tab", name=tab).click()  # and what is used most needs no scrolling
         small.until(lambda name=name: box(small.button(name))[3] <= 844)
     for size in (LAPTOP, (390, 844)):  # where all panels are built anew

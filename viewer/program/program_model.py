@@ -220,7 +220,7 @@ class ProgramModel:
     def save(self) -> None:
         """Save the program under its name; replaces one of that name."""
         if not self.program.steps:
-            raise ConfigError("program", None, "record a step first")
+            raise ConfigError("program", None, "record a waypoint first")
         with self.saved_files.changing(self.name) as file:
             files.write(self.program, file, self._zeros())
         self.name = file.stem
@@ -440,7 +440,7 @@ class ProgramModel:
 
     def _chosen_index(self) -> int:
         if self.chosen is None:
-            raise ConfigError("step", None, "record a step first")
+            raise ConfigError("waypoint", None, "record a waypoint first")
         return self.chosen
 
     @property

@@ -73,7 +73,7 @@ class ProgramPart(Part):
     def _build(self, gui: viser.GuiApi) -> None:
         model, button = self.model, self._context.button
         self._sentence = gui.add_html("")
-        self._record = button("Record step", model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
+        self._record = button("Record waypoint", model.record_arms, icon=viser.Icon.CIRCLE_PLUS)
         steps = gui.add_folder(None)
         with steps:
             self._add_steps(gui)

@@ -33,11 +33,11 @@ HELD_AGAIN = Sentence("Hand guiding has timed out. The arm holds where it is.")
 
 def welcome(*, is_one: bool) -> Sentence:
     arms = "arm" if is_one else "arms"
-    return Sentence(f"Move the {arms} to where the program begins, then press Record step.")
+    return Sentence(f"Move the {arms} to where the program begins, then press Record waypoint.")
 
 
 def recorded(number: int) -> Sentence:
-    return Sentence(f"Recorded step {number}. Record more, or press Plan program.")
+    return Sentence(f"Recorded waypoint {number}. Record more, or press Plan program.")
 
 
 def loaded(name: str, count: int) -> Sentence:

@@ -92,7 +92,7 @@ def test_waypoints_are_recorded_from_the_target_and_from_the_arm_and_keep_the_ja
     np.testing.assert_array_equal(second.q, np.zeros(5))
     assert first.aperture is second.aperture is None  # else a part in the jaw would be dropped
     assert tab.model.chosen == 1
-    assert tab.said == "Recorded step 2. Record more, or press Plan program."
+    assert tab.said == "Recorded waypoint 2. Record more, or press Plan program."
 
 
 def test_a_waypoint_at_which_an_item_is_picked_is_added_rehearsed_and_run(tab):
@@ -343,7 +343,7 @@ def test_guiding_by_hand_can_be_ended_by_stop_at_any_time(tab):
 
 
 def test_a_program_is_kept_and_taken_up_again(tab):
-    with pytest.raises(ConfigError, match="record a step first"):
+    with pytest.raises(ConfigError, match="record a waypoint first"):
         tab.model.save()
     tab.record(A, B)
     tab.model.set_rounds(None)
