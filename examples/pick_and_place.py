@@ -149,14 +149,18 @@ async def on_own_module() -> AsyncIterator[Robot]:
         stdout=asyncio.subprocess.DEVNULL,
     )
     channel = Channel(path=str(socket))
+    module = ModuleServiceStub(channel)
     try:
         async with asyncio.timeout(120.0):
-            while not socket.exists():
-                if process.returncode is not None:
-                    raise RuntimeError(f"the module ended at once, code {process.returncode}")
-                await asyncio.sleep(0.02)
-        module = ModuleServiceStub(channel)
-        await module.Ready(ReadyRequest(parent_address=str(socket)))
+            while True:
+                try:
+                    await module.Ready(ReadyRequest(parent_address=str(socket)))
+                    break
+                except OSError:  # it does not listen yet
+                    if process.returncode is not None:
+                        text = f"the module ended at once, code {process.returncode}"
+                        raise RuntimeError(text) from None
+                    await asyncio.sleep(0.02)
         for name, api, model in (
             ("arm", "rdk:component:arm", "devrel:so101:simulated"),
             ("gripper", "rdk:component:gripper", "devrel:so101:simulated-gripper"),
