@@ -482,7 +482,7 @@ class MoveModel:
             news.append(self._sentence is not before)
         stopped = any([each.look()[0] for each in self._next])
         if stopped and self._sentence is self._arrived[0]:  # as the bar says
-            self._sentence = texts.ALL_STOPPED if self._cell else texts.ended(Interrupted("stop"))
+            self._sentence = texts.STOPPED_THERE
             news.append(True)
         news += [self._collect_plan(), self._show_plan_under_way(), self._collect_motions()]
         return any((*news, self.playback.advance(self._now())))

@@ -126,9 +126,7 @@ def test_two_buttons_show_the_product(page, arm):
 
     arm.stops += 1
     assert page.refresh()
-    assert (
-        page.sentence.text == "Stopped. The arm holds where it is. Press Plan to go on."
-    )  # as the bar says
+    assert page.sentence.text == "Stopped at the target. Set another one."  # as the bar says
 
 
 def test_what_is_said_of_an_arrival_follows_where_the_arm_is(page, arm):
