@@ -10,7 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from so101_motion.common.errors import Interrupted, So101Error
+from so101_motion.common.errors import SUPERSEDED, Interrupted, So101Error
 from so101_motion.common.public import Public
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.control.motion_source import PlannedMotion
@@ -87,6 +87,16 @@ class Motion(Public):
             self._interruption.set_result(by)
             self._wake.set()
             return self.halt
+
+    def hand_over(self, newer: Motion) -> bool:
+        """End, and let a newer motion go on from what moves the arm; False if there is no such."""
+        with self._lock:
+            if self.playing is None or self.future.done() or self._interruption.done():
+                return False
+            self._interruption.set_result(SUPERSEDED)
+            newer.playing, self.playing = self.playing, None
+            self._wake.set()
+        return True
 
     def wait_for(self, awaited: Future[T]) -> T:
         """The result of ``awaited``; cancelled, with ``Interrupted``, when this is interrupted."""

@@ -99,10 +99,7 @@ class MotionQueue:
             except RuntimeError:  # no more threads after ``close``
                 raise ArmClosed from None
             self.current = motion
-            if goes_on and previous.playing is not None:
-                motion.playing = previous.playing
-                previous.give_up(SUPERSEDED)
-            else:
+            if not (goes_on and previous.hand_over(motion)):
                 previous.interrupt(SUPERSEDED)
             self._considered.interrupt(SUPERSEDED)
         return motion

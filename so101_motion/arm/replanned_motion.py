@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -25,7 +25,7 @@ import numpy as np
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.protocols import ArmExecutor
 from so101_motion.common.clock import Clock
-from so101_motion.common.errors import SUPERSEDED, Interrupted, PlanningError
+from so101_motion.common.errors import SUPERSEDED, PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import PlannedMotion
@@ -111,19 +111,17 @@ class ReplannedMotion:
         try:
             with self.clock.attend():
                 self._carry_out(motion)
-        except Interrupted:
-            raise  # the arm is being stopped, or goes on
         except BaseException:
-            if motion.playing is not None:
-                self.executor.interrupt(motion.playing.future, SUPERSEDED).result()
+            if (playing := motion.playing) is not None:  # no newer motion goes on from it
+                wait([self.executor.interrupt(playing.future, SUPERSEDED)])
             raise
         finally:
             self._give_up_plan()
 
     def _carry_out(self, motion: Motion) -> None:
-        if motion.playing is not None and not motion.playing.future.done():
+        if (before := motion.playing) is not None and not before.future.done():
             with motion.begin():
-                self._have(motion, motion.playing)
+                self._have(motion, before)
         while True:
             playing = motion.playing
             if playing is not None and not playing.future.done():

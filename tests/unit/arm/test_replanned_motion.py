@@ -187,6 +187,29 @@ def test_a_new_goal_is_gone_to_without_a_stop(rig, clock, tape):
     assert max(shares(tape, TICK, rig.arm.effective_limits(None))) <= 1.001
 
 
+def test_an_interrupted_motion_is_over_when_the_arm_rests(rig, clock):
+    motion = under_way(rig, clock)
+    motion.interrupt("test")
+    while rig.arm.state.arm_moving:
+        assert not motion.future.done()
+        clock.advance(TICK)
+    with pytest.raises(Interrupted, match="test"):
+        motion.result()
+
+
+@pytest.mark.parametrize("is_stop", [False, True])
+def test_a_new_goal_while_the_arm_is_being_stopped_is_gone_to_from_rest(rig, clock, is_stop):
+    motion = under_way(rig, clock)
+    if is_stop:
+        rig.arm.start_stop()
+    else:
+        motion.interrupt("test")
+    clock.advance(TICK)
+    newer = rig.arm.move(LEFT, replan=True, wait=False)
+    finish(clock, newer)
+    np.testing.assert_allclose(rig.arm.state.q, LEFT, atol=1e-3)
+
+
 def test_a_new_goal_that_cannot_be_reached_ends_in_a_stop(rig, clock):
     under_way(rig, clock)
     rig.arm.scene = ball(AT_THE_GOAL)
