@@ -171,7 +171,7 @@ class ViewModel(TargetEditor):
     def problem(self) -> Sentence | None:
         blocked, problem = texts.blocked(self.state), self.target.problem
         if blocked is None and problem is not None and self.motion is None:
-            return Sentence(problem, Tone.BAD)
+            return Sentence(f"{problem} Press nearest for one that works.", Tone.BAD)
         return blocked
 
     @property

@@ -10,6 +10,7 @@ import click
 
 from so101_motion.cli.options import JSON, START, argument, flag, option, verb
 from so101_motion.cli.param_types import IN_FILE, JOINTS, POINT
+from so101_motion.cli.plan_move import is_still
 from so101_motion.cli.program import ROUNDS, carry_out, said_for_others
 from so101_motion.cli.shared import (
     Verbs,
@@ -125,11 +126,14 @@ def move(
     with quietly(), open_arms(read_cell(file)) as opened:
         plans = opened.cell.plan_together(goals)
         duration = max(plan.duration for plan in plans.values())
-        aside(f"{' and '.join(plans)}: one motion of {duration:.2f} s")
+        is_there = all(map(is_still, plans.values()))
+        what = "already there" if is_there else f"one motion of {duration:.2f} s"
+        aside(f"{' and '.join(plans)}: {what}")
         for line in said_for_others(plans):
             aside(line)
-        have_agreed("Move all of them?", yes)
-        _wait_for_all(opened.cell, opened.cell.move(plans, wait=False))
+        if not is_there:
+            have_agreed("Move all of them?", yes)
+            _wait_for_all(opened.cell, opened.cell.move(plans, wait=False))
         reached = _joints_deg(opened.rigs)
     if as_json:
         print_json("cell-move", {"duration_s": duration, "joints_deg": reached})

@@ -200,7 +200,7 @@ def planned_move(
     with quietly(), closing(source.open()) as rig:
         rig.arm.state.reading.check_held(ARM_JOINTS)  # rather than what a sunken arm lies on
         found = _planned(rig, goal, scene, effort)
-        is_there = _is_still(found) and source.at_end == "hold"
+        is_there = is_still(found) and source.at_end == "hold"
         if not is_there:
             if not as_json:
                 click.echo(plan_table(found))
@@ -227,7 +227,7 @@ def _planned(rig: RigLike, goal: Goal | str, scene: Scene | None, effort: int) -
         return rig.arm.plan(goal, search=Search(route_effort=effort))
 
 
-def _is_still(plan: Plan) -> bool:
+def is_still(plan: Plan) -> bool:
     """Whether it moves no joint by as much as its encoder tells apart."""
     return float(np.ptp(plan.trajectory.q, axis=0).max()) < RAD_PER_TICK
 
@@ -255,7 +255,7 @@ _NUMBERS, _SPARKS = 40, 40  # columns; chosen: together the width of a usual ter
 def plan_table(plan: Plan) -> str:
     from so101_motion.planning.plan_summary import tool_length
 
-    if _is_still(plan):
+    if is_still(plan):
         return "the arm is already there: no joint moves"
     trajectory = plan.trajectory
     travel_deg = to_deg(trajectory.q[-1] - trajectory.q[0])

@@ -48,6 +48,8 @@ def test_arms_are_moved_together(so101, told, cell):
     asked = f"cell move {cell(LEFT, FAR)} --yes"
     moved = told(f"{asked} --joints left 3,0,0,0,0 --joints right 0,0,0,3,0")
     assert moved["joints_deg"] == {"left": [3, 0, 0, 0, 0], "right": [0, 0, 0, 3, 0]}
+    there = so101(f"cell move {cell(LEFT, FAR)} --joints left 0,0,0,0,0")  # nothing to agree to
+    assert "left and right: already there\nleft: [0.0" in there.output
     assert "left, right" in so101(f"{asked} --joints middle 3,0,0,0,0").output
     assert so101(asked).exit_code == 2
 
