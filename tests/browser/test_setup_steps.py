@@ -127,7 +127,6 @@ def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(kit, 
 
 def calibrate(hand, kit, middle, begin="Let go of the joints"):
     """From the page of the homing pose to the summary; the pose is a share of each travel."""
-    kit.put(middle)
 
     def is_begun():  # on a busy machine a question expires, and answers come too late: "Start"
         for button in (
@@ -141,6 +140,8 @@ def calibrate(hand, kit, middle, begin="Let go of the joints"):
         return hand.says("The blue ghost shows the pose")
 
     hand.until(is_begun, begin)
+    assert not any(kit.driven)
+    kit.put(middle)
     hand.press("I hold it there")
     hand.expect("The pose is taken")
     hand.press("Next")

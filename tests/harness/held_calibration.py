@@ -21,7 +21,9 @@ def put(world, share, joints=record.JOINTS):
     """Put joints at a share of their travel, from one stop to the other."""
     with world.lock:
         for joint in joints:
-            shaft = world.servo(joint).drive.shaft
+            drive = world.servo(joint).drive
+            assert drive.torque != 1, f"{joint} is held; it would be back in no time"
+            shaft = drive.shaft
             shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
 
 
