@@ -200,7 +200,7 @@ class ReplannedMotion:
             at, dt = min(k + ticks, last), trajectory.dt
             limits = self.executor.stop_limits(Channel.ARM) if is_hard else self.limits()
             stop = online.stop_on_path(trajectory, at * dt, limits, dt)
-            if self._is_free(trajectory.since(k).then(at - k, stop)):
+            if self._is_calm(stop) and self._is_free(trajectory.since(k).then(at - k, stop)):
                 break
         self._give_up_plan()
         return self._join(motion, playing, seen, at, stop, reaches=False)
@@ -241,7 +241,8 @@ class ReplannedMotion:
             return  # it is at rest by then
         now = trajectory.sample(at * dt)
         lead = online.stop(now.q, now.qd, now.qdd, self.limits(), dt)
-        if not self._is_free(lead.since(len(lead) - 1)):  # the rest of it may be cut off
+        rests_free = self._is_free(lead.since(len(lead) - 1))  # the rest of it may be cut off
+        if not (rests_free and self._is_calm(lead)):
             hard = self.executor.stop_limits(Channel.ARM)
             lead = online.stop_on_path(trajectory, at * dt, hard, dt)
         self._planning = _Planning(self.plan(self._brief(search), lead), seen, at, search)
@@ -294,6 +295,14 @@ class ReplannedMotion:
         if self._planning is not None:
             self._planning.plan.cancel()
             self._planning = None
+
+    def _is_calm(self, stop: Trajectory) -> bool:
+        """Whether no joint is faster in it than its cap, or than it was.
+
+        Within the caps an arm that brakes hard could end that only slowly, and would turn back.
+        """
+        most = np.maximum(np.abs(stop.qd[0]), 1.001 * self.limits().velocity)
+        return bool((np.abs(stop.qd) <= most).all())
 
     def _is_free(self, trajectory: Trajectory) -> bool:
         """Whether a motion is proven free in the newest scene."""

@@ -137,6 +137,23 @@ def test_without_an_answer_the_arm_stops_before_the_obstacle(rig, clock, planner
     np.testing.assert_allclose(rig.arm.state.q, -LEFT, atol=1e-3)
 
 
+def test_what_is_planned_from_hard_braking_does_not_turn_back_faster_than_the_cap(
+    rig, clock, planner, tape
+):
+    motion = under_way(rig, clock)
+    clock.advance(0.6)
+    planner.holds = True
+    rig.arm.scene = ball((0.25, -0.02, 0.23))  # so near that it brakes as hard as it can
+    clock.advance(0.06)
+    limits = rig.arm.effective_limits(None)
+    leads = [request.lead for request, _ in planner.asked]
+    assert max(np.abs(lead.qdd[0]).max() for lead in leads) > 5.0 * limits.acceleration[0]
+    assert max(np.abs(lead.qd).max() for lead in leads) <= 1.001 * limits.velocity[0]
+    planner.holds = False
+    finish(clock, motion)
+    assert shares(tape, TICK, limits)[0] <= 1.001
+
+
 def test_a_late_plan_is_not_played_and_the_next_has_more_time(rig, clock, planner):
     planner.holds = True
     motion = under_way(rig, clock)
