@@ -35,7 +35,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.trajectory import Trajectory
+from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 LEAD, LONGEST_LEAD = 3, 24
 """Ticks from asking for a plan until its first setpoint; twice as many after one that was late.
@@ -43,8 +43,9 @@ Chosen: a plan takes 5 to 15 ms, and a new scene is to be answered within 50 ms.
 
 STOPS = ((4 * LEAD, False), (LEAD, False), (LEAD, True), (1, True))
 """In how many ticks a motion that is not free begins to stop, and whether as hard as the arm can
-instead of within its caps: the first that is free. Chosen: while it stops within its caps, a plan
-can still take over."""
+instead of within its caps: the first that is free. When none is, each joint stops by itself, which
+takes a seventh less time. Chosen: while it stops within its caps, a plan can still take over.
+"""
 
 PATIENCE = 15.0
 """How long an arm that has come to rest waits for a scene in which it can reach its goal [s]."""
@@ -52,6 +53,8 @@ PATIENCE = 15.0
 FORESIGHT, _GHOSTS = 0.3, 3
 """How far ahead [s] and at how many instants things are expected where they move to. Chosen: by
 then the arm has answered to a new scene, and come to rest."""
+
+TOUCHING = 0.99  # share of its margin that a stop may use up; chosen: all but contact
 
 STILL = 0.5  # time without motion after which a thing is taken to rest [s]
 BRIEF = 0.3  # longest search for another plan to the goal [s]; chosen: things have moved on by then
@@ -202,8 +205,20 @@ class ReplannedMotion:
             stop = online.stop_on_path(trajectory, at * dt, limits, dt)
             if self._is_calm(stop) and self._is_free(trajectory.since(k).then(at - k, stop)):
                 break
+        else:
+            stop = self._soonest(trajectory.sample(at * dt), stop)
         self._give_up_plan()
         return self._join(motion, playing, seen, at, stop, reaches=False)
+
+    def _soonest(self, now: Setpoint, on_path: Trajectory) -> Trajectory:
+        """The stop of each joint by itself; ``on_path`` if only that avoids what is there now."""
+        assert self._given is not None
+        stop = online.stop(
+            now.q, now.qd, now.qdd, self.executor.stop_limits(Channel.ARM), on_path.dt
+        )
+        there = CollisionModel(self.model, self._given.scene)
+        blocked = there.first_blocked(stop.q, self.executor.state.q_jaw_ref, tolerance=TOUCHING)
+        return stop if blocked is None else on_path
 
     def _after_contact(self, motion: Motion, left: Trajectory) -> Trajectory:
         """What is left of a motion from where it has led the arm out of contact, if it does."""

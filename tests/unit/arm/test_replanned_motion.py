@@ -154,6 +154,22 @@ def test_what_is_planned_from_hard_braking_does_not_turn_back_faster_than_the_ca
     assert shares(tape, TICK, limits)[0] <= 1.001
 
 
+@pytest.mark.parametrize(("away", "off_path"), [(0.06, True), (0.04, False)])
+def test_each_joint_stops_by_itself_if_no_stop_on_the_path_is_free_and_that_one_touches_nothing(
+    rig, clock, planner, tape, away, off_path
+):
+    to = np.array([-0.9, -0.5, -0.5, -0.5, 0.0])
+    under_way(rig, clock, to)
+    clock.advance(0.3)
+    planner.holds = True
+    x, y, z = RobotModel.load().frame(rig.arm.state.q).p
+    rig.arm.scene = ball((x, y - away, z))
+    clock.advance(0.3)
+    shares_of_way = ((np.array(tape) - LEFT) / (to - LEFT + 1e-12))[:, :4]
+    assert (np.ptp(shares_of_way, axis=1).max() > 0.01) == off_path
+    assert max(shares(tape, TICK, HARD_STOP)) <= 1.001
+
+
 def test_a_late_plan_is_not_played_and_the_next_has_more_time(rig, clock, planner):
     planner.holds = True
     motion = under_way(rig, clock)
