@@ -24,7 +24,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.timing import verify
 from so101_motion.planning.timing.limits import MotionLimits, ToolSpeed
 from so101_motion.planning.timing.path_geometry import JointPath, PathPoints
-from so101_motion.planning.timing.retime import LimitRows, retime
+from so101_motion.planning.timing.retime import retime
 from so101_motion.planning.timing.trajectory import Trajectory
 
 PLACES = 300  # places along a path where speeds are lowered
@@ -62,11 +62,11 @@ def time_exactly(
     slower = np.ones(PLACES + 1)
     for tries in range(ROUNDS):
         s, trajectory = course.timed(slower, dt)
-        over = course.excess(trajectory)
-        most = max(verify.limit_report(trajectory, limits).stretch, float(over.max()))
+        of_cap = float(course.of_cap(trajectory.q, trajectory.qd).max())
+        most = max(verify.limit_report(trajectory, limits).stretch, of_cap)
         if most <= 1.0:
             break
-        slower = slower * PHASE * (most if tries else course.worst_near(s, over, dt))
+        slower = slower * PHASE * (most if tries else course.worst_near(s, trajectory))
     return trajectory
 
 
@@ -79,7 +79,7 @@ class _Course:
         straight = np.array([[[0.0], [1.0], [0.0], [0.0]]])
         self._line = JointPath(knots=self._places[[0, -1]], coefficients=straight)
         self._rows = self._limit_rows()
-        least = float(np.abs(self._rows.a).max(axis=1).min())
+        least = float(np.abs(self._rows[0]).max(axis=1).min())
         self._hardest = 1.0 / max(least, _SHORTEST_TIME**2 / path.length)
         self._width = float(np.max(2.0 * limits.acceleration / limits.jerk))
 
@@ -93,10 +93,10 @@ class _Course:
             jerk=2.0 * self._hardest / least**3 / self._width,
         )
 
-        def rows(at: PathPoints) -> LimitRows:
-            k = np.round(at.q[:, 0] / self._places[1]).astype(int)  # it asks at the places
-            square = slower[k, None] ** 2
-            return LimitRows(*(each[k] * square for each in self._rows))
+        lowered = self._rows * slower[:, None] ** 2
+
+        def rows(at: PathPoints) -> Array:
+            return lowered[:, np.round(at.q[:, 0] / self._places[1]).astype(int)]  # at the places
 
         along = retime(self._line, limits, dt, further=rows, deviation=self._path.length)
         s, v, a = along.q[:, 0], along.qd, along.qdd
@@ -105,7 +105,7 @@ class _Course:
             dt=dt, q=q, qd=q_s * v, qdd=q_s * a + q_ss * v**2, duration=along.duration
         )
 
-    def _limit_rows(self) -> LimitRows:
+    def _limit_rows(self) -> Array:
         """The limits of the joints and of the tool on the motion along the path, at its places."""
         path, limits, (of_acceleration, of_jerk) = self._path, self._limits, FOR_BENDS
         q, q_s, q_ss = path.evaluate(self._places)
@@ -117,14 +117,14 @@ class _Course:
             np.max(np.abs(q_s) / limits.velocity, axis=1) / MARGIN,
             np.sqrt(np.max(np.abs(q_ss) / limits.acceleration, axis=1) / of_acceleration),
             np.cbrt(np.max(q_sss / limits.jerk, axis=1) / of_jerk),
-            self._of_cap(q, q_s) / MARGIN,
+            self.of_cap(q, q_s) / MARGIN,
         ]
         square = np.max(slowness, axis=0)[:, None] ** 2
         a = np.hstack([q_s / (MARGIN * limits.acceleration), np.zeros_like(square)])
         b = np.hstack([q_ss / limits.acceleration, square])
-        return LimitRows(a, b, np.zeros_like(a))
+        return np.stack((a, b, np.zeros_like(a)))
 
-    def excess(self, motion: Trajectory) -> Array:
+    def _excess(self, motion: Trajectory) -> Array:
         """The factor by which each sample of a motion is too fast, shape (m,)."""
         limits = self._limits
         jerk = np.abs(np.diff(motion.qdd, axis=0)) / (motion.dt * limits.jerk)
@@ -133,23 +133,23 @@ class _Course:
             np.sqrt(np.max(np.abs(motion.qdd) / limits.acceleration, axis=1)),
         )
         over[1:] = np.maximum(over[1:], np.cbrt(np.max(jerk, axis=1)))
-        return np.asarray(np.maximum(over, self._of_cap(motion.q, motion.qd)))
+        return np.asarray(np.maximum(over, self.of_cap(motion.q, motion.qd)))
 
-    def worst_near(self, s: Array, over: Array, dt: float) -> Array:
-        """For each place the largest excess near it, at least 1.
+    def worst_near(self, s: Array, motion: Trajectory) -> Array:
+        """For each place the largest excess of the samples near it, which are at ``s``; at least 1.
 
         Near is what is passed within the time over which the place is averaged.
         """
         step = float(self._places[1])
         worst = np.ones(len(self._places))
-        np.maximum.at(worst, np.round(s / step).astype(int), over)
-        fastest = float(np.diff(s).max(initial=0.0)) / dt
+        np.maximum.at(worst, np.round(s / step).astype(int), self._excess(motion))
+        fastest = float(np.diff(s).max(initial=0.0)) / motion.dt
         around = math.ceil(fastest * self._width / step)
         padded = np.pad(worst, around, constant_values=1.0)
         windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * around + 1)
         return np.asarray(windows.max(axis=1))
 
-    def _of_cap(self, q: Array, qd: Array) -> Array:
+    def of_cap(self, q: Array, qd: Array) -> Array:
         """The share of the tool's speed cap that is used, shape (m,); 0 where there is none."""
         if self._tool is None or self._limits.tool_speed is None:
             return np.zeros(len(q))

@@ -18,7 +18,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -31,17 +31,10 @@ from so101_motion.planning.timing.limits import MotionLimits, ToolSpeed
 from so101_motion.planning.timing.path_geometry import JointPath, PathPoints
 from so101_motion.planning.timing.trajectory import Trajectory
 
-
-class LimitRows(NamedTuple):
-    """Limits on the motion along a path, ``|a u + b x + c| <= 1``; each shape (N, m)."""
-
-    a: Array  # factors of the acceleration along the path, u [s^2/rad]
-    b: Array  # factors of the squared speed along it, x [s^2/rad^2]
-    c: Array  # the part of the limit used at rest; less than 1 in magnitude
-
-
-FurtherLimits = Callable[[PathPoints], LimitRows]
-"""Limits at given points of a path, besides those of velocity and acceleration."""
+FurtherLimits = Callable[[PathPoints], Array]
+"""Limits at N points of a path besides those of velocity and acceleration, ``|a u + b x + c| <= 1``
+with the acceleration u [rad/s^2] and the squared speed x [rad^2/s^2] along it: a, b and c, shape
+(3, N, m); c, what is used at rest, is less than 1 in magnitude."""
 
 DEVIATION = 0.02  # how far smoothing may move a joint off the path by default [rad]. Chosen
 
@@ -187,7 +180,7 @@ class NativeTiming:
         """The tool's speeds at points of the path, or with ``rows`` the further limits there."""
         if rows:
             assert self._further is not None
-            found = np.stack(self._further(PathPoints(*points)))
+            found = self._further(PathPoints(*points))
             rows[0] = found.shape[2]
         else:
             assert self._tool is not None

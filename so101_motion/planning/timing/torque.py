@@ -34,7 +34,6 @@ from so101_motion.common.units import to_deg
 from so101_motion.native.library import quick
 from so101_motion.planning.collision.scene import Attached
 from so101_motion.planning.timing.path_geometry import PathPoints
-from so101_motion.planning.timing.retime import LimitRows
 from so101_motion.planning.timing.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -334,7 +333,7 @@ class Load:
             )
         return next(each for each in _SLOWER if needed(each) <= enough)
 
-    def rows(self, points: PathPoints) -> LimitRows:
+    def rows(self, points: PathPoints) -> Array:
         """The torque limits along a path, for :func:`retime.retime`.
 
         With ``q = q(s)`` joints have the velocity ``q_s s'`` and the acceleration
@@ -347,7 +346,7 @@ class Load:
         a = self._model.torques(q, still, q_s) - gravity
         b = self._model.torques(q, q_s, q_ss) - gravity
         limit = np.abs(gravity) + GRID_SHARE * (self._moving - np.abs(gravity))
-        return LimitRows(a / limit, b / limit, gravity / limit)
+        return np.stack((a, b, gravity)) / limit
 
     def _check_holding(self, q: Array, limits: Array, where: str) -> float:
         torques = self._model.holding_torques(q)

@@ -21,7 +21,7 @@ from so101_motion.planning.timing.exact_retiming import time_exactly
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import JointPath, blended_path, spline_path
-from so101_motion.planning.timing.retime import LimitRows, retime
+from so101_motion.planning.timing.retime import retime
 from so101_motion.planning.timing.torque import (
     NEARLY,
     Drive,
@@ -186,9 +186,8 @@ def test_with_much_jerk_a_straight_path_takes_as_long_as_speeding_up_and_braking
 def test_further_limits_slow_the_motion_down_where_they_bind() -> None:
     path = blended_path(CORNERS, 0.05)
 
-    def half_of_the_first_joint(points) -> LimitRows:
-        first = points.q_s[:, :1] / 5.0, points.q_ss[:, :1] / 5.0
-        return LimitRows(*first, np.zeros((len(points.q), 1)))
+    def half_of_the_first_joint(points):
+        return np.stack((points.q_s, points.q_ss, np.zeros_like(points.q)))[:, :, :1] / 5.0
 
     slower = retime(path, THREE, 1e-3, further=half_of_the_first_joint)
     # Of 10 that the joint may have; the averaging that bounds jerk takes a little more.
@@ -198,13 +197,13 @@ def test_further_limits_slow_the_motion_down_where_they_bind() -> None:
 
 @pytest.mark.parametrize("broken", [False, True])
 def test_rows_that_contradict_each_other_or_raise_leave_no_motion(broken: bool) -> None:
-    def contradictory(points) -> LimitRows:
+    def contradictory(points):
         if broken:
             raise KeyError("mine")
         a = np.tile(points.q_s[:, :1] / 10.0, 2)
         c = np.zeros_like(a)
         c[30] = 1.5, -1.5
-        return LimitRows(a, 0.0 * a, c)
+        return np.stack((a, 0.0 * a, c))
 
     error, says = (KeyError, "mine") if broken else (PlanningError, "no speed along this path")
     with pytest.raises(error, match=says):
