@@ -10,6 +10,7 @@ from so101_motion.common.errors import Interrupted, in_series
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_mm
 from so101_motion.tasks.program import ARM, Loop, Program, ProgramRun, Waypoint
+from so101_motion.tasks.program.program import MOST_NAMED
 
 from ..page import markup, texts
 from ..page.screen_state import Sentence, Tone
@@ -148,6 +149,8 @@ def _short(program: Program, index: int) -> str:
 
 def title(program: Program, index: int) -> str:
     step = program.steps[index]
+    if len(step) > MOST_NAMED:
+        return f"{len(step)} arms"
     return step[ARM].name if step.keys() == {ARM} else ", ".join(step)
 
 
@@ -163,8 +166,10 @@ def line(program: Program, index: int, clearance: float | None = None) -> str:
         near = [] if clearance is None else [f"{to_mm(clearance):.0f} mm clear"]
         return ", ".join([*_done_at(step[ARM]), *near, *ending])
     near = [] if clearance is None else [f"{to_mm(clearance):.0f} mm between arms"]
-    parts = ((name, ", ".join(_done_at(waypoint))) for name, waypoint in step.items())
-    return "; ".join([*(f"{name}: {said}" for name, said in parts if said), *near, *ending])
+    parts = {name: ", ".join(_done_at(waypoint)) for name, waypoint in step.items()}
+    said, *others = dict.fromkeys(parts.values())
+    each = [f"{name}: {words}" for name, words in parts.items() if words] if others else [said]
+    return "; ".join(filter(None, [*each, *near, *ending]))
 
 
 def _repeats(loop: Loop) -> str:

@@ -18,6 +18,7 @@ from so101_motion.tasks.program.loops import Loop, Visit, checked_count, checked
 ARM = "arm"  # the name of the arm in a program of one; nobody has to type it
 MOST = 2000  # how many steps a program may have. Chosen; beyond that it is a path, see ``guided``.
 LONGEST_PAUSE = 3600.0  # longest pause at a waypoint [s]. Chosen.
+MOST_NAMED = 3  # of more arms in a step only the number is said. Chosen: a line of a phone.
 SLOWEST = 0.05  # smallest share of the arm's caps that a step may have. Chosen.
 
 
@@ -139,10 +140,15 @@ class Program:
         return called if called == does else f"{called} ({does})"
 
     def goals(self, index: int) -> str:
-        """What a step does: the name of the waypoint, or which arm goes where, if that has one."""
+        """What a step does: the name of the waypoint, or which arm goes where, if that has one.
+
+        Of more arms than ``MOST_NAMED`` only how many they are.
+        """
         step, number = self.steps[index], self.before + index + 1
         if step.keys() == {ARM}:
             return step[ARM].name
+        if len(step) > MOST_NAMED:
+            return f"{len(step)} arms"
         return ", ".join(
             name if each.name == nameless(number, name) else f"{name} to {each.name}"
             for name, each in step.items()

@@ -23,7 +23,7 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.tasks.program import ARM, Loop, Solo, files
+from so101_motion.tasks.program import ARM, Loop, Program, Solo, Waypoint, files
 
 pytestmark = pytest.mark.usefixtures("planning_process")
 
@@ -209,6 +209,14 @@ def test_a_wait_stays_where_the_step_before_it_stands_and_a_saved_program_is_ins
     assert tab.model.run.speed == 0.5
     tab.model.run.stop()
     tab.until(lambda: tab.model.run is None)
+
+
+def test_a_step_of_many_arms_that_all_do_the_same_is_said_once():
+    slow = Program.of_waypoints([Waypoint(name="up", q=np.zeros(5), speed=0.5)])
+    for arms, title in (("ab", "a, b"), ("abcdefghij", "10 arms")):
+        program = slow.for_all(arms)
+        assert (words.title(program, 0), words.line(program, 0)) == (title, "50 % speed")
+    assert program.called(0) == "step 1 (10 arms)"
 
 
 def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab):
