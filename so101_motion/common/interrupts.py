@@ -9,6 +9,9 @@ signals raise nothing, and neither do they in a block of ``held`` or after ``tak
 come to rest and ports are closed however often Ctrl-C is pressed. A program that has not ended
 10 s after the first signal is ended by the next one, where it is.
 
+A thread raises again, because Python itself hears a signal late that comes just before the main
+thread begins to wait, or in another thread: when that wait is over, whatever it waits for.
+
 In a program that does not call ``listen`` all of this does nothing.
 """
 
@@ -26,7 +29,8 @@ from types import FrameType
 _REPEAT = 0.2  # [s] between two attempts to raise
 _PATIENCE = 10.0  # [s] for the end of the program after the first signal
 
-_HARMLESS = ("MainThread", "so101-planning")  # threads that drive no arm and serve no page
+_THREAD = "so101-signals"
+_HARMLESS = ("MainThread", "so101-planning", _THREAD)  # threads that drive no arm and serve no page
 
 _IMPORT = "<frozen importlib._bootstrap>"
 
@@ -57,7 +61,6 @@ class _Interrupts:
         if not self.first:
             self.first = _NAMES[signal.Signals(number).name]
             self.since = time.monotonic()
-            _repeat_every(_REPEAT)
         elif time.monotonic() - self.since > _PATIENCE:
             self.on_hung(self.first)
             os._exit(130)
@@ -89,7 +92,23 @@ def listen(on_hung: Callable[[str], None], on_import: Callable[[str], None]) -> 
             signal.signal(number, _this.on_signal)
     if sys.platform != "win32":
         signal.signal(signal.SIGALRM, lambda *_: _this.raise_once())
+        heard, tell = os.pipe()
+        os.set_blocking(tell, False)
+        signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
+        threading.Thread(target=_keep_raising, args=(heard,), name=_THREAD, daemon=True).start()
     sys.unraisablehook = _unraisable
+
+
+def _keep_raising(heard: int) -> None:
+    """Call ``raise_once`` in the main thread again and again after the first signal.
+
+    Not on Windows, where only the next Ctrl-C does.
+    """
+    while os.read(heard, 1)[0] not in _numbers():
+        pass  # another signal that the program handles
+    while not _this.is_taken:
+        time.sleep(_REPEAT)
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGALRM)
 
 
 def _unraisable(lost: sys.UnraisableHookArgs) -> None:
@@ -116,7 +135,6 @@ def prolong() -> None:
 def taken() -> None:
     """Say that the signal was heard and is being obeyed: no more are raised."""
     _this.is_taken = True
-    _repeat_every(0.0)
 
 
 def end() -> None:
@@ -128,12 +146,6 @@ def end() -> None:
 
 def _numbers() -> list[signal.Signals]:
     return [number for number in signal.Signals if number.name in _NAMES]
-
-
-def _repeat_every(seconds: float) -> None:
-    """Call ``raise_once`` so often; on Windows, only the next Ctrl-C does."""
-    if sys.platform != "win32":
-        signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
 
 
 @contextmanager

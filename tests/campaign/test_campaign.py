@@ -103,7 +103,11 @@ def test_a_verb_that_nohup_has_started_outlives_its_terminal():
 
 
 def test_a_signal_in_a_long_import_ends_a_verb_that_has_nothing_open(tmp_path):
-    (tmp_path / "slow.py").write_text("import time\nprint(flush=True)\ntime.sleep(600.0)\n")
+    (tmp_path / "slow.py").write_text(
+        "import signal, time\n"
+        "signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])\n"  # it interrupts no wait
+        "print(flush=True)\ntime.sleep(600.0)\n"
+    )
     code = (
         "from so101_motion import cli\ncli.interrupts.listen(cli._end_by_force, cli._end_in_import)"
     )
