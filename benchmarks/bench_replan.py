@@ -151,12 +151,13 @@ def watch() -> None:
     def checked(self: Any, *args: Any) -> Any:
         before = self._joining
         found = check(self, *args)
-        if self._joining is before:
-            VERDICTS[-1](True)
+        for tell in VERDICTS if self._joining is before else ():
+            tell(True)
         return found
 
     def joined(self: Any, *args: Any, reaches: bool) -> Any:
-        VERDICTS[-1](reaches)
+        for tell in VERDICTS:
+            tell(reaches)
         return join(self, *args, reaches=reaches)
 
     motion._check, motion._join = checked, joined
