@@ -150,7 +150,7 @@ def _short(program: Program, index: int) -> str:
 def title(program: Program, index: int) -> str:
     step = program.steps[index]
     if len(step) > MOST_NAMED:
-        return f"{len(step)} arms"
+        return program.goals(index)
     return step[ARM].name if step.keys() == {ARM} else ", ".join(step)
 
 
