@@ -26,6 +26,8 @@ import gc
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -223,6 +225,27 @@ def motion_rows(planner: Planner, name: str, requests: list[PlanRequest]) -> lis
     return rows
 
 
+def set_rows(planner: Planner, model: RobotModel, name: str) -> list[_common.Row]:
+    """All rows of a set of problems."""
+    scene, asked = SCENES[name], problems(model, name)
+    requests = [
+        PlanRequest(q_start=start, goal=JointGoal(q=goal), limits=LIMITS, scene=scene, seed=seed)
+        for seed, (start, goal) in enumerate(asked)
+    ]
+    rows = check_rows(model, name) if name in ("empty", "table", "shelf") else []
+    if name != "opposite":  # the scene is that of the table
+        rows += batch_rows(model, name, scene)
+    rows += search_rows(planner, model, name, asked)
+    rows += motion_rows(planner, f"{name}: motion to joint angles", requests)
+    if name == "empty":
+        points = [
+            replace(request, goal=PoseGoal(T_base_tool=model.frame(goal)))
+            for request, (_, goal) in zip(requests, asked, strict=True)
+        ]
+        rows += motion_rows(planner, f"{name}: motion to a point", points)
+    return rows
+
+
 def _length(points: Array) -> float:
     """Of a polyline, in joint angles [rad]."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
@@ -251,31 +274,8 @@ def main() -> None:
         _common.print_table("bench_plan", search_rows(planner, model, name, problems(model, name)))
     if options.only_search:
         return
-    for name, scene in SCENES.items():
-        asked = problems(model, name)
-        requests = [
-            PlanRequest(
-                q_start=start, goal=JointGoal(q=goal), limits=LIMITS, scene=scene, seed=seed
-            )
-            for seed, (start, goal) in enumerate(asked)
-        ]
-        if name in ("empty", "table", "shelf"):
-            rows += check_rows(model, name)
-        if name != "opposite":  # the scene is that of the table
-            rows += batch_rows(model, name, scene)
-        rows += search_rows(planner, model, name, asked)
-        rows += motion_rows(planner, f"{name}: motion to joint angles", requests)
-        if name == "empty":
-            points = [
-                PlanRequest(
-                    q_start=start,
-                    goal=PoseGoal(T_base_tool=model.frame(goal)),
-                    limits=LIMITS,
-                    seed=seed,
-                )
-                for seed, (start, goal) in enumerate(asked)
-            ]
-            rows += motion_rows(planner, f"{name}: motion to a point", points)
+    sets = {name: partial(set_rows, planner, model, name) for name in SCENES}
+    rows += sum(_common.in_pieces("bench_plan", sets), list[_common.Row]())
     for what, crowded in CROWDED.items():
         rows += batch_rows(model, what, crowded())
     _common.write("bench_plan", rows, peers=("ompl", "roboplan", "sscbirrt"))
