@@ -38,8 +38,8 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 LEAD, LONGEST_LEAD = 3, 24
-"""Ticks from asking for a plan until its first setpoint; twice as many after one that was late.
-Chosen: a plan takes 5 to 15 ms, and a new scene is to be answered within 50 ms."""
+"""Ticks from the last before asking for a plan to its first setpoint; twice as many after one that
+was late. Chosen: a plan takes 5 to 20 ms, and a new scene is to be answered within 50 ms."""
 
 STOPS = ((4 * LEAD, False), (LEAD, False), (LEAD, True), (1, True))
 """In how many ticks a motion that is not free begins to stop, and whether as hard as the arm can
@@ -100,6 +100,7 @@ class ReplannedMotion:
     _given: Search | None = None  # what ``search`` returned last
     _since: float = -math.inf  # when it was first returned [s]
     _foreseen: Search | None = None  # the same, and where things will be
+    _looked: float = 0.0  # the tick whose sample was seen as the last [s]
     _collision: CollisionModel | None = None  # for the scene in which was checked
     _planning: _Planning | None = None
     _joining: tuple[Future[bool], bool] | None = None  # and whether the goal was reached without
@@ -160,7 +161,7 @@ class ReplannedMotion:
     def _look(self, motion: Motion, playing: PlannedMotion) -> float:
         """Check, plan or splice while the arm moves; returns when to look again [s]."""
         if self._joining is None or self._note_outcome():
-            search, seen = self._search(), playing.played
+            search, self._looked, seen = self._search(), self.executor.state.t, playing.played
             if self._checked is not search:
                 seen = self._check(motion, playing, search)
             if not self._reaches:
@@ -251,7 +252,9 @@ class ReplannedMotion:
 
     def _ask(self, motion: Motion, seen: tuple[Trajectory, int], search: Search) -> None:
         trajectory, k = seen
-        at, dt = k + self._lead, trajectory.dt
+        dt = trajectory.dt
+        passed = self.clock.now() - self._looked  # the check took time, too
+        at = k + int(passed / dt) + self._lead
         if at >= len(trajectory) - 1:
             return  # it is at rest by then
         now = trajectory.sample(at * dt)

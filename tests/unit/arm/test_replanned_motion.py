@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from harness.setpoints import shares
 
+from so101_motion.arm.replanned_motion import LEAD, ReplannedMotion
 from so101_motion.common.errors import (
     ConfigError,
     InCollision,
@@ -181,6 +182,19 @@ def test_a_late_plan_is_not_played_and_the_next_has_more_time(rig, clock, planne
     clock.advance(0.1)
     assert motion.plan is answer.result()
     finish(clock, motion)
+
+
+def test_a_plan_begins_later_by_the_time_that_the_check_took(rig, clock, planner, monkeypatch):
+    motion, check = under_way(rig, clock), ReplannedMotion._check
+
+    def slow(self, *args):
+        self._looked -= 1.5 * TICK
+        return check(self, *args)
+
+    monkeypatch.setattr(ReplannedMotion, "_check", slow)
+    (old, k), rig.arm.scene, planner.holds = motion.playing.played, ball(AHEAD), True
+    clock.advance(2 * TICK)
+    np.testing.assert_allclose(planner.asked[0][0].lead.q[0], old.q[k + LEAD + 1], atol=1e-4)
 
 
 def test_a_stop_is_at_once_whatever_the_planner_does(rig, clock, planner, tape):
