@@ -34,7 +34,7 @@ import numpy as np
 
 from benchmarks import _common
 from benchmarks.drawn import DrawnArm
-from benchmarks.plan_peers import Attempt, ompl_search, roboplan_search, sscbirrt_search
+from benchmarks.plan_peers import TIME, Attempt, ompl_search, roboplan_search, sscbirrt_search
 from benchmarks.plan_problems import CROWDED, SCENES, Problem, problems
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
@@ -55,7 +55,6 @@ BATCH, EDGE = 16_384, 0.3
 """How many configurations are checked at once, and how far an edge turns each joint at most
 [rad]."""
 
-BUDGET = 10.0
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
 CPU = "CPU of the thread"
 WALL = "wall"
@@ -176,7 +175,7 @@ def _our_search(model: RobotModel, collision: CollisionModel) -> Callable[[int, 
 
         def attempt() -> Iterator[Array | None]:
             try:
-                yield finder.find(problem.start, [problem.goal], BUDGET).waypoints
+                yield finder.find(problem.start, [problem.goal], TIME).waypoints
             except PlanningError:
                 yield None
 
