@@ -45,7 +45,7 @@ from so101_motion.common.realtime import reduce_jitter
 from so101_motion.drivers.port.serial_port import PortOpener, SerialPort
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 
 NAMES = ("left", "right")
 BASES = (SE3.identity(), SE3.from_rpy((0.0, 0.0, np.pi), (0.9, 0.0, 0.0)))

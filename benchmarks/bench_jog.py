@@ -43,8 +43,8 @@ from so101_motion.common.state import JointState
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.rig import Rig
-from so101_motion.rig.servo_driver import ServoSettings
 
 _raw_window: Any = _common.from_tests("harness.raw_window")
 

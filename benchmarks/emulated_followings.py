@@ -30,7 +30,7 @@ from so101_motion.drivers.servo_types import STS3215_12V, ServoType
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 PHASE = 0.004

@@ -12,7 +12,7 @@ from so101_motion.calib.record import lerobot
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.common.errors import CalibrationError, MotorSetupError, So101Error
 from so101_motion.rig.hardware_rig import HardwareRig
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.setup.calibrator import Calibrator
 
 Opener = Callable[[ServoSettings], HardwareRig]

@@ -26,7 +26,7 @@ from so101_motion.common.errors import So101Error
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.hardware_rig import open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.session_end import wait_in_real_time
 
 _log = logging.getLogger(__name__)

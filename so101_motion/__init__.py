@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     from so101_motion.planning.timing.limits import MotionLimits as MotionLimits
     from so101_motion.planning.timing.torque import Payload as Payload
     from so101_motion.rig.hardware_rig import open_hardware as open_hardware
+    from so101_motion.rig.port_settings import ServoSettings as ServoSettings
     from so101_motion.rig.rig import Rig as Rig
-    from so101_motion.rig.servo_driver import ServoSettings as ServoSettings
     from so101_motion.rig.simulated_rig import open_simulated as open_simulated
     from so101_motion.tasks.teleop.sides import middles_of as middles_of
 

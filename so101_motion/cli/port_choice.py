@@ -85,7 +85,7 @@ def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) 
 def lent_bus(report: PortReport, purpose: str) -> Iterator[tuple[HardwareRig, BusLease]]:
     """Borrow the bus of a port; no joint moves, and an arm that holds goes on holding."""
     from so101_motion.rig.hardware_rig import open_hardware
-    from so101_motion.rig.servo_driver import ServoSettings
+    from so101_motion.rig.port_settings import ServoSettings
 
     asked = ServoSettings(port=report.port.name, baudrate=report.baudrate, timeout=None)
     with closing(open_hardware(asked)) as rig:

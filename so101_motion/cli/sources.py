@@ -102,7 +102,7 @@ class Source(_SourceWithCaps):
         from so101_motion.common.errors import OtherCalibration
         from so101_motion.drivers.bus.defaults import SERVO_IDS
         from so101_motion.rig.hardware_rig import open_hardware
-        from so101_motion.rig.servo_driver import ServoSettings
+        from so101_motion.rig.port_settings import ServoSettings
         from so101_motion.rig.simulated_rig import open_simulated
 
         if self.port is None:
@@ -129,7 +129,7 @@ class Source(_SourceWithCaps):
             PortUnavailable: A servo of the arm does not answer.
         """
         from so101_motion.rig.hardware_rig import open_hardware
-        from so101_motion.rig.servo_driver import ServoSettings
+        from so101_motion.rig.port_settings import ServoSettings
 
         if self.port is None:
             return self.open()

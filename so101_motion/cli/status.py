@@ -80,7 +80,7 @@ def _open_to_read(source: AnySource) -> RigLike:
     from so101_motion.calib.record.record import NEW_IDS, misplaced
     from so101_motion.cli.port_choice import look_at
     from so101_motion.rig.hardware_rig import open_hardware
-    from so101_motion.rig.servo_driver import ServoSettings
+    from so101_motion.rig.port_settings import ServoSettings
 
     report = look_at(source.port)
     if wrong := misplaced(report.servo_ids, {}):

@@ -43,9 +43,9 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import place_in_hand
-from so101_motion.rig.port_settings import about_unused_file, combined
+from so101_motion.rig.port_settings import ServoSettings, about_unused_file, combined
 from so101_motion.rig.rig import HARD_STOP, TICK, Rig
-from so101_motion.rig.servo_driver import ServoDriver, ServoSettings
+from so101_motion.rig.servo_driver import ServoDriver
 from so101_motion.rig.session_end import leave
 
 _log = logging.getLogger(__name__)

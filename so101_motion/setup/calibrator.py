@@ -33,7 +33,7 @@ from so101_motion.drivers.bus.ticks import RAD_PER_TICK, Ticks
 from so101_motion.rig.bus_lease import BusLease
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.joint_setup import JointSetup
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.setup.motor_operation import ChainOperation, MotorOperation
 
 PUT_BACK = "the motors have their previous settings again"

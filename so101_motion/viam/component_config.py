@@ -33,9 +33,8 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.drivers.bus.defaults import BAUDRATE, GRIPPER_ID, SERVO_IDS, TIMEOUT
-from so101_motion.files.tool_file import find_tool
 from so101_motion.planning.collision.scene import Tool
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.session_end import ENDS
 
 CALIBRATION_FILE = "so101_calibration.json"
@@ -184,6 +183,12 @@ def _ports(given: Attributes, key: str) -> tuple[str, ...]:
     return tuple(value)
 
 
+def _tool(given: Attributes, key: str) -> Tool | None:
+    from so101_motion.files.tool_file import find_tool  # with all that reads shapes
+
+    return find_tool(given.raw(key)) if given.given(key) else None
+
+
 def _gripper_arm(given: Attributes, key: str) -> str | None:
     arm: str | None = given.value("arm")
     if arm is None and not given.given("port"):
@@ -287,12 +292,7 @@ class ArmConfig(Config):
         Attributes.value, replace(ACCELERATION_CAP, name=f"max_{ACCELERATION_CAP.name}")
     )
     motion: str | None = attribute("motion", kind="text")
-    tool: Tool | None = attribute(
-        "tool",
-        kind="own",
-        ours=True,
-        by=lambda given, key: find_tool(given.raw(key)) if given.given(key) else None,
-    )
+    tool: Tool | None = attribute("tool", kind="own", ours=True, by=_tool)
     floor_z: float = attribute(
         "floor_z_mm", unit="mm", range=(-2000.0, 500.0), default=-2.4, ours=True
     )

@@ -13,7 +13,7 @@ from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.rig.hardware_rig import open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 
 pytestmark = pytest.mark.emulator_only
 

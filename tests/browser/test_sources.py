@@ -20,7 +20,7 @@ from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 
 pytestmark = pytest.mark.emulator_only
 

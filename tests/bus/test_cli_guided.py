@@ -18,7 +18,7 @@ from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.rig.hardware_rig import open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.rig.hardware_rig import open_hardware, open_without_waiting
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.tasks.guided import GuidedPath
 from so101_motion.tasks.guided import files as guided_files
 from so101_motion.tasks.program import Program, Waypoint

@@ -32,7 +32,7 @@ from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.torque import Payload
 from so101_motion.rig.hardware_rig import open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.viam.models.calibration import So101Calibration
 from so101_motion.viam.models.hardware_arm import HardwareArm
 from so101_motion.viam.models.hardware_gripper import HardwareGripper

@@ -127,7 +127,7 @@ async def test_an_arm_is_let_go_of_if_asked_for_at_the_end_of_the_process_but_no
 GUIDE_AND_END = """
 import sys
 from so101_motion.rig.hardware_rig import open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 
 rig = open_hardware(ServoSettings(port=sys.argv[1]).with_arm((1, 2, 3, 4, 5)))
 rig.arm.set_manual(True)

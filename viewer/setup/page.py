@@ -22,7 +22,7 @@ from so101_motion.common.modes import HELD
 from so101_motion.common.operation import Operation, View
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.rig.hardware_rig import open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.setup import connect
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.connect import ConnectOperation

@@ -18,7 +18,7 @@ from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.common.units import to_rad
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
-from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.shared_port import HARDWARE_JAW_LIMITS
 from so101_motion.viam.component_config import HardwareGripperConfig
 from so101_motion.viam.conversion import convert
