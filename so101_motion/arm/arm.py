@@ -774,7 +774,7 @@ class Arm(CappedJoints):
         with (
             nullcontext(planned)
             if member is None
-            else member.entered(planned, partial(motion.pause, member.clock))
+            else member.entered(planned, partial(motion.pause_until, member.clock))
         ) as trajectory:
             motion.plan = plan
             with motion.begin():

@@ -157,12 +157,11 @@ class CellMember:
 
     @contextmanager
     def entered(
-        self, trajectory: Trajectory, pause: Callable[[float], None]
+        self, trajectory: Trajectory, pause_until: Callable[[float], None]
     ) -> Iterator[Trajectory]:
         """Publish that a planned motion begins now, and yield it; it is over when the block ends.
 
-        ``pause`` waits [s] for the moment at which a common motion begins. What is yielded may wait
-        first.
+        ``pause_until`` waits for the time [s] of a common motion. What is yielded may wait first.
 
         Raises:
             InCollision: It crosses another arm's motion, even if it begins later.
@@ -171,8 +170,8 @@ class CellMember:
         """
         planned = self._planned if self._expected is trajectory else None  # of a common motion
         try:
-            if planned is not None and planned.t > self._now():
-                pause(planned.t - self._now())
+            if planned is not None:
+                pause_until(planned.t)
             with self._space.entry:
                 with self._space.lock:
                     self._beside.clear()  # a plan begins where the arm rests, and only leads away

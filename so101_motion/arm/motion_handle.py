@@ -107,10 +107,9 @@ class Motion(Public):
         self.refuse_interrupted()
         return awaited.result()
 
-    def pause(self, clock: Clock, seconds: float) -> None:
-        """Wait [s], unless this motion is interrupted, which raises; one thread at a time."""
+    def pause_until(self, clock: Clock, until: float) -> None:
+        """Wait until a time [s]; an interruption ends it and raises. One thread at a time."""
         with clock.attend():
-            until = clock.now() + seconds
             while clock.now() < until and not self._interruption.done():
                 clock.wait(until, self._wake)
         self.refuse_interrupted()

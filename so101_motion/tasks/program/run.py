@@ -191,7 +191,7 @@ class ProgramRun:
         pause = max(waypoint.pause, 0.0 if leg.plans else _LEAST)
         if pause > 0.0:
             self._where = replace(self._where, index=index, doing="pausing")
-            motion.pause(member.clock, pause)
+            motion.pause_until(member.clock, member.clock.now() + pause)
 
     def _problem(self, name: str) -> BaseException | None:
         """What ended the motion of an arm early; in the words of its picking, if that did."""

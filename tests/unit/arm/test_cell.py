@@ -220,6 +220,18 @@ def test_a_common_motion_that_was_looked_at_is_carried_out_as_it_is(pair_of):
         np.testing.assert_allclose(pair.cell.members[name].arm.state.q_ref, plans[name].q_goal)
 
 
+def test_a_common_motion_begins_at_its_time_however_late_an_arm_asks_for_it(pair_of):
+    (pair, plans), asked = planned_pair(pair_of), []
+    left, motion = pair.cell.members["left"], plans["left"].trajectory
+    left.expect(motion, begin := pair.clock.now() + 0.05)
+    with left.entered(motion, asked.append):
+        assert asked == [begin]
+
+
+def put_new(arm):
+    arm.scene = arm.scene.with_obstacles([obstacle("new", (0.05,) * 3, arm.T_base_tool.p)])
+
+
 PLANK = Attached(name="plank", shape=Box(size=[0.02, 0.02, 0.5]), T_tool_object=SE3.identity())
 
 
@@ -227,14 +239,7 @@ PLANK = Attached(name="plank", shape=Box(size=[0.02, 0.02, 0.5]), T_tool_object=
     ("change", "why"),
     [
         (lambda arm: setattr(arm, "scene", Scene(attached=(PLANK,), floor_z=None)), "plank"),
-        (
-            lambda arm: setattr(
-                arm,
-                "scene",
-                arm.scene.with_obstacles([obstacle("new", (0.05,) * 3, arm.T_base_tool.p)]),
-            ),
-            "right: on this plan, which was made for another scene, .* 'new'; plan again",
-        ),
+        (put_new, "right: on this plan, which was made for another scene, .* 'new'; plan again"),
         (lambda arm: arm.set_speed(0.1), "right: .* its limit is 5.7"),
     ],
 )

@@ -166,7 +166,7 @@ def test_a_pause_lasts_its_time_unless_the_motion_is_interrupted(interrupted):
 
     def pause():
         try:
-            motion.pause(clock, 3.0)
+            motion.pause_until(clock, clock.now() + 3.0)
         except Interrupted as error:
             ended.set_result(error.by)
         else:
